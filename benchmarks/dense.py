@@ -1,0 +1,137 @@
+"""Dense stereo on the CPU, measured: coverage, error at the sparse points, cloud, time, memory.
+
+    python benchmarks/dense.py /work/shared/data/fountain-p11 --scale 0.5
+    python benchmarks/dense.py /work/shared/data/sceaux --max-image-size 1600
+
+Sparse reconstruction runs first, with the K.txt of the data set as the prior, and is not timed against the
+dense part: its core-seconds are the last row. "Error" is the median difference between depth map and sparse
+points seen by three images or more; it is no truth, but independent of the dense part.
+"""
+
+from __future__ import annotations
+
+import argparse
+import resource
+import tempfile
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from PIL import Image
+
+from colmap_ihe.colmap import dense
+from colmap_ihe.colmap.native import pycolmap
+
+REC709 = np.array([0.2126, 0.7152, 0.0722])
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("photographs", type=Path)
+    parser.add_argument("--scale", type=float, default=1.0, help="of the photographs, before anything else")
+    parser.add_argument("--max-image-size", type=int, default=-1, help="of the undistorted images")
+    parser.add_argument("--sources", type=int, default=5, help="matched with each image")
+    parser.add_argument("--work", type=Path, help="kept, and its sparse model used again")
+    arguments = parser.parse_args()
+    pycolmap.logging.minloglevel = int(pycolmap.logging.ERROR)
+    with tempfile.TemporaryDirectory() as temporary:
+        work = arguments.work or Path(temporary)
+        rows = [
+            ("sparse, for comparison", *_timed(lambda: _sparse(arguments.photographs, work, arguments.scale)))
+        ]
+        folder = work / "dense"
+        model, grey, colour = work / "sparse" / "0", work / "grey", work / "colour"
+        size = arguments.max_image_size
+        rows += [
+            ("undistort", *_timed(lambda: dense.undistort(model, grey, colour, folder, max_image_size=size))),
+            (
+                "depth maps",
+                *_timed(lambda: dense.sgm_depth_maps(folder, sources_per_image=arguments.sources)),
+            ),
+            ("fuse", *_timed(lambda: dense.fuse(folder))),
+        ]
+        _print_table(rows, folder)
+
+
+def _sparse(photographs: Path, work: Path, scale: float) -> int:
+    """Grey and colour copies in `work`, and a model of them; nothing if they are there."""
+    if (work / "sparse" / "0").is_dir():
+        return 0
+    names = []
+    for path in sorted(photographs.glob("*.[jJ][pP][gG]")):
+        pixels = cv2.imread(str(path), cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION)
+        if pixels is None:
+            raise SystemExit(f"{path} cannot be read")
+        rgb = cv2.resize(pixels, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)[..., ::-1]
+        names.append(f"{path.stem}.png")
+        for folder, values in (("grey", rgb @ REC709), ("colour", rgb)):
+            (work / folder).mkdir(parents=True, exist_ok=True)
+            Image.fromarray(np.round(values).astype(np.uint8)).save(work / folder / names[-1])
+    K = np.array((photographs / "K.txt").read_text().split()[:9], float).reshape(3, 3)
+    reader = pycolmap.ImageReaderOptions(camera_model="RADIAL")
+    focal, cx, cy = scale * (K[0, 0] + K[1, 1]) / 2, scale * (K[0, 2] + 0.5), scale * (K[1, 2] + 0.5)
+    reader.camera_params = f"{focal},{cx},{cy},0,0"
+    database = work / "database.db"
+    single = pycolmap.CameraMode.SINGLE
+    pycolmap.extract_features(database, work / "grey", names, camera_mode=single, reader_options=reader)
+    pycolmap.match_exhaustive(database)
+    (work / "sparse").mkdir()
+    return len(pycolmap.incremental_mapping(database, work / "grey", work / "sparse"))
+
+
+def _timed(call: Callable[[], Any]) -> tuple[Any, float, float]:
+    """What `call` returns, its seconds and its core-seconds."""
+    wall, cores = time.perf_counter(), time.process_time()
+    result = call()
+    return result, time.perf_counter() - wall, time.process_time() - cores
+
+
+def _errors(folder: Path) -> np.ndarray[Any, np.dtype[np.float64]]:
+    """Relative depth differences at the sparse points of all images."""
+    model = pycolmap.Reconstruction(folder / "sparse")
+    errors = []
+    for image in model.images.values():
+        written = pycolmap.DepthMap()
+        written.read(folder / "stereo" / "depth_maps" / f"{image.name}.geometric.bin")
+        depth = written.to_array()
+        pose = image.cam_from_world().matrix()
+        for seen in image.get_observation_points2D():
+            point = model.points3D[seen.point3D_id]
+            column, row = (seen.xy - 0.01).astype(int)
+            found = depth[min(row, depth.shape[0] - 1), min(column, depth.shape[1] - 1)]
+            if found > 0 and point.track.length() >= 3:
+                errors.append(abs(found / (pose[2, :3] @ point.xyz + pose[2, 3]) - 1))
+    return np.array(errors)
+
+
+def _print_table(rows: list[tuple[str, Any, float, float]], folder: Path) -> None:
+    results = {name: result for name, result, _, _ in rows}
+    counts = results["depth maps"]
+    errors = 100 * _errors(folder)
+    cores = {name: core for name, _, _, core in rows}
+    megapixels = counts.pixels_with_depth / 1e6
+    lines = [
+        (
+            "images, pairs used, left out",
+            f"{counts.images}, {counts.pairs_used}, {len(counts.pairs_left_out)}",
+        ),
+        ("pixels with depth", f"{100 * counts.pixels_with_depth / counts.pixels:.1f} %"),
+        ("error at sparse points, median", f"{np.median(errors):.4f} %"),
+        ("error at sparse points, 90 %", f"{np.percentile(errors, 90):.3f} %"),
+        ("fused points", f"{results['fuse']:,}"),
+        ("megapixels of depth per core-second", f"{megapixels / cores['depth maps']:.3f}"),
+        ("peak memory", f"{resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e6:.2f} GB"),
+    ]
+    lines += [(f"{name}: seconds, core-seconds", f"{wall:.1f}, {core:.1f}") for name, _, wall, core in rows]
+    print("| measure | value |\n|---|---|")
+    for name, value in lines:
+        print(f"| {name} | {value} |")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,125 @@
+"""Photographs to arrays: colour as the file has it, upright as the sensor had it."""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image, UnidentifiedImageError
+
+from colmap_ihe.captures.discover import Capture
+from colmap_ihe.captures.raw import develop, size_of
+from colmap_ihe.errors import CapabilityError, PhotographError
+from colmap_ihe.grey.weights import Encoding
+
+MIN_SIDE = 64
+"""Pixels; a photograph with a shorter side holds nothing that COLMAP could match."""
+
+_MODULES = list(sys.modules)
+_ZLIB_CLASHES = "pycolmap" in _MODULES and "zlib" not in _MODULES[: _MODULES.index("pycolmap")]
+
+
+@dataclass(frozen=True)
+class Photograph:
+    """`rgb`: (H, W, 3); uint8 gamma-coded as stored if `encoding` is "coded", else uint16 linear with 65535
+    at sensor saturation. `srgb_from_camera`: (3, 3) for the colour twin of a linear one, else None."""
+
+    rgb: NDArray[np.uint8] | NDArray[np.uint16]
+    encoding: Encoding
+    srgb_from_camera: NDArray[np.float64] | None = None
+
+
+def read_photograph(capture: Capture) -> Photograph:
+    """Decodes a capture, pixels in the sensor's own orientation. Raises `PhotographError`."""
+    try:
+        if capture.kind == "raw":
+            developed = develop(capture.path)
+            photograph = Photograph(developed.linear_rgb, "linear", developed.srgb_from_camera)
+        else:
+            photograph = Photograph(_read_coded(capture.path), "coded")
+    except (OSError, MemoryError, cv2.error) as error:
+        raise _unreadable(capture, error) from error
+    height, width = photograph.rgb.shape[:2]
+    check_size(capture, width, height)
+    return photograph
+
+
+def read_size(capture: Capture) -> tuple[int, int]:
+    """Width and height from the file's header, without decoding. Raises `PhotographError`."""
+    if capture.kind == "raw":
+        width, height = size_of(capture.path)
+    else:
+        try:
+            with Image.open(capture.path) as image:
+                width, height = image.size
+        except (OSError, SyntaxError, ValueError, Image.DecompressionBombError) as error:
+            raise _unreadable(capture, error) from error
+    check_size(capture, width, height)
+    return width, height
+
+
+def check_size(capture: Capture, width: int, height: int) -> None:
+    if min(width, height) < MIN_SIDE:
+        raise PhotographError(
+            f"{capture.name}: {width}x{height} pixels, wanted at least {MIN_SIDE} on each side",
+            hint="take it out of the folder, or put the full-size photograph in its place",
+        )
+
+
+def _read_coded(path: Path) -> NDArray[np.uint8]:
+    """(H, W, 3) uint8. Pillow, unlike OpenCV, reports a truncated file; OpenCV reads 16 bits a channel."""
+    _refuse_zlib(path)
+    try:
+        with Image.open(path) as image:
+            # Of a PNG's depth Pillow tells only before it decodes: "RGB;16B" is the mode in the file.
+            deep = image.format == "PNG" and any("16" in str(tile.args) for tile in image.tile)
+            image.load()
+            if deep or _is_deep(image):
+                return _read_deep(path)
+            rgb = image if image.mode == "RGB" else image.convert("RGB")
+            return np.asarray(rgb)
+    except (SyntaxError, ValueError, Image.DecompressionBombError) as error:
+        raise OSError(str(error)) from error
+
+
+def _is_deep(image: Image.Image) -> bool:
+    """Whether the file holds 16 bits a channel, which Pillow cuts to 8 where it reads colour."""
+    if image.mode.startswith(("I", "F")):
+        return True
+    if image.format == "TIFF":
+        bits = getattr(image, "tag_v2", {}).get(258, (8,))
+        return bool(max(bits if isinstance(bits, tuple) else (bits,)) > 8)
+    return False
+
+
+def _read_deep(path: Path) -> NDArray[np.uint8]:
+    """A 16-bit TIFF or PNG, coded, rounded to the 8 bits that COLMAP will see."""
+    pixels = cv2.imread(str(path), cv2.IMREAD_ANYDEPTH | cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION)
+    if pixels is None:
+        raise OSError("OpenCV cannot decode it")
+    if pixels.dtype != np.uint16:
+        raise OSError(f"holds {pixels.dtype} pixels; wanted 8 or 16 bit integers")
+    rounded = (pixels[..., ::-1].astype(np.uint32) + 128) // 257  # 65535 = 257 x 255
+    return np.ascontiguousarray(rounded, np.uint8)
+
+
+def _refuse_zlib(path: Path) -> None:
+    if _ZLIB_CLASHES and path.suffix.lower() in (".png", ".tif", ".tiff"):
+        raise CapabilityError(
+            f"{path.name}: PNG and TIFF cannot be read, pycolmap was imported before colmap_ihe",
+            hint="import colmap_ihe first: pycolmap's zlib would corrupt the memory of this process",
+        )
+
+
+def _unreadable(capture: Capture, error: BaseException) -> PhotographError:
+    if isinstance(error, UnidentifiedImageError):
+        reason = "not a photograph of the kind its name says"
+    else:
+        reason = str(error) or type(error).__name__
+    return PhotographError(
+        f"{capture.name}: cannot be read ({reason})", hint="copy it from the card again, or take it out of the folder"
+    )

@@ -1,0 +1,91 @@
+"""Photographs in: which files of a folder are captures, and what their grey images are called."""
+
+from __future__ import annotations
+
+import os
+from collections import Counter, defaultdict
+from dataclasses import dataclass, field
+from pathlib import Path, PurePosixPath
+from typing import Literal
+
+from colmap_ihe.errors import ProjectError
+
+RAW_SUFFIXES = frozenset(
+    ".3fr .arw .cr2 .cr3 .crw .dc2 .dcr .dng .erf .fff .gpr .iiq .k25 .kc2 .kdc .mdc .mef .mos .mrw .nef"
+    " .nrw .orf .pef .ptx .raf .raw .rw2 .rwl .sr2 .srf .srw .x3f".split()
+)
+CODED_SUFFIXES = frozenset(".jpg .jpeg .jpe .tif .tiff .png".split())
+
+
+@dataclass(frozen=True)
+class Capture:
+    """One shot. `name` is its path below the folder of photographs, with `/`, as the user knows it;
+    `grey_stem` is the same without suffix, unless two captures would then collide; `paired` names the
+    JPEG that the camera wrote beside this RAW."""
+
+    name: str
+    path: Path = field(compare=False)
+    kind: Literal["raw", "coded"]
+    grey_stem: str
+    paired: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Discovery:
+    """`captures` in the order of their names; `ignored` are files that are no photographs by their suffix."""
+
+    captures: tuple[Capture, ...]
+    ignored: tuple[str, ...]
+
+
+def discover(folder: Path) -> Discovery:
+    """All captures below `folder`, with subfolders. RAW and JPEG of one shot are one capture: RAW wins.
+
+    Hidden files are passed over, links to folders are not followed. Raises `ProjectError` if the folder is
+    missing or holds no photograph.
+    """
+    if not folder.is_dir():
+        raise ProjectError(f"{folder}: no such folder", hint="name a folder that holds photographs")
+    shots: dict[str, list[str]] = defaultdict(list)
+    ignored = []
+    for name in _files_below(folder):
+        suffix = PurePosixPath(name).suffix.lower()
+        if suffix in RAW_SUFFIXES or suffix in CODED_SUFFIXES:
+            shots[str(PurePosixPath(name).with_suffix(""))].append(name)
+        else:
+            ignored.append(name)
+    if not shots:
+        found = f"it holds {len(ignored)} other files" if ignored else "it is empty"
+        raise ProjectError(
+            f"{folder}: no photograph found, {found}",
+            hint="wanted RAW, JPEG, TIFF or PNG files, in subfolders or not",
+        )
+    members = [member for stem, names in shots.items() for member in _captures_of(stem, names)]
+    # Case-insensitive disks would fold A.png and a.png into one file.
+    taken = Counter(stem.casefold() for _, _, _, stem in members)
+    captures = [
+        Capture(name, folder / name, kind, stem if taken[stem.casefold()] == 1 else name, paired)
+        for name, kind, paired, stem in members
+    ]
+    return Discovery(tuple(sorted(captures, key=lambda c: c.name)), tuple(sorted(ignored)))
+
+
+def _captures_of(
+    stem: str, names: list[str]
+) -> list[tuple[str, Literal["raw", "coded"], tuple[str, ...], str]]:
+    """The captures among files of one stem: a RAW takes the JPEG beside it, anything else stands alone."""
+    raws = [n for n in names if PurePosixPath(n).suffix.lower() in RAW_SUFFIXES]
+    jpegs = tuple(n for n in names if PurePosixPath(n).suffix.lower() in {".jpg", ".jpeg", ".jpe"})
+    if len(raws) != 1:
+        return [(n, "raw" if n in raws else "coded", (), stem) for n in names]
+    others = [n for n in names if n not in raws and n not in jpegs]
+    return [(raws[0], "raw", jpegs, stem), *((n, "coded", (), stem) for n in others)]
+
+
+def _files_below(folder: Path) -> list[str]:
+    names = []
+    for parent, folders, files in os.walk(folder):
+        folders[:] = sorted(f for f in folders if not f.startswith("."))
+        below = Path(parent).relative_to(folder)
+        names += [(below / f).as_posix() for f in files if not f.startswith(".")]
+    return sorted(names)

@@ -1,0 +1,198 @@
+"""EXIF: read from photographs of every kind, carried into the images we write.
+
+COLMAP decides from EXIF which photographs share a camera and what its focal length is about, so what a
+photograph says has to arrive. Broken EXIF loses the tag, not the photograph.
+"""
+
+from __future__ import annotations
+
+import logging
+import struct
+from collections.abc import Mapping
+from dataclasses import dataclass
+from io import BytesIO
+from pathlib import Path
+from typing import Any
+
+import exifread
+from exifread.core.exceptions import ExifError
+from exifread.utils import Ratio
+from PIL import Image, UnidentifiedImageError
+from PIL.TiffImagePlugin import IFDRational
+
+from colmap_ihe.captures.raw import preview_of
+from colmap_ihe.errors import PhotographError
+
+EXIF_IFD, GPS_IFD = 0x8769, 0x8825
+MAKE, MODEL, ORIENTATION = 0x010F, 0x0110, 0x0112
+FOCAL_LENGTH, FOCAL_LENGTH_35MM, PIXEL_X, PIXEL_Y = 0x920A, 0xA405, 0xA002, 0xA003
+_MAKER_NOTE, _INTEROPERABILITY = 0x927C, 0xA005
+# What describes the photograph; the other tags of a TIFF's first directory describe the file they came in.
+_IMAGE_TAGS = frozenset({0x010E, MAKE, MODEL, ORIENTATION, 0x0131, 0x0132, 0x013B, 0x8298})
+_PREFIX = b"Exif\x00\x00"
+_UNREADABLE = (
+    PhotographError,
+    ExifError,
+    UnidentifiedImageError,
+    OSError,
+    SyntaxError,  # Pillow's word for a malformed file
+    ValueError,
+    TypeError,
+    KeyError,
+    IndexError,
+    struct.error,
+    ZeroDivisionError,
+    OverflowError,
+)
+
+logging.getLogger("exifread").setLevel(logging.CRITICAL)  # what it complains of is in `Metadata.problem`
+
+_Tags = dict[int, Any]
+
+
+@dataclass(frozen=True)
+class Metadata:
+    """What a photograph says of itself. `exif` is a TIFF structure to write into another file, or empty;
+    lengths are in millimetres, 0 where unknown; `problem` says in a few words what could not be read."""
+
+    exif: bytes = b""
+    make: str = ""
+    model: str = ""
+    focal_mm: float = 0.0
+    focal_35mm: float = 0.0
+    orientation: int = 1
+    has_gps: bool = False
+    problem: str = ""
+
+
+def read_metadata(path: Path, kind: str) -> Metadata:
+    """Reads the EXIF of a capture; `kind` is "raw" or "coded". Never raises for what EXIF holds."""
+    try:
+        if kind == "coded":
+            return _read_coded(path)
+        metadata = _read_raw(path)
+        if metadata.make or metadata.focal_mm:
+            return metadata
+        # Fujifilm's RAF and Canon's CR3 keep EXIF where exifread does not look, and again in their preview.
+        preview = preview_of(path)
+        return _read_coded(BytesIO(preview)) if preview else metadata
+    except _UNREADABLE as error:
+        return Metadata(problem=f"EXIF not readable: {error or type(error).__name__}")
+
+
+def _read_coded(source: Path | BytesIO) -> Metadata:
+    with Image.open(source) as image:
+        blob = image.info.get("exif", b"") if image.format in ("JPEG", "PNG", "MPO") else b""
+        blob = blob.removeprefix(_PREFIX) if isinstance(blob, bytes) else b""
+        found = image.getexif()
+        tags = dict(found)
+        exif, problem = _directory(found, EXIF_IFD)
+        gps, gps_problem = _directory(found, GPS_IFD)
+    problem = problem or gps_problem
+    if not blob or problem:  # rebuilt from what could be read; else carried over to the letter
+        blob = build_exif({t: v for t, v in tags.items() if t in _IMAGE_TAGS}, exif, gps)
+    return _describe(blob, tags, exif, gps, problem)
+
+
+def _directory(found: Image.Exif, tag: int) -> tuple[_Tags, str]:
+    if tag not in found:
+        return {}, ""
+    try:
+        return dict(found.get_ifd(tag)), ""
+    except _UNREADABLE as error:
+        return {}, f"part of the EXIF is not readable: {error or type(error).__name__}"
+
+
+def _read_raw(path: Path) -> Metadata:
+    with path.open("rb") as handle:
+        found = exifread.process_file(handle, details=False)
+    directories: dict[str, _Tags] = {"Image": {}, "EXIF": {}, "GPS": {}}
+    for key, tag in found.items():
+        group = key.partition(" ")[0]
+        if group in directories and hasattr(tag, "values"):
+            value = _plain(tag)
+            if value is not None:
+                directories[group][tag.tag] = value
+    image, exif, gps = directories["Image"], directories["EXIF"], directories["GPS"]
+    # Some makers write the shot's data into the first directory, as TIFF/EP allows.
+    exif = {t: v for t, v in image.items() if t in (FOCAL_LENGTH, FOCAL_LENGTH_35MM)} | exif
+    # An adapted lens says 0 mm: no information, and COLMAP would take it for some.
+    exif = {t: v for t, v in exif.items() if t not in (FOCAL_LENGTH, FOCAL_LENGTH_35MM) or float(v) > 0}
+    blob = build_exif({t: v for t, v in image.items() if t in _IMAGE_TAGS}, exif, gps)
+    return _describe(blob, image, exif, gps, "" if found else "no EXIF found")
+
+
+def _plain(tag: Any) -> Any:
+    """A tag of exifread as Pillow wants it: text, bytes, a number or a tuple of numbers."""
+    values = tag.values
+    if isinstance(values, str | bytes):
+        return values
+    if tag.field_type in (6, 7) or not isinstance(values, list):
+        return bytes(v & 0xFF for v in values) if isinstance(values, list) else None
+    numbers = [IFDRational(v.num, v.den) if isinstance(v, Ratio) and v.den else v for v in values]
+    if not numbers or any(isinstance(n, Ratio) and not isinstance(n, IFDRational) for n in numbers):
+        return None
+    return numbers[0] if len(numbers) == 1 else tuple(numbers)
+
+
+def build_exif(image: Mapping[int, Any], exif: Mapping[int, Any], gps: Mapping[int, Any]) -> bytes:
+    """A TIFF structure of three directories; a tag that cannot be written is left out. Empty if all are."""
+    target = Image.Exif()
+    for directory, tags in ((None, image), (EXIF_IFD, exif), (GPS_IFD, gps)):
+        kept = {t: v for t, v in tags.items() if t not in (_MAKER_NOTE, _INTEROPERABILITY) and _writable(t, v)}
+        if directory is None:
+            target.update(kept)
+        elif kept:
+            target.get_ifd(directory).update(kept)
+    if not len(target) and not target.get_ifd(EXIF_IFD) and not target.get_ifd(GPS_IFD):
+        return b""
+    return target.tobytes().removeprefix(_PREFIX)
+
+
+def _writable(tag: int, value: Any) -> bool:
+    alone = Image.Exif()
+    alone[tag] = value
+    try:
+        alone.tobytes()
+    except (*_UNREADABLE, AttributeError):
+        return False
+    return True
+
+
+def with_size(blob: bytes, width: int, height: int) -> bytes:
+    """The same EXIF with the pixel dimensions of the image it goes into; empty stays empty."""
+    if not blob:
+        return b""
+    exif = Image.Exif()
+    exif.load(_PREFIX + blob)
+    directory = exif.get_ifd(EXIF_IFD)
+    directory[PIXEL_X], directory[PIXEL_Y] = width, height
+    return exif.tobytes().removeprefix(_PREFIX)
+
+
+def _describe(blob: bytes, image: _Tags, exif: _Tags, gps: _Tags, problem: str) -> Metadata:
+    orientation = image.get(ORIENTATION, 1)
+    return Metadata(
+        exif=blob,
+        make=_text(image.get(MAKE)),
+        model=_text(image.get(MODEL)),
+        focal_mm=_number(exif.get(FOCAL_LENGTH)),
+        focal_35mm=_number(exif.get(FOCAL_LENGTH_35MM)),
+        orientation=orientation if orientation in range(1, 9) else 1,
+        has_gps={2, 4, 6} <= set(gps),  # COLMAP wants latitude, longitude and altitude
+        problem=problem,
+    )
+
+
+def _text(value: Any) -> str:
+    return value.strip("\x00 ") if isinstance(value, str) else ""
+
+
+def _number(value: Any) -> float:
+    try:
+        number = float(value)
+    except (TypeError, ValueError, ZeroDivisionError):
+        return 0.0
+    return number if 0 < number < 1e6 else 0.0
+
+

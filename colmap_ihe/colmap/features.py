@@ -1,0 +1,101 @@
+"""Cameras from EXIF and features from the grey images, into the database."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from colmap_ihe.colmap.native import apply_options, called, pycolmap
+from colmap_ihe.colmap.workspace import rows_in
+from colmap_ihe.errors import NativeError, OptionError
+from colmap_ihe.options import CameraOptions, FeaturesOptions
+from colmap_ihe.progress import Watch
+
+_MODES = {
+    "auto": pycolmap.CameraMode.AUTO,
+    "single": pycolmap.CameraMode.SINGLE,
+    "per_folder": pycolmap.CameraMode.PER_FOLDER,
+    "per_image": pycolmap.CameraMode.PER_IMAGE,
+}
+
+
+@dataclass(frozen=True)
+class FeatureCounts:
+    """What is in the database afterwards; `missing` are grey images that COLMAP did not take."""
+
+    images: int
+    cameras: int
+    with_focal_prior: int
+    features: int
+    missing: tuple[str, ...]
+
+
+def extract_features(
+    database: Path,
+    grey: Path,
+    names: Sequence[str],
+    masks: Path | None,
+    camera: CameraOptions,
+    options: FeaturesOptions,
+    watch: Watch,
+) -> FeatureCounts:
+    """SIFT features of the named images below `grey`, those that are in the database already left alone.
+
+    Names are given one by one: COLMAP would else read whatever lies in the folder, RAW thumbnails
+    included. Raises `OptionError`, `NativeError`, `Cancelled`.
+    """
+    extraction = pycolmap.FeatureExtractionOptions()
+    if options.max_image_size is not None:
+        extraction.max_image_size = options.max_image_size
+    apply_options(extraction, options.colmap, "features.colmap")
+    watch.start(len(names))
+    called(
+        pycolmap.extract_features,
+        database,
+        grey,
+        image_names=list(names),
+        camera_mode=_MODES[camera.mode],
+        reader_options=_reader_options(camera, masks),
+        extraction_options=extraction,
+        watch=watch,
+        progress=lambda: rows_in(database, "keypoints"),
+    )
+    counts = count_features(database, names)
+    if not counts.images:
+        raise NativeError(
+            "COLMAP took none of the grey images",
+            hint="records/colmap.log says why; with camera.mode single all images need the same size",
+        )
+    return counts
+
+
+def count_features(database: Path, names: Sequence[str]) -> FeatureCounts:
+    with pycolmap.Database.open(database) as opened:
+        images = opened.read_all_images()
+        cameras = {c.camera_id: c for c in opened.read_all_cameras()}
+        features = opened.num_keypoints()
+    present = {image.name for image in images}
+    return FeatureCounts(
+        images=len(images),
+        cameras=len(cameras),
+        with_focal_prior=sum(cameras[i.camera_id].has_prior_focal_length for i in images),
+        features=features,
+        missing=tuple(sorted(set(names) - present)),
+    )
+
+
+def _reader_options(camera: CameraOptions, masks: Path | None) -> pycolmap.ImageReaderOptions:
+    reader = pycolmap.ImageReaderOptions()
+    known = [m for m in pycolmap.CameraModelId.__members__ if m != "INVALID"]
+    if camera.model not in known:
+        raise OptionError(f"camera.model: unknown model {camera.model!r}", hint=f"COLMAP knows {', '.join(known)}")
+    reader.camera_model = camera.model
+    if camera.params is not None:
+        wanted = len(pycolmap.Camera.create_from_model_name(1, camera.model, 1.0, 1, 1).params)
+        if len(camera.params) != wanted:
+            raise OptionError(f"camera.params: {len(camera.params)} numbers, {camera.model} has {wanted}")
+        reader.camera_params = ", ".join(repr(p) for p in camera.params)
+    if masks is not None:
+        reader.mask_path = masks
+    return reader

@@ -1,0 +1,107 @@
+"""Sparse reconstruction: cameras and points from verified matches."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from colmap_ihe.colmap.native import apply_options, called, pycolmap
+from colmap_ihe.errors import MappingError
+from colmap_ihe.options import SparseOptions
+from colmap_ihe.project import replace_folder
+from colmap_ihe.progress import Watch
+
+_LONG_TRACK = 3
+
+
+@dataclass(frozen=True)
+class Model:
+    """One model of the set. `mean_reprojection_error_px` in pixels of the grey images."""
+
+    registered_images: int
+    points3d: int
+    points_over_3_views: int
+    mean_track_length: float
+    mean_reprojection_error_px: float
+    image_names: tuple[str, ...]
+
+
+def map_images(
+    database: Path, grey: Path, sparse: Path, options: SparseOptions, images: int, watch: Watch
+) -> list[Model]:
+    """Reconstructs and writes every model below `sparse`, the one with most images as 0.
+
+    Models are written beside `sparse` and put in its place at the end. Raises `OptionError`,
+    `NativeError`, `MappingError` if no image registers, `Cancelled`.
+    """
+    temporary = sparse.with_name(f".{sparse.name}.new")
+    shutil.rmtree(temporary, ignore_errors=True)
+    work = temporary / "work"
+    work.mkdir(parents=True)
+    pycolmap.set_random_seed(options.seed)
+    found = _run(database, grey, work, options, images, watch)
+    if not found:
+        shutil.rmtree(temporary)
+        raise MappingError(
+            f"none of the {images} photographs could be placed in a model",
+            hint="photographs need overlap and the camera must move sideways between them, not only turn",
+        )
+    ordered = sorted(found.values(), key=lambda r: (-r.num_reg_images(), -r.num_points3D()))
+    shutil.rmtree(work)
+    for number, model in enumerate(ordered):
+        folder = temporary / str(number)
+        folder.mkdir()
+        model.write(folder)
+    replace_folder(temporary, sparse)
+    return [describe(model) for model in ordered]
+
+
+def _run(
+    database: Path, grey: Path, work: Path, options: SparseOptions, images: int, watch: Watch
+) -> Mapping[int, pycolmap.Reconstruction]:
+    watch.start(images)
+    if options.mapper == "incremental":
+        pipeline = pycolmap.IncrementalPipelineOptions()
+        pipeline.random_seed = options.seed
+        apply_options(pipeline, options.colmap, "sparse.colmap")
+        registered = [0]
+
+        def one_more() -> None:
+            registered[0] += 1
+
+        return called(
+            pycolmap.incremental_mapping,
+            database,
+            grey,
+            work,
+            options=pipeline,
+            initial_image_pair_callback=one_more,
+            next_image_callback=one_more,
+            watch=watch,
+            progress=lambda: min(registered[0], images),
+        )
+    settings: Any
+    function: Any
+    if options.mapper == "global":
+        settings, function = pycolmap.GlobalPipelineOptions(), pycolmap.global_mapping
+    else:
+        settings, function = pycolmap.HierarchicalPipelineOptions(), pycolmap.hierarchical_mapping
+    apply_options(settings, options.colmap, "sparse.colmap")
+    models: dict[int, pycolmap.Reconstruction] = called(
+        function, database, grey, work, options=settings, watch=watch, cancellable=False
+    )
+    return models
+
+
+def describe(model: pycolmap.Reconstruction) -> Model:
+    return Model(
+        registered_images=model.num_reg_images(),
+        points3d=model.num_points3D(),
+        points_over_3_views=sum(p.track.length() > _LONG_TRACK for p in model.points3D.values()),
+        mean_track_length=model.compute_mean_track_length(),
+        mean_reprojection_error_px=model.compute_mean_reprojection_error(),
+        image_names=tuple(sorted(model.image(i).name for i in model.reg_image_ids())),
+    )

@@ -1,0 +1,122 @@
+"""Which pairs of images are matched, and their verified matches into the database."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from colmap_ihe.colmap.native import apply_options, called, pycolmap
+from colmap_ihe.colmap.workspace import rows_in
+from colmap_ihe.errors import MappingError
+from colmap_ihe.options import MatchesOptions
+from colmap_ihe.progress import Watch
+
+EXHAUSTIVE_UP_TO = 200
+"""Photographs: 19,900 pairs, about an hour on two cores; past it time grows with the square."""
+_VOCABULARY_FEATURES = 400_000
+_GPS_SHARE = 0.9
+_WORDS_PER_FEATURE = 1 / 25
+
+
+@dataclass(frozen=True)
+class MatchCounts:
+    strategy: str
+    pairs_matched: int
+    pairs_verified: int
+    inliers: int
+
+
+def choose_strategy(requested: str, images: int, with_gps: int) -> str:
+    """The strategy for `auto`; another is used as requested."""
+    if requested != "auto":
+        return requested
+    if images <= EXHAUSTIVE_UP_TO:
+        return "exhaustive"
+    return "spatial" if with_gps >= _GPS_SHARE * images else "vocabtree"
+
+
+def match_features(
+    database: Path, scratch: Path, options: MatchesOptions, images: int, with_gps: int, watch: Watch
+) -> MatchCounts:
+    """Matches and verifies pairs; pairs that are in the database already are left alone.
+
+    A vocabulary tree is built from the set's own features, in `scratch`: nothing is downloaded. Raises
+    `OptionError`, `NativeError`, `MappingError` if nothing matches, `Cancelled`.
+    """
+    strategy = choose_strategy(options.strategy, images, with_gps)
+    matching = pycolmap.FeatureMatchingOptions()
+    apply_options(matching, options.colmap, "matches.colmap")
+    verification = pycolmap.TwoViewGeometryOptions()
+    apply_options(verification, options.verification, "matches.verification")
+    pairing, function, pairs = _pairing(strategy, images)
+    if strategy == "vocabtree" and "vocab_tree_path" not in options.pairing:
+        tree = scratch / "vocabulary.bin"
+        build_vocabulary(database, tree, watch)
+        pairing.vocab_tree_path = tree
+    apply_options(pairing, options.pairing, "matches.pairing")
+    watch.start(pairs, "pairs")
+    called(
+        function,
+        database,
+        matching_options=matching,
+        pairing_options=pairing,
+        verification_options=verification,
+        watch=watch,
+        progress=lambda: min(pairs, rows_in(database, "two_view_geometries")),
+    )
+    with pycolmap.Database.open(database) as opened:
+        counts = MatchCounts(
+            strategy,
+            opened.num_matched_image_pairs(),
+            opened.num_verified_image_pairs(),
+            opened.num_inlier_matches(),
+        )
+    if not counts.pairs_verified:
+        raise MappingError(
+            f"no two of the {images} photographs match",
+            hint="they need to overlap by about two thirds; check that they show one object, sharp and not too dark",
+        )
+    return counts
+
+
+def forget_matches(database: Path) -> None:
+    """Removes all matches, as before matching; features stay."""
+    with pycolmap.Database.open(database) as opened:
+        opened.clear_matches()
+        opened.clear_two_view_geometries()
+
+
+def build_vocabulary(database: Path, tree: Path, watch: Watch) -> None:
+    """A vocabulary tree of the set's own descriptors, an even share of each image's strongest."""
+    with pycolmap.Database.open(database) as opened:
+        ids = [image.image_id for image in opened.read_all_images()]
+        share = max(1, _VOCABULARY_FEATURES // max(1, len(ids)))
+        kept = [opened.read_descriptors(i).data[:share] for i in ids]
+    data = np.concatenate(kept).astype(np.float32)
+    build = pycolmap.VisualIndex.BuildOptions()
+    build.num_visual_words = int(np.clip(len(data) * _WORDS_PER_FEATURE, 64, 65536))
+    descriptors = pycolmap.FeatureDescriptorsFloat()
+    descriptors.type = pycolmap.FeatureExtractorType.SIFT
+    descriptors.data = data
+    index = pycolmap.VisualIndex.create(data.shape[1], 64)
+    called(index.build, build, descriptors, watch=watch, cancellable=False)
+    tree.parent.mkdir(parents=True, exist_ok=True)
+    index.write(tree)
+
+
+def _pairing(strategy: str, images: int) -> tuple[Any, Any, int]:
+    """The pairing options, pycolmap's function and about how many pairs it will look at."""
+    if strategy == "exhaustive":
+        return pycolmap.ExhaustivePairingOptions(), pycolmap.match_exhaustive, images * (images - 1) // 2
+    if strategy == "sequential":
+        sequential = pycolmap.SequentialPairingOptions()
+        return sequential, pycolmap.match_sequential, images * 2 * sequential.overlap
+    if strategy == "spatial":
+        spatial = pycolmap.SpatialPairingOptions()
+        return spatial, pycolmap.match_spatial, images * spatial.max_num_neighbors // 2
+    tree = pycolmap.VocabTreePairingOptions()
+    return tree, pycolmap.match_vocabtree, math.comb(min(images, tree.num_images), 2)

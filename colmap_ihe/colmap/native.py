@@ -1,0 +1,127 @@
+"""pycolmap and its global state, in one place: import order, log file, seed, cancellation, errors.
+
+Every module that drives COLMAP imports pycolmap from here.
+"""
+
+from __future__ import annotations
+
+import threading
+import time
+import zlib  # noqa: F401  before pycolmap, whose own zlib symbols would else be bound to the system's
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any, Protocol, TypeVar
+
+import cv2  # noqa: F401  before pycolmap, for the same reason
+import PIL.Image  # noqa: F401
+import pycolmap
+
+from colmap_ihe.errors import Cancelled, KnownError, NativeError, OptionError
+from colmap_ihe.progress import Watch
+
+__all__ = ["apply_options", "called", "logged_to", "pycolmap"]
+
+_T = TypeVar("_T")
+_POLL_SECONDS = 0.25
+
+
+class _Mergeable(Protocol):
+    def mergedict(self, arg0: dict[Any, Any]) -> None: ...
+
+
+def apply_options(target: _Mergeable, values: Mapping[str, Any], place: str) -> None:
+    """Sets pycolmap's own options; it checks names and types itself. Raises `OptionError` naming `place`."""
+    try:
+        target.mergedict(dict(values))
+    except (AttributeError, TypeError, ValueError, RuntimeError) as error:
+        first = str(error).strip().splitlines()[0] if str(error).strip() else type(error).__name__
+        raise OptionError(
+            f"{place}: {first}", hint=f"see the options of pycolmap.{type(target).__name__}"
+        ) from error
+
+
+@contextmanager
+def logged_to(file: Path) -> Iterator[None]:
+    """COLMAP's own log goes to `file` for as long as this lasts, instead of to stderr."""
+    file.parent.mkdir(parents=True, exist_ok=True)
+    before = (pycolmap.logging.logtostderr, pycolmap.logging.alsologtostderr, pycolmap.logging.stderrthreshold)
+    for level in (pycolmap.logging.INFO, pycolmap.logging.WARNING, pycolmap.logging.ERROR):
+        pycolmap.logging.set_log_destination(level, str(file))
+    pycolmap.logging.logtostderr = False
+    pycolmap.logging.alsologtostderr = False
+    pycolmap.logging.stderrthreshold = int(pycolmap.logging.FATAL)
+    try:
+        yield
+    finally:
+        (
+            pycolmap.logging.logtostderr,
+            pycolmap.logging.alsologtostderr,
+            pycolmap.logging.stderrthreshold,
+        ) = before
+
+
+def called(
+    function: Callable[..., _T],
+    *args: Any,
+    watch: Watch,
+    progress: Callable[[], int] | None = None,
+    cancellable: bool = True,
+    **kwargs: Any,
+) -> _T:
+    """Calls into COLMAP on a thread of its own, so that Ctrl-C is heard while it works.
+
+    `progress` says how many units are done so far; it is asked a few times a second and the watch told of
+    the difference. On cancellation COLMAP is asked to stop, and waited for. Raises `Cancelled`, or
+    `NativeError` with COLMAP's own words.
+    """
+    token = pycolmap.CancellationToken()
+    if cancellable:
+        kwargs["cancellation_token"] = token
+    results: list[_T] = []
+    failures: list[BaseException] = []
+
+    def work() -> None:
+        try:
+            results.append(function(*args, **kwargs))
+        except BaseException as error:  # noqa: BLE001  handed to the caller's thread below
+            failures.append(error)
+
+    thread = threading.Thread(target=work, name="colmap", daemon=True)
+    thread.start()
+    seen = 0
+    try:
+        while thread.is_alive():
+            thread.join(_POLL_SECONDS)
+            watch.check()
+            if progress is not None and (now := progress()) > seen:
+                watch.advance(now - seen)
+                seen = now
+    except BaseException:
+        token.cancel()
+        if cancellable:
+            _wait_for(thread)
+        raise
+    if failures:
+        raise _translated(failures[0]) from failures[0]
+    return results[0]
+
+
+def _wait_for(thread: threading.Thread, seconds: float = 60.0) -> None:
+    end = time.monotonic() + seconds
+    while thread.is_alive() and time.monotonic() < end:
+        thread.join(_POLL_SECONDS)
+
+
+def _translated(error: BaseException) -> BaseException:
+    """What COLMAP throws, as one of our errors; our own pass through."""
+    if isinstance(error, KnownError | Cancelled | KeyboardInterrupt):
+        return error
+    words = str(error).strip().splitlines()
+    text = words[0] if words else type(error).__name__
+    if "sqlite" in text.lower() or "disk" in text.lower():
+        return NativeError(
+            f"COLMAP could not use its database: {text}",
+            hint="check that the disk has room and allows locking; the same command goes on from here",
+        )
+    return NativeError(f"COLMAP failed: {text}", hint="records/colmap.log in the project holds its own log")

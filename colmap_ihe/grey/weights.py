@@ -1,0 +1,117 @@
+"""A triplet of grey weights, and the conversions that are nothing but a triplet."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, Literal
+
+from colmap_ihe.errors import WeightsError
+
+Encoding = Literal["coded", "linear"]
+"""`coded`: gamma-coded values as stored in a JPEG. `linear`: sensor values after black subtraction."""
+
+FIXED: Mapping[str, tuple[float, float, float]] = {
+    "rec709": (0.2126, 0.7152, 0.0722),
+    "rgb2gray": (0.2989, 0.5870, 0.1140),
+    "photoshop": (0.4, 0.4, 0.2),
+    "mean": (1 / 3, 1 / 3, 1 / 3),
+    "red": (1.0, 0.0, 0.0),
+    "green": (0.0, 1.0, 0.0),
+    "blue": (0.0, 0.0, 1.0),
+}
+"""Conversions with fixed weights, by the name they have on the command line."""
+
+_SUM_TOLERANCE = 2e-3  # MATLAB's rgb2gray is published as .2989 .5870 .1140, which is .9999
+
+
+@dataclass(frozen=True)
+class Weights:
+    """grey = red R + green G + blue B, one triplet for a whole set of photographs.
+
+    `score` is the IHE criterion S (smaller is flatter), `tones` the number of occupied grey levels of
+    256; both are None where nothing was fitted. For `linear` input `white` is the set's white point of
+    this grey as a share of sensor saturation, in (0, 1]; grey is scaled by it before it is coded.
+    `images` and `pixels` say what the fit has seen. Raises `WeightsError` unless the three weights are
+    finite, not negative and sum to 1.
+    """
+
+    red: float
+    green: float
+    blue: float
+    method: str = "ihe"
+    encoding: Encoding = "coded"
+    score: float | None = None
+    tones: int | None = None
+    white: float = 1.0
+    images: int = 0
+    pixels: int = 0
+
+    def __post_init__(self) -> None:
+        triplet = self.triplet
+        if not all(math.isfinite(w) and 0 <= w <= 1 for w in triplet) or (
+            abs(sum(triplet) - 1) > _SUM_TOLERANCE
+        ):
+            raise WeightsError(
+                f"weights {triplet} sum to {sum(triplet):g}; wanted three numbers in 0..1 that sum to 1",
+                hint="correct the weights file, or fit it again with `colmap-ihe fit`",
+            )
+        if self.encoding not in ("coded", "linear") or not 0 < self.white <= 1:
+            raise WeightsError(
+                f"encoding {self.encoding!r} with white {self.white}; wanted 'coded' or 'linear' and 0 < white <= 1",
+                hint="fit the weights file again with `colmap-ihe fit`",
+            )
+
+    @property
+    def triplet(self) -> tuple[float, float, float]:
+        return (self.red, self.green, self.blue)
+
+    def as_dict(self) -> dict[str, Any]:
+        """Plain values for JSON and YAML; `from_dict` reads them back."""
+        return {
+            "method": self.method,
+            "weights": list(self.triplet),
+            "score": self.score,
+            "tones": self.tones,
+            "images": self.images,
+            "pixels": self.pixels,
+            "encoding": self.encoding,
+            "white": self.white,
+        }
+
+    @classmethod
+    def from_dict(cls, values: Any, source: str = "weights") -> Weights:
+        """Raises `WeightsError`, naming `source`, for anything `as_dict` could not have written."""
+        try:
+            red, green, blue = (float(w) for w in values["weights"])
+            return cls(
+                red=red,
+                green=green,
+                blue=blue,
+                method=str(values.get("method", "file")),
+                encoding=values.get("encoding", "coded"),
+                score=None if values.get("score") is None else float(values["score"]),
+                tones=None if values.get("tones") is None else int(values["tones"]),
+                white=float(values.get("white", 1.0)),
+                images=int(values.get("images", 0)),
+                pixels=int(values.get("pixels", 0)),
+            )
+        except (KeyError, TypeError, ValueError, AttributeError) as error:
+            raise WeightsError(
+                f"{source}: not a weights file ({error}); wanted `weights: [r, g, b]`",
+                hint="write one with `colmap-ihe fit IMAGES -o weights.yaml`",
+            ) from error
+
+
+def triplets(step: float = 0.01) -> list[tuple[int, int, int]]:
+    """All weights (i, j, k) in hundredths with i + j + k = 100 on a grid of `step`, lexicographic.
+
+    5,151 of them for step 0.01 and 66 for 0.1. Raises `WeightsError` if 1 is not a multiple of `step`
+    or `step` is not a multiple of 0.01.
+    """
+    hundredths = round(step * 100)
+    if hundredths < 1 or 100 % hundredths or abs(hundredths / 100 - step) > 1e-9:
+        raise WeightsError(f"{step=}, wanted 0.01, 0.02, 0.04, 0.05, 0.1, 0.2, 0.25, 0.5 or 1")
+    grid = range(0, 101, hundredths)
+    return [(i, j, 100 - i - j) for i in grid for j in grid if i + j <= 100]

@@ -1,0 +1,193 @@
+"""What a user may set: one frozen model a stage, strict YAML in and out.
+
+The sections are the stages by name, in project.yaml and in `--set stage.option=value` alike. An unknown
+key or a wrong type is an `OptionError` that names the file, the key, what came and what was wanted.
+`colmap:` mappings go to pycolmap's own option classes as they are, which check themselves.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import yaml
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator
+
+from colmap_ihe.errors import OptionError, WeightsError
+from colmap_ihe.grey.weights import triplets
+
+Method = Literal["ihe", "rec709", "rgb2gray", "photoshop", "mean", "red", "green", "blue"]
+ColmapOptions = dict[str, Any]
+
+
+class _Section(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True, strict=True)
+
+
+class CapturesOptions(_Section):
+    strict: bool = False
+    """Stop at the first photograph that cannot be used, instead of leaving it out and saying so."""
+
+
+class FitOptions(_Section):
+    method: Method = "ihe"
+    guard: Literal["none"] = "none"
+    """`none` is the paper to the letter."""
+    step: float = 0.01
+    """Of the grid of weights: 0.01 is 5,151 triplets, 0.1 is 66."""
+    sample: Annotated[float, Field(gt=0, le=1)] = 1.0
+    """Of each side of a photograph, nearest neighbour; 0.25 reproduces the paper."""
+    weighting: Literal["pixel", "image"] = "pixel"
+
+    @field_validator("step")
+    @classmethod
+    def _step_divides_one(cls, step: float) -> float:
+        try:
+            triplets(step)
+        except WeightsError as error:
+            raise ValueError(str(error)) from error
+        return step
+
+
+class ConvertOptions(_Section):
+    tone: Literal["sqrt", "linear"] = "sqrt"
+    """How linear grey (RAW) becomes 8 bit; gamma-coded photographs keep the tones they have."""
+    format: Literal["png", "tiff", "jpeg"] = "png"
+
+
+class CameraOptions(_Section):
+    mode: Literal["auto", "single", "per_folder", "per_image"] = "auto"
+    """`auto` is COLMAP's grouping: one camera per make, model, focal length and size in EXIF."""
+    model: str = "SIMPLE_RADIAL"
+    params: tuple[float, ...] | None = None
+    """Known calibration in COLMAP's order for `model`, in pixels; taken as a prior for every camera."""
+
+    @field_validator("params", mode="before")
+    @classmethod
+    def _tuple_of_list(cls, value: Any) -> Any:
+        return tuple(float(v) for v in value) if isinstance(value, list) else value
+
+
+class FeaturesOptions(_Section):
+    max_image_size: Annotated[int, Field(ge=64)] | None = None
+    """Longer side in pixels above which features are found on a smaller copy; None is COLMAP's default."""
+    colmap: ColmapOptions = Field(default_factory=dict)
+    """For pycolmap.FeatureExtractionOptions."""
+
+
+class MatchesOptions(_Section):
+    strategy: Literal["auto", "exhaustive", "sequential", "vocabtree", "spatial"] = "auto"
+    """`auto`: exhaustive up to 200 photographs; above, spatial with GPS, else a vocabulary tree of the set."""
+    colmap: ColmapOptions = Field(default_factory=dict)
+    """For pycolmap.FeatureMatchingOptions."""
+    pairing: ColmapOptions = Field(default_factory=dict)
+    """For the strategy's own pairing options in pycolmap, as pycolmap.SequentialPairingOptions."""
+    verification: ColmapOptions = Field(default_factory=dict)
+    """For pycolmap.TwoViewGeometryOptions."""
+
+
+class SparseOptions(_Section):
+    mapper: Literal["incremental", "global", "hierarchical"] = "incremental"
+    seed: int = 0
+    colmap: ColmapOptions = Field(default_factory=dict)
+    """For the pipeline options of the mapper in pycolmap, as pycolmap.IncrementalPipelineOptions."""
+
+
+class DenseOptions(_Section):
+    enabled: bool = True
+    backend: Literal["auto", "patchmatch", "sgm"] = "auto"
+    """`auto`: PatchMatch where pycolmap finds a CUDA device, else semi-global matching on the CPU."""
+    max_image_size: Annotated[int, Field(ge=64)] = 1600
+    """Longer side in pixels of the images that dense stereo runs on."""
+    colmap: ColmapOptions = Field(default_factory=dict)
+    """For pycolmap.StereoFusionOptions."""
+
+
+class Options(_Section):
+    """Every option of a project. `Options()` holds the defaults."""
+
+    captures: CapturesOptions = CapturesOptions()
+    fit: FitOptions = FitOptions()
+    convert: ConvertOptions = ConvertOptions()
+    camera: CameraOptions = CameraOptions()
+    features: FeaturesOptions = FeaturesOptions()
+    matches: MatchesOptions = MatchesOptions()
+    sparse: SparseOptions = SparseOptions()
+    dense: DenseOptions = DenseOptions()
+
+
+def load_options(path: Path | None, assignments: Iterable[str] = ()) -> Options:
+    """The defaults, changed by project.yaml at `path` if there is one, then by `stage.option=value` each.
+
+    Raises `OptionError`.
+    """
+    values: dict[str, Any] = {}
+    source = "project.yaml"
+    if path is not None and path.exists():
+        source = str(path)
+        values = _read_yaml(path)
+    _validate(values, source)
+    for assignment in assignments:
+        _assign(values, assignment)
+        _validate(values, f"--set {assignment}")
+    return _validate(values, source)
+
+
+def _read_yaml(path: Path) -> dict[str, Any]:
+    try:
+        values = yaml.safe_load(path.read_text(encoding="utf-8"))
+    except (yaml.YAMLError, UnicodeDecodeError) as error:
+        problem = str(error).replace("\n", " ")
+        raise OptionError(f"{path}: not readable as YAML: {problem}", hint="correct or remove it") from error
+    if values is None:
+        return {}
+    if not isinstance(values, dict) or not all(isinstance(v, dict | None) for v in values.values()):
+        raise OptionError(
+            f"{path}: holds {type(values).__name__}, wanted sections such as `dense:` with options below them",
+            hint="see docs/options.md",
+        )
+    return {str(k): dict(v or {}) for k, v in values.items()}
+
+
+def _assign(values: dict[str, Any], assignment: str) -> None:
+    name, equals, text = assignment.partition("=")
+    stage, dot, option = name.strip().partition(".")
+    if not equals or not dot or not stage or not option:
+        raise OptionError(f"--set {assignment}: wanted stage.option=value", hint="as in --set dense.backend=sgm")
+    try:
+        value = yaml.safe_load(text)
+    except yaml.YAMLError as error:
+        raise OptionError(f"--set {assignment}: the value is not readable as YAML") from error
+    target = values.setdefault(stage, {})
+    *parents, last = option.split(".")
+    for parent in parents:  # colmap options nest: features.colmap.sift.max_num_features=4096
+        target = target.setdefault(parent, {})
+        if not isinstance(target, dict):
+            raise OptionError(f"--set {assignment}: {parent!r} is not a mapping")
+    target[last] = value
+
+
+def _validate(values: Mapping[str, Any], source: str) -> Options:
+    try:
+        return Options.model_validate(values)
+    except ValidationError as error:
+        first = error.errors()[0]
+        place = ".".join(str(part) for part in first["loc"])
+        if first["type"] == "extra_forbidden":
+            raise OptionError(
+                f"{source}: unknown option {place!r}", hint=f"known there: {_known(first['loc'])}"
+            ) from error
+        raise OptionError(
+            f"{source}: {place} is {first['input']!r}; {first['msg'][:1].lower()}{first['msg'][1:]}",
+            hint="see docs/options.md",
+        ) from error
+
+
+def _known(location: tuple[int | str, ...]) -> str:
+    section = Options.model_fields.get(str(location[0]))
+    if len(location) == 1 or section is None:
+        return ", ".join(Options.model_fields)
+    return ", ".join(type(section.default).model_fields)
+
+

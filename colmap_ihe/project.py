@@ -1,0 +1,208 @@
+"""The project folder: every path in it, atomic writes, stage records. No other module builds such a path.
+
+    images/ masks/ calibration/ project.yaml      the user's, never written to
+    workspace/ colour/ report/ records/           ours
+"""
+
+from __future__ import annotations
+
+import errno
+import fcntl
+import hashlib
+import json
+import os
+import shutil
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from colmap_ihe.errors import DiskFullError, ProjectError
+
+
+@dataclass(frozen=True)
+class Project:
+    """The paths of one project. `images` may lie elsewhere (`--images DIR`)."""
+
+    root: Path
+    images: Path
+
+    @classmethod
+    def at(cls, root: Path, images: Path | None = None) -> Project:
+        """Raises `ProjectError` if there is no folder of photographs."""
+        folder = images or root / "images"
+        if not folder.is_dir():
+            raise ProjectError(
+                f"{folder}: no such folder of photographs",
+                hint=f"put the photographs into {root / 'images'}, or name their folder with --images DIR",
+            )
+        if root.exists() and not root.is_dir():
+            raise ProjectError(f"{root}: is a file, wanted a project folder")
+        return cls(root.absolute(), folder.absolute())
+
+    @property
+    def options_file(self) -> Path:
+        return self.root / "project.yaml"
+
+    @property
+    def masks(self) -> Path:
+        return self.root / "masks"
+
+    @property
+    def workspace(self) -> Path:
+        return self.root / "workspace"
+
+    @property
+    def grey(self) -> Path:
+        return self.workspace / "images"
+
+    @property
+    def database(self) -> Path:
+        return self.workspace / "database.db"
+
+    @property
+    def sparse(self) -> Path:
+        return self.workspace / "sparse"
+
+    @property
+    def dense(self) -> Path:
+        return self.workspace / "dense" / "0"
+
+    @property
+    def colour(self) -> Path:
+        return self.root / "colour"
+
+    @property
+    def report(self) -> Path:
+        return self.root / "report"
+
+    @property
+    def summary_file(self) -> Path:
+        return self.report / "summary.json"
+
+    @property
+    def weights_file(self) -> Path:
+        return self.report / "weights.yaml"
+
+    @property
+    def records(self) -> Path:
+        return self.root / "records"
+
+    @property
+    def native_log(self) -> Path:
+        return self.records / "colmap.log"
+
+    def record_file(self, stage: str) -> Path:
+        return self.records / f"{stage}.json"
+
+    def begun_file(self, stage: str) -> Path:
+        return self.records / f"{stage}.begun.json"
+
+    def read_record(self, stage: str) -> dict[str, Any] | None:
+        """The record of a finished stage, or None. A record that cannot be read is none."""
+        return _read_json(self.record_file(stage))
+
+    def write_record(self, stage: str, record: dict[str, Any]) -> None:
+        write_json(self.record_file(stage), record)
+        self.begun_file(stage).unlink(missing_ok=True)
+
+    def drop_record(self, stage: str) -> None:
+        self.record_file(stage).unlink(missing_ok=True)
+        self.begun_file(stage).unlink(missing_ok=True)
+
+    def begin(self, stage: str, fingerprint: str) -> bool:
+        """Notes that `stage` is being made; True if it was begun before with the same fingerprint and not
+        finished, so that what it left under final names may be kept."""
+        begun = _read_json(self.begun_file(stage))
+        self.record_file(stage).unlink(missing_ok=True)
+        if begun is not None and begun.get("fingerprint") == fingerprint:
+            return True
+        write_json(self.begun_file(stage), {"fingerprint": fingerprint})
+        return False
+
+    @contextmanager
+    def locked(self) -> Iterator[None]:
+        """One run at a time; the lock goes with the process, however that ends. Raises `ProjectError`."""
+        with room_on_disk(self.root):
+            self.records.mkdir(parents=True, exist_ok=True)
+            handle = (self.records / "lock").open("a")
+        with handle:
+            try:
+                fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except OSError as error:
+                raise ProjectError(
+                    f"{self.root}: another run is working on this project", hint="wait for it, or stop it"
+                ) from error
+            yield
+
+
+@contextmanager
+def room_on_disk(path: Path) -> Iterator[None]:
+    """Turns the system's errors of a full or read-only disk into one line that names `path`."""
+    try:
+        yield
+    except OSError as error:
+        if error.errno in (errno.ENOSPC, errno.EDQUOT):
+            raise DiskFullError(
+                f"{path}: no room left on this disk", hint="make room; the same command goes on from here"
+            ) from error
+        if error.errno in (errno.EACCES, errno.EROFS, errno.EPERM):
+            raise ProjectError(
+                f"{error.filename or path}: not writable", hint="give write permission, or use another folder"
+            ) from error
+        raise
+
+
+def write_bytes(path: Path, content: bytes) -> None:
+    """Writes a file that is whole under its name or not there: temporary file, flush, rename."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
+    try:
+        with room_on_disk(path):
+            with temporary.open("wb") as handle:
+                handle.write(content)
+                handle.flush()
+                os.fsync(handle.fileno())
+            temporary.replace(path)
+    finally:
+        temporary.unlink(missing_ok=True)
+
+
+def write_json(path: Path, values: Any) -> None:
+    write_bytes(path, (json.dumps(values, indent=2, ensure_ascii=False) + "\n").encode())
+
+
+def replace_folder(temporary: Path, final: Path) -> None:
+    """Puts a finished folder in the place of another."""
+    if final.exists():
+        old = final.with_name(f".{final.name}.old")
+        shutil.rmtree(old, ignore_errors=True)
+        final.rename(old)
+        temporary.rename(final)
+        shutil.rmtree(old)
+    else:
+        temporary.rename(final)
+
+
+def fingerprint_of(*parts: Any) -> str:
+    """A short digest of plain values; equal values give equal digests in every process."""
+    text = json.dumps(parts, sort_keys=True, ensure_ascii=False)
+    return hashlib.blake2b(text.encode("utf-8", "surrogatepass"), digest_size=12).hexdigest()
+
+
+def digest_file(path: Path) -> str:
+    """A digest of a file's content. Raises OSError."""
+    digest = hashlib.blake2b(digest_size=12)
+    with path.open("rb") as handle:
+        while chunk := handle.read(1 << 20):
+            digest.update(chunk)
+    return digest.hexdigest()
+
+
+def _read_json(path: Path) -> dict[str, Any] | None:
+    try:
+        values = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return None
+    return values if isinstance(values, dict) else None

@@ -1,0 +1,260 @@
+"""The dense stage on a small workspace with known truth: a slanted plane in five views with awkward names."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from PIL import Image
+
+from colmap_ihe.colmap import dense
+from colmap_ihe.colmap.depth_maps import write_map
+from colmap_ihe.colmap.native import pycolmap
+from colmap_ihe.errors import Cancelled, CapabilityError, OptionError, ProjectError
+from colmap_ihe.progress import Silent
+
+NAMES = ["façade 1.png", "nef/a.png", "nef/b c.png", "nef/côté/d.png", "e.png"]
+CENTRES = [(-0.8, 0, 0), (-0.4, 0, 0), (0, 0, 0), (0.4, 0, 0), (0, 0.4, 0)]
+SIZE = (320, 240)
+K = np.array([[340.0, 0, 160], [0, 340, 120], [0, 0, 1]])
+# The plane n.X = d through (0, 0, 4).
+NORMAL = np.array([0.2, -0.1, -1]) / np.linalg.norm([0.2, -0.1, -1])
+COLOUR = (0.9, 0.6, 0.3)
+
+
+def _plane_depth(centre: tuple[float, float, float]) -> NDArray[np.float64]:
+    v, u = np.mgrid[: SIZE[1], : SIZE[0]] + 0.5
+    rays = np.stack([u, v, np.ones_like(u)], axis=-1) @ np.linalg.inv(K).T
+    return np.asarray(((np.array([0, 0, 4]) - centre) @ NORMAL) / (rays @ NORMAL))
+
+
+def _photograph(centre: tuple[float, float, float], texture: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """The plane's texture, fixed to the world's x and y, through the view's own rays."""
+    v, u = np.mgrid[: SIZE[1], : SIZE[0]] + 0.5
+    depth = _plane_depth(centre)
+    x = (u - K[0, 2]) / K[0, 0] * depth + centre[0]
+    y = (v - K[1, 2]) / K[1, 1] * depth + centre[1]
+    place = ((x * 90 + 400).astype(np.float32), (y * 90 + 300).astype(np.float32))
+    return np.asarray(cv2.remap(texture, *place, cv2.INTER_CUBIC), np.uint8)
+
+
+def _model() -> pycolmap.Reconstruction:
+    model = pycolmap.Reconstruction()
+    camera = pycolmap.Camera.create_from_model_name(1, "PINHOLE", 340, *SIZE)
+    camera.params = [K[0, 0], K[1, 1], K[0, 2], K[1, 2]]
+    model.add_camera_with_trivial_rig(camera)
+    points = np.random.default_rng(3).uniform([-1.5, -1, 0], [1.5, 1, 0], (150, 3))
+    points[:, 2] = 4 - (points[:, :2] @ NORMAL[:2]) / NORMAL[2]
+    tracks = [pycolmap.Track() for _ in points]
+    for image_id, (name, centre) in enumerate(zip(NAMES, CENTRES, strict=True), start=1):
+        pixels = (points - centre) @ K.T
+        image = pycolmap.Image(
+            name=name, keypoints=pixels[:, :2] / pixels[:, 2:], camera_id=1, image_id=image_id
+        )
+        pose = pycolmap.Rigid3d(pycolmap.Rotation3d(), -np.array(centre, float))
+        model.add_image_with_trivial_frame(image, pose)
+        for index, (x, y) in enumerate(pixels[:, :2] / pixels[:, 2:]):
+            if 0 < x < SIZE[0] and 0 < y < SIZE[1]:
+                tracks[index].add_element(image_id, index)
+    for point, track in zip(points, tracks, strict=True):
+        if track.length() >= 2:
+            model.add_point3D(point, track, np.zeros(3, np.uint8))
+    return model
+
+
+@pytest.fixture(scope="module")
+def project(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """sparse/, grey/, colour/ and the finished dense/ of the plane."""
+    root = tmp_path_factory.mktemp("dénse project")
+    noise = np.random.default_rng(2).normal(size=(600, 800))
+    smooth = cv2.GaussianBlur(noise, (0, 0), 1.2)
+    texture = np.clip(128 + 45 * smooth / smooth.std(), 0, 255).astype(np.uint8)
+    for name, centre in zip(NAMES, CENTRES, strict=True):
+        grey = _photograph(centre, texture)
+        colour = (grey[..., None] * np.array(COLOUR)).astype(np.uint8)
+        for folder, pixels in (("grey", grey), ("colour", colour)):
+            path = root / folder / name
+            path.parent.mkdir(parents=True, exist_ok=True)
+            Image.fromarray(pixels).save(path)
+    (root / "sparse").mkdir()
+    _model().write(root / "sparse")
+    dense.undistort(root / "sparse", root / "grey", root / "colour", root / "dense")
+    return root
+
+
+def _depth(project: Path, name: str) -> NDArray[np.float32]:
+    written = pycolmap.DepthMap()
+    written.read(project / "dense" / "stereo" / "depth_maps" / f"{name}.geometric.bin")
+    return written.to_array()
+
+
+@pytest.fixture(scope="module")
+def counts(project: Path) -> dense.DepthCounts:
+    return dense.sgm_depth_maps(project / "dense")
+
+
+def test_the_workspace_is_a_plain_one_in_colour_with_a_grey_twin(project: Path) -> None:
+    for name in NAMES:
+        colour = np.asarray(Image.open(project / "dense" / "images" / name).convert("RGB"), float)
+        grey = np.asarray(Image.open(project / "dense" / "grey" / "images" / name).convert("L"), float)
+        assert colour.shape[:2] == grey.shape == SIZE[::-1]
+        assert np.abs(colour - grey[..., None] * COLOUR).max() <= 1
+    model = pycolmap.Reconstruction(project / "dense" / "sparse")
+    assert model.num_reg_images() == len(NAMES)
+    assert (project / "dense" / "stereo" / "fusion.cfg").read_text().split("\n")[: len(NAMES)]
+
+
+def test_depth_maps_are_the_plane(project: Path, counts: dense.DepthCounts) -> None:
+    assert counts.images == len(NAMES)
+    assert counts.pixels == len(NAMES) * SIZE[0] * SIZE[1]
+    assert counts.empty == []
+    assert 0.85 < counts.pixels_with_depth / counts.pixels < 1.0
+    for name, centre in zip(NAMES, CENTRES, strict=True):
+        depth = _depth(project, name)
+        held = depth > 0
+        errors = np.abs(depth[held] / _plane_depth(centre)[held] - 1)
+        assert depth.shape == SIZE[::-1]
+        assert 1e-6 < np.median(errors) < 0.002, f"{name}: {np.median(errors):.5f}"
+
+
+@pytest.mark.usefixtures("counts")
+def test_fusion_keeps_its_normal_check_and_has_colour(project: Path) -> None:
+    strict = dense.fuse(project / "dense", options={"max_normal_error": 10.0})
+    cloud = _read_ply(project / "dense" / "fused.ply")
+    assert len(cloud) == strict
+    loose = dense.fuse(project / "dense", options={"max_normal_error": 180.0})
+    assert strict > 0.9 * loose
+    # One point a pixel of the union of the views, which is about one view and a half.
+    assert 60_000 < strict < 200_000
+    points = np.column_stack([cloud[axis] for axis in "xyz"])
+    distance = np.abs((points - [0, 0, 4]) @ NORMAL)
+    assert np.percentile(distance, 90) < 0.02, f"{np.percentile(distance, 90):.4f} at a distance of 4"
+    normals = np.column_stack([cloud[f"n{axis}"] for axis in "xyz"])
+    angles = np.degrees(np.arccos(np.clip(normals @ NORMAL, -1, 1)))
+    assert np.median(angles) < 3
+    red, green, blue = (cloud[name].astype(float).mean() for name in ("red", "green", "blue"))
+    assert green / red == pytest.approx(COLOUR[1] / COLOUR[0], abs=0.02)
+    assert blue / red == pytest.approx(COLOUR[2] / COLOUR[0], abs=0.02)
+    assert (project / "dense" / "fused.ply.vis").stat().st_size > 0
+    assert not list((project / "dense").glob("*.part*"))
+
+
+def _read_ply(path: Path) -> NDArray[np.void]:
+    content = path.read_bytes()
+    end = content.index(b"end_header\n") + len(b"end_header\n")
+    lines = content[:end].decode().split("\n")
+    number = next(int(line.split()[2]) for line in lines if line.startswith("element vertex"))
+    kinds = {"float": "<f4", "uchar": "u1"}
+    fields = [(line.split()[2], kinds[line.split()[1]]) for line in lines if line.startswith("property")]
+    return np.frombuffer(content[end:], np.dtype(fields), number)
+
+
+def test_maps_that_are_there_are_kept_and_missing_ones_made(project: Path, counts: dense.DepthCounts) -> None:
+    folder = project / "dense" / "stereo" / "depth_maps"
+    before = {path: path.stat().st_mtime_ns for path in folder.rglob("*.bin")}
+    missing = folder / f"{NAMES[1]}.geometric.bin"
+    content = missing.read_bytes()
+    missing.unlink()
+    with ThreadPoolExecutor(1) as executor:
+        again = dense.sgm_depth_maps(project / "dense", executor=executor)
+    assert again == counts
+    assert missing.read_bytes() == content
+    after = {path: path.stat().st_mtime_ns for path in folder.rglob("*.bin")}
+    assert {path for path in before if before[path] != after[path]} == {missing}
+
+
+class _StopsAfter(Silent):
+    """Cancelled as soon as one unit is done."""
+
+    def advance(self, count: int = 1) -> None:
+        self.cancelled = True
+        super().advance(count)
+
+
+def test_cancelled_depth_maps_leave_whole_files_only(project: Path, counts: dense.DepthCounts) -> None:
+    folder = project / "dense" / "stereo"
+    contents = {path: path.read_bytes() for path in folder.rglob("*.geometric.bin")}
+    for path in contents:
+        path.unlink()
+    with pytest.raises(Cancelled), ThreadPoolExecutor(1) as executor:
+        dense.sgm_depth_maps(project / "dense", executor=executor, watch=_StopsAfter())
+    left = [path for path in folder.rglob("*") if path.is_file() and path.suffix != ".cfg"]
+    assert 0 < len(left) < len(contents)
+    assert all(path.read_bytes() == contents[path] for path in left)
+    assert dense.sgm_depth_maps(project / "dense") == counts
+    assert {path: path.read_bytes() for path in folder.rglob("*.geometric.bin")} == contents
+
+
+def test_undistortion_can_shrink(project: Path, tmp_path: Path) -> None:
+    folders = (project / "sparse", project / "grey", project / "colour")
+    assert dense.undistort(*folders, tmp_path / "dense", max_image_size=160) == len(NAMES)
+    for workspace in (tmp_path / "dense", tmp_path / "dense" / "grey"):
+        with Image.open(workspace / "images" / NAMES[0]) as image:
+            assert image.size == (160, 120)
+
+
+def test_a_missing_colour_twin_is_named(project: Path, tmp_path: Path) -> None:
+    with pytest.raises(ProjectError, match=r"1 of 5 images of the model .* first e\.png"):
+        for name in NAMES[:-1]:
+            (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+            (tmp_path / name).write_bytes((project / "colour" / name).read_bytes())
+        dense.undistort(project / "sparse", project / "grey", tmp_path, tmp_path / "dense")
+
+
+def test_cancelling_is_heard(project: Path, tmp_path: Path) -> None:
+    watch = Silent()
+    watch.cancelled = True
+    folders = (project / "sparse", project / "grey", project / "colour", tmp_path / "dense")
+    calls: list[Callable[[], object]] = [
+        lambda: dense.undistort(*folders, watch=watch),
+        lambda: dense.sgm_depth_maps(project / "dense", watch=watch),
+        lambda: dense.fuse(project / "dense", watch=watch),
+    ]
+    for call in calls:
+        with pytest.raises(Cancelled):
+            call()
+
+
+def test_maps_are_written_as_colmap_reads_them(tmp_path: Path) -> None:
+    depth = np.arange(12, dtype=np.float32).reshape(3, 4) + 1
+    write_map(depth, tmp_path / "depth.bin")
+    written = pycolmap.DepthMap()
+    written.read(tmp_path / "depth.bin")
+    assert np.array_equal(written.to_array(), depth)
+    normals = np.zeros((3, 4, 3), np.float32)
+    normals[..., 2] = -1
+    write_map(normals, tmp_path / "normals.bin")
+    normal_map = pycolmap.NormalMap()
+    normal_map.read(tmp_path / "normals.bin")
+    # COLMAP draws a normal n as 127.5 (1 - n): its own reading of the file, unlike to_array in pycolmap 4.2.
+    picture = normal_map.to_bitmap().to_array().reshape(-1, 3)
+    assert (picture == picture[0]).all()
+    assert picture[0, 2] > 250
+    # The format as in COLMAP's scripts/python/read_write_dense.py: columns fastest, then rows, then channels.
+    content = (tmp_path / "normals.bin").read_bytes()
+    assert content[:6] == b"4&3&3&"
+    assert np.array_equal(
+        np.frombuffer(content[6:], "<f4").reshape((4, 3, 3), order="F").transpose(1, 0, 2), normals
+    )
+
+
+def test_backends(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(pycolmap, "has_cuda", False)
+    assert dense.pick_backend("auto") == "sgm"
+    assert dense.pick_backend("sgm") == "sgm"
+    with pytest.raises(CapabilityError, match="needs CUDA") as caught:
+        dense.pick_backend("patchmatch")
+    assert "pycolmap-cuda12" in caught.value.hint
+    monkeypatch.setattr(pycolmap, "has_cuda", True)
+    assert dense.pick_backend("auto") == "patchmatch"
+    assert dense.pick_backend("sgm") == "sgm"
+
+
+def test_an_unknown_fusion_option_is_refused(project: Path) -> None:
+    with pytest.raises(OptionError, match=r"dense\.colmap"):
+        dense.fuse(project / "dense", options={"min_pixels": 3})

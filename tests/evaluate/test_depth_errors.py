@@ -1,0 +1,105 @@
+"""Depth errors of depth maps that are wrong by known amounts."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from colmap_ihe.evaluate.depth import depth_errors, pooled, truth_summary
+from colmap_ihe.evaluate.truth import F32, F64, PoseErrors, Similarity, TrueImage
+
+WIDTH, HEIGHT = 240, 160
+K = np.array(((200.0, 0, 120), (0, 200, 80), (0, 0, 1)))
+
+
+def slanted(calibration: F64, width: int, height: int) -> F32:
+    """Depth of the plane z = 5 + 0.8 x + 0.3 y in the camera's frame, which needs no picture."""
+    x = (np.arange(width) + 0.5 - calibration[0, 2]) / calibration[0, 0]
+    y = (np.arange(height) + 0.5 - calibration[1, 2]) / calibration[1, 1]
+    return np.asarray(5 / (1 - 0.8 * x[None, :] - 0.3 * y[:, None]), np.float32)
+
+
+@pytest.fixture
+def image(tmp_path: Path) -> TrueImage:
+    """The plane, with nothing (sky) in the upper quarter."""
+    depth = slanted(K, WIDTH, HEIGHT)
+    nearest = float(depth.min())
+    code = np.rint(65535 * nearest / depth).astype(np.uint16)
+    code[: HEIGHT // 4] = 0
+    Image.fromarray(code).save(tmp_path / "a.depth.png")
+    return TrueImage(WIDTH, HEIGHT, K, np.eye(3, 4), tmp_path / "a.depth.png", nearest)
+
+
+def test_true_depth_is_stored_far_more_finely_than_it_is_judged(image: TrueImage) -> None:
+    depth = image.depth_m()
+    assert not depth[: HEIGHT // 4].any()
+    expected = slanted(K, WIDTH, HEIGHT)[HEIGHT // 4 :]
+    assert np.abs(depth[HEIGHT // 4 :] / expected - 1).max() < 1e-4
+
+
+def test_right_depth_has_no_error_and_full_coverage(image: TrueImage) -> None:
+    errors = depth_errors(slanted(K, WIDTH, HEIGHT) / np.float32(4), K, image, metres_per_unit=4.0)
+    assert errors.median_percent < 0.005
+    assert errors.close_percent == 100
+    assert errors.coverage_percent == 100
+    assert errors.seeing == WIDTH * HEIGHT * 3 // 4
+
+
+def test_a_known_error_is_found(image: TrueImage) -> None:
+    errors = depth_errors(slanted(K, WIDTH, HEIGHT) * np.float32(1.01), K, image, 1.0)
+    assert errors.median_percent == pytest.approx(1, abs=0.01)
+    assert errors.close_percent == 0
+
+
+def test_pixels_without_depth_lower_the_coverage_only(image: TrueImage) -> None:
+    depth = slanted(K, WIDTH, HEIGHT)
+    depth[:, :60] = 0
+    depth[:, 60:120] = np.nan
+    errors = depth_errors(depth, K, image, 1.0)
+    assert errors.coverage_percent == pytest.approx(50)
+    assert errors.median_percent < 0.005
+
+
+@pytest.mark.parametrize("scale", [0.5, 1.7])
+def test_another_camera_at_the_same_place_is_matched_by_rays(image: TrueImage, scale: float) -> None:
+    width, height = int(WIDTH * scale), int(HEIGHT * scale)
+    other = np.array(((190 * scale, 0, 0.52 * width), (0, 205 * scale, 0.49 * height), (0, 0, 1)))
+    errors = depth_errors(slanted(other, width, height), other, image, 1.0)
+    # Half a true pixel of this plane is up to 0.4 % of depth: the nearest pixel is not the same ray.
+    assert errors.median_percent < 0.25
+    assert errors.coverage_percent == 100
+    unscaled = depth_errors(slanted(other, width, height), K, image, 1.0)
+    assert unscaled.median_percent > 1
+
+
+def test_edges_of_depth_are_not_judged(tmp_path: Path) -> None:
+    code = np.full((80, 80), 65535, np.uint16)
+    code[:, 40:] = 30000
+    Image.fromarray(code).save(tmp_path / "a.png")
+    image = TrueImage(80, 80, K, np.eye(3, 4), tmp_path / "a.png", 3.0)
+    estimated = image.depth_m()
+    estimated[:, 40] = 3.0  # wrong by half, beside the edge
+    errors = depth_errors(estimated, K, image, 1.0)
+    assert errors.relative_percent.size == 80 * 78
+    assert errors.relative_percent.max() < 1e-3
+    assert errors.coverage_percent == 100
+
+
+def test_images_are_pooled_by_pixels(image: TrueImage) -> None:
+    right = depth_errors(slanted(K, WIDTH, HEIGHT), K, image, 1.0)
+    nothing = depth_errors(np.zeros((HEIGHT, WIDTH), np.float32), K, image, 1.0)
+    both = pooled([right, nothing])
+    assert both.coverage_percent == pytest.approx(50)
+    assert both.median_percent == right.median_percent
+    assert np.isnan(nothing.median_percent)
+    poses = PoseErrors({"a": 0.1}, {"a": 0.02}, {"a": 0.2}, (), Similarity(1.0, np.eye(3), np.zeros(3)))
+    assert truth_summary(poses, both) == {
+        "rotation_error_deg": 0.1,
+        "position_error_percent": 0.2,
+        "dense_median_error_percent": both.median_percent,
+        "depth_coverage_percent": both.coverage_percent,
+    }
+    assert "depth_coverage_percent" not in truth_summary(poses, None)
