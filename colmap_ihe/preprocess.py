@@ -21,9 +21,9 @@ from colmap_ihe.captures.encode import SUFFIXES, encode_image
 from colmap_ihe.captures.metadata import Metadata, read_metadata
 from colmap_ihe.errors import PhotographError, ProjectError, WeightsError
 from colmap_ihe.executor import in_order
+from colmap_ihe.grey.boxes import Triplet
 from colmap_ihe.grey.convert import to_colour, to_grey
 from colmap_ihe.grey.histogram import Histogram
-from colmap_ihe.grey.boxes import Triplet
 from colmap_ihe.grey.ihe import count_levels, fit_histogram, white_point
 from colmap_ihe.grey.weights import FIXED, Encoding, Weights, triplets
 from colmap_ihe.options import ConvertOptions, FitOptions

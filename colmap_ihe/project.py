@@ -93,6 +93,10 @@ class Project:
     def native_log(self) -> Path:
         return self.records / "colmap.log"
 
+    @property
+    def digests_file(self) -> Path:
+        return self.records / "digests.json"
+
     def record_file(self, stage: str) -> Path:
         return self.records / f"{stage}.json"
 
@@ -101,7 +105,7 @@ class Project:
 
     def read_record(self, stage: str) -> dict[str, Any] | None:
         """The record of a finished stage, or None. A record that cannot be read is none."""
-        return _read_json(self.record_file(stage))
+        return read_json(self.record_file(stage))
 
     def write_record(self, stage: str, record: dict[str, Any]) -> None:
         write_json(self.record_file(stage), record)
@@ -114,7 +118,7 @@ class Project:
     def begin(self, stage: str, fingerprint: str) -> bool:
         """Notes that `stage` is being made; True if it was begun before with the same fingerprint and not
         finished, so that what it left under final names may be kept."""
-        begun = _read_json(self.begun_file(stage))
+        begun = read_json(self.begun_file(stage))
         self.record_file(stage).unlink(missing_ok=True)
         if begun is not None and begun.get("fingerprint") == fingerprint:
             return True
@@ -200,7 +204,8 @@ def digest_file(path: Path) -> str:
     return digest.hexdigest()
 
 
-def _read_json(path: Path) -> dict[str, Any] | None:
+def read_json(path: Path) -> dict[str, Any] | None:
+    """The mapping in a JSON file, None if there is none that can be read."""
     try:
         values = json.loads(path.read_text(encoding="utf-8"))
     except (OSError, ValueError):

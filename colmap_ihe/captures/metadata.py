@@ -166,6 +166,8 @@ def with_size(blob: bytes, width: int, height: int) -> bytes:
     exif = Image.Exif()
     exif.load(_PREFIX + blob)
     directory = exif.get_ifd(EXIF_IFD)
+    if (directory.get(PIXEL_X), directory.get(PIXEL_Y)) == (width, height):
+        return blob  # to the letter, maker note and all
     directory[PIXEL_X], directory[PIXEL_Y] = width, height
     return exif.tobytes().removeprefix(_PREFIX)
 

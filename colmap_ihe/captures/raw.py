@@ -17,11 +17,6 @@ from numpy.typing import NDArray
 
 from colmap_ihe.errors import PhotographError
 
-# XYZ (D65) from linear sRGB, IEC 61966-2-1.
-_XYZ_FROM_SRGB = np.array(
-    [[0.4124564, 0.3575761, 0.1804375], [0.2126729, 0.7151522, 0.0721750], [0.0193339, 0.1191920, 0.9503041]]
-)
-
 
 @dataclass(frozen=True)
 class Development:
@@ -95,16 +90,14 @@ def _opened(path: Path) -> Iterator[rawpy.RawPy]:
 
 
 def _srgb_from_camera(raw: rawpy.RawPy) -> NDArray[np.float64]:
-    """White balance, then the camera's matrix normalised so that white stays white (dcraw's cam_xyz)."""
-    balance = np.array(raw.camera_whitebalance[:3], np.float64)
-    if not (np.isfinite(balance).all() and (balance > 0).all()):
-        balance = np.array(raw.daylight_whitebalance[:3], np.float64)
-    if not (np.isfinite(balance).all() and (balance > 0).all()):
-        balance = np.ones(3)
-    camera_from_srgb = np.array(raw.rgb_xyz_matrix[:3], np.float64) @ _XYZ_FROM_SRGB
-    rows = camera_from_srgb.sum(axis=1, keepdims=True)
-    matrix = np.eye(3)
-    if (np.abs(rows) > 1e-6).all() and abs(np.linalg.det(camera_from_srgb / rows)) > 1e-6:
-        matrix = np.linalg.inv(camera_from_srgb / rows)
-    result: NDArray[np.float64] = matrix @ np.diag(balance / balance[1])
+    """As-shot white balance, then LibRaw's matrix to sRGB, whose rows sum to 1 so that white stays white."""
+    balance = np.ones(3)
+    for found in (raw.camera_whitebalance, raw.daylight_whitebalance):
+        if found and np.isfinite(found[:3]).all() and min(found[:3]) > 0:
+            balance = np.array(found[:3], np.float64) / found[1]
+            break
+    matrix = np.array(raw.color_matrix, np.float64)[:, :3]
+    if not np.isfinite(matrix).all() or abs(np.linalg.det(matrix)) < 1e-6:
+        matrix = np.eye(3)
+    result: NDArray[np.float64] = matrix @ np.diag(balance)
     return result

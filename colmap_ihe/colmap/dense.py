@@ -30,9 +30,10 @@ Backend = Literal["patchmatch", "sgm"]
 
 # Fusion holds all maps in memory up to this much, and above it only the ones it has just used.
 FUSION_MEMORY_GB = 4.0
-# Every pixel of our depth maps was confirmed by other photographs, so that two maps that agree to a pixel
-# are enough (COLMAP asks for five within two pixels). The check of depth and normals is COLMAP's own.
-FUSION_DEFAULTS: Mapping[str, Any] = {"min_num_pixels": 2, "max_reproj_error": 1.0}
+# Every pixel of our depth maps was confirmed by other photographs, so that two maps that agree are enough
+# (COLMAP asks for five). Within less than a pixel, so that the cloud keeps the images' resolution: COLMAP's
+# two pixels leave a third of the points. Depth and normals are checked as COLMAP does.
+FUSION_DEFAULTS: Mapping[str, Any] = {"min_num_pixels": 2, "max_reproj_error": 0.75}
 
 
 def pick_backend(requested: Literal["auto", "patchmatch", "sgm"] = "auto") -> Backend:

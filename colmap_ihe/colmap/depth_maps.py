@@ -51,7 +51,7 @@ class _Job:
 def sgm_depth_maps(
     dense_dir: Path,
     *,
-    sources_per_image: int = 4,
+    sources_per_image: int = 5,
     options: StereoOptions | None = None,
     executor: Executor | None = None,
     watch: Watch = SILENT,

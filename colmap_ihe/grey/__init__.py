@@ -1,1 +1,1 @@
-
+"""Colour to grey: arrays in, arrays out; opens no file."""

@@ -115,7 +115,7 @@ def _runs(boxes: Boxes, triplet: Triplet, white: int | None) -> NDArray[np.float
     place *= place.dtype.type(LEVELS)
     place += first
     mass = np.bincount(place, weights=boxes.mass, minlength=longest * LEVELS)
-    return mass.reshape(longest, LEVELS)
+    return np.asarray(mass.reshape(longest, LEVELS), np.float64)
 
 
 def _spread(runs: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -34,7 +34,7 @@ def to_grey(
     if weights.encoding == "coded" and exact:
         wide = rgb.astype(np.uint16)
         total = sum(wide[..., c] * np.uint16(h) for c, h in enumerate(hundredths)) + np.uint16(50)
-        return np.asarray(total // np.uint16(100), np.uint8)
+        return np.asarray(total // np.uint16(100)).astype(np.uint8)
     triplet = np.array(weights.triplet, np.float32) / np.float32(sum(weights.triplet))
     grey = rgb.astype(np.float32) @ triplet + np.float32(0.5)
     if weights.encoding == "coded":
@@ -57,7 +57,7 @@ def to_colour(
     """
     matrix = np.asarray(srgb_from_camera / white, np.float32)
     linear = np.clip(linear_rgb.astype(np.float32) @ matrix.T, 0, _DEPTH - 1)
-    return _SRGB[linear.astype(np.uint16)]
+    return np.asarray(_SRGB[linear.astype(np.uint16)], np.uint8)
 
 
 def _srgb_table() -> NDArray[np.uint8]:

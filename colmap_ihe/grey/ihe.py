@@ -8,8 +8,8 @@ beta, so the least S is the least sum of squared counts, Q.
 The search counts few of the 5,151 triplets in full. Of a coded set a triplet is left out only where a
 bound of its Q is above the Q of one that has been counted, so the winner is proven. Of a linear set,
 whose colours are too many to keep, triplets are left out by estimates at rising resolution, each time
-with a margin of several times the disagreement seen with the next; those left are counted from the
-photographs at full depth.
+with a margin taken from how far they were off for those looked at more closely; the rest is counted
+from the photographs at full depth.
 """
 
 from __future__ import annotations
@@ -42,7 +42,8 @@ Recount = Callable[[Sequence[Triplet], Sequence[int]], NDArray[np.int64]]
 _Counted = dict[Triplet, NDArray[np.int64]]
 
 _SLACK = 1 - 1e-9  # bounds are floating point, Q is not
-_PROBES, _MARGIN, _FLOOR = 32, 3.0, 5e-4
+_SMALL = 600_000  # pixels for which counting all triplets takes seconds
+_PROBES, _LAST, _MARGIN = 32, 128, 2.0
 _SATURATION = 65535
 _BAND = 1 << 16
 _WHITE_SHIFT = 6
@@ -57,7 +58,7 @@ def fit_histogram(
 ) -> Weights:
     """The IHE weights of a set, as by a loop over every triplet and every pixel.
 
-    Coded sets need nothing but their histogram. Linear sets need `recount` too, which is called twice.
+    Coded sets need nothing but their histogram. Linear sets need `recount` too, which is called two or three times.
     Ties go to more occupied tones, then to the nearest to Rec.709, then to the first. `advance(n)` is
     told of every n triplets settled. Raises ValueError for an empty histogram, or a linear one without
     `recount`.
@@ -104,30 +105,50 @@ def _search_linear(
 ) -> _Counted:
     cells = histogram.cells()
     counted: _Counted = {}
+
+    def in_full(chosen: list[Triplet]) -> dict[Triplet, float]:
+        fresh = [t for t in chosen if t not in counted]
+        if fresh:
+            counted.update(zip(fresh, recount(fresh, [white[t] for t in fresh]), strict=True))
+        return {t: float(_squares(counted[t])) for t in chosen}
+
+    if histogram.pixels <= _SMALL:
+        in_full(grid)
+        return counted
     coarse = merge(cells, 4)
     value = {t: estimate(coarse, t, white[t]) for t in grid}
-    alive = sorted(grid, key=value.__getitem__)
-    for side in (2, 1, 0):
-        few = alive[: _PROBES // 2]
-        probes = few + alive[len(few) : 16 * _PROBES : _PROBES]
-        if side:
-            fine = merge(cells, side)
-            finer = {t: estimate(fine, t, white[t]) for t in probes}
-        else:
-            counted.update(zip(probes, recount(probes, [white[t] for t in probes]), strict=True))
-            finer = {t: float(_squares(counted[t])) for t in probes}
-        ratios = [finer[t] / value[t] for t in probes]
-        margin = _FLOOR + _MARGIN * (max(ratios) - min(ratios))
-        survivors = [t for t in alive if value[t] <= value[alive[0]] * (1 + margin)]
+    alive = grid
+    for side, least in ((2, 1024), (1, 512)):
+        boxes = merge(cells, side)
+        alive = sorted(alive, key=value.__getitem__)
+        probed = {t: estimate(boxes, t, white[t]) for t in _probes(alive)}
+        survivors = alive[:least] + _promising(alive[least:], value, probed)
         advance(len(alive) - len(survivors))
-        if side:
-            value = {t: finer[t] if t in finer else estimate(fine, t, white[t]) for t in survivors}
-        alive = sorted(survivors, key=value.__getitem__)
-    rest = [t for t in alive if t not in counted]
-    if rest:
-        counted.update(zip(rest, recount(rest, [white[t] for t in rest]), strict=True))
-    advance(len(alive))
-    return counted
+        value = {t: probed[t] if t in probed else estimate(boxes, t, white[t]) for t in survivors}
+        alive = survivors
+    alive = sorted(alive, key=value.__getitem__)
+    known = in_full(list(dict.fromkeys(alive[:_LAST] + _probes(alive))))
+    while True:  # until no triplet that is not counted could win, by what the counted ones have shown
+        missing = [t for t in _promising(alive, value, known) if t not in known]
+        if not missing:
+            advance(len(alive))
+            return counted
+        known |= in_full(missing)
+
+
+def _probes(ordered: list[Triplet]) -> list[Triplet]:
+    """The most promising triplets and some from further down, to see how far estimates are off."""
+    return ordered[:_PROBES] + ordered[_PROBES : 16 * _PROBES : _PROBES // 2]
+
+
+def _promising(
+    alive: list[Triplet], value: dict[Triplet, float], finer: dict[Triplet, float]
+) -> list[Triplet]:
+    """Those whose value, were it as much too high as any probe's and a margin more, could still win."""
+    ratios = np.array([finer[t] / value[t] for t in finer])
+    lowest = ratios.min() - _MARGIN * ratios.std()
+    best = min(finer.values())
+    return [t for t in alive if value[t] * lowest <= best]
 
 
 def count_levels(

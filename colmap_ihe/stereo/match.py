@@ -69,7 +69,7 @@ def _semi_global(left: UInt8, right: UInt8, first: int, count: int) -> Float32:
         disp12MaxDiff=1,
         preFilterCap=31,
         uniquenessRatio=3,
-        mode=cv2.STEREO_SGBM_MODE_SGBM,
+        mode=cv2.STEREO_SGBM_MODE_SGBM_3WAY,
     )
     return matcher.compute(left, right).astype(np.float32) / np.float32(SUBPIXELS)
 

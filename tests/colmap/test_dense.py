@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
@@ -12,7 +13,7 @@ import pytest
 from numpy.typing import NDArray
 from PIL import Image
 
-from colmap_ihe.colmap import dense
+from colmap_ihe.colmap import dense, depth_maps
 from colmap_ihe.colmap.depth_maps import write_map
 from colmap_ihe.colmap.native import pycolmap
 from colmap_ihe.errors import Cancelled, CapabilityError, OptionError, ProjectError
@@ -188,6 +189,39 @@ def test_cancelled_depth_maps_leave_whole_files_only(project: Path, counts: dens
     assert all(path.read_bytes() == contents[path] for path in left)
     assert dense.sgm_depth_maps(project / "dense") == counts
     assert {path: path.read_bytes() for path in folder.rglob("*.geometric.bin")} == contents
+
+
+@pytest.mark.usefixtures("counts")
+def test_a_map_under_way_is_told_to_stop(project: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    started, told = [], []
+
+    def endless(*arguments: object) -> None:
+        check = arguments[-1]
+        assert callable(check)
+        started.append(True)
+        end = time.monotonic() + 10
+        try:
+            while time.monotonic() < end:
+                check()
+                time.sleep(0.02)
+        except Cancelled:
+            told.append(True)
+            raise
+
+    class CancelledWhileRunning(Silent):
+        def check(self) -> None:
+            self.cancelled = bool(started)
+            super().check()
+
+    missing = project / "dense" / "stereo" / "depth_maps" / f"{NAMES[4]}.geometric.bin"
+    content = missing.read_bytes()
+    missing.unlink()
+    monkeypatch.setattr(depth_maps, "depth_and_normals", endless)
+    with pytest.raises(Cancelled), ThreadPoolExecutor(1) as executor:
+        dense.sgm_depth_maps(project / "dense", executor=executor, watch=CancelledWhileRunning())
+    assert len(told) == 1
+    assert not (project / "dense" / "stereo" / ".stop").exists()
+    missing.write_bytes(content)
 
 
 def test_undistortion_can_shrink(project: Path, tmp_path: Path) -> None:

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 from planes import Plane, camera, plane, render, sparse_points
 
 from colmap_ihe.errors import Cancelled
-from colmap_ihe.stereo.depth import DepthResult, depth_and_normals
+from colmap_ihe.stereo.depth import DepthResult, StereoOptions, depth_and_normals
 from colmap_ihe.stereo.views import Camera, Float64, View
 
 SLANTED = plane(4.0, 0.3, -0.2, (4.0, 4.0), seed=1)
@@ -52,7 +54,7 @@ def test_one_source(source: Camera, coverage: tuple[float, float]) -> None:
     # An error of half a pixel in a convention would show; so would truth that leaked in.
     disparity_px = source.K[0, 0] * np.linalg.norm(source.centre) / 4.0
     median_px = float(np.median(errors) * disparity_px)
-    assert 0.002 < median_px < 0.08, f"median {median_px:.4f} pixels"
+    assert 0.002 < median_px < 0.1, f"median {median_px:.4f} pixels"
     assert np.percentile(errors, 95) < 0.015, f"95 % {np.percentile(errors, 95):.5f}"
     assert coverage[0] < _coverage(result) < coverage[1], f"coverage {_coverage(result):.3f}"
 
@@ -110,6 +112,17 @@ def test_what_was_not_photographed_gets_no_depth() -> None:
     assert (result.depth[truth > 0] > 0).mean() > 0.85
     # The window of 7 pixels reaches over the rim.
     assert (result.depth[truth == 0] > 0).mean() < 0.05
+
+
+def test_a_nearly_plain_wall_is_kept_where_sources_agree() -> None:
+    pale = replace(SLANTED, texture_u8=(120 + SLANTED.texture_u8.astype(float) / 60).astype(np.uint8))
+    view, truth = render(REFERENCE, [pale], noise=0.7)
+    sources = [render(camera([x, 0, 0]), [pale], noise=0.7)[0] for x in (-0.4, 0.4, -0.2, 0.2)]
+    points = sparse_points(REFERENCE, truth)
+    kept = depth_and_normals(view, sources, points, StereoOptions(min_variance=0.5))
+    without = depth_and_normals(view, sources, points, StereoOptions(min_variance=1e9))
+    assert _coverage(kept) > _coverage(without) + 0.05
+    assert np.median(_errors(kept, truth)) < 0.01
 
 
 def test_masked_pixels_get_no_depth() -> None:

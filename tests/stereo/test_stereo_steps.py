@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from planes import REFERENCE_SIZE, camera, plane, render, sparse_points
 
+from colmap_ihe.stereo.match import match_around, match_whole_range
 from colmap_ihe.stereo.merge import filled, merge, without_speckles
 from colmap_ihe.stereo.normals import normals_from_inverse_depth
 from colmap_ihe.stereo.rectify import PairLeftOutError, rectify
@@ -167,3 +168,40 @@ def test_a_smaller_view_sees_the_same() -> None:
     small = view.resized((200, 150))
     assert _pixels(points, small)[:, :2] == pytest.approx(_pixels(points, view)[:, :2] / 2)
     assert small.grey_u8[0, 0] == pytest.approx(view.grey_u8[:2, :2].mean(), abs=0.51)
+
+
+def test_matching_leaves_out_what_the_source_does_not_see() -> None:
+    front, back = plane(3.0, 0, 0, (0.5, 0.5), seed=2), plane(5.0, 0.1, 0, (5.0, 5.0), seed=3)
+    source, _ = render(camera([0.4, 0, 0]), [front, back])
+    view, truth = render(REFERENCE, [front, back])
+    points = sparse_points(REFERENCE, truth)
+    found = match_whole_range(rectify(REFERENCE, source, points), view, source)
+    v, u = np.mgrid[:300, :400] + 0.5
+    rays = np.stack([u, v, np.ones_like(u)], axis=-1) @ np.linalg.inv(REFERENCE.K).T
+    in_source = _pixels((rays * truth[..., None]).reshape(-1, 3), source)[:, 0].reshape(300, 400)
+    assert (found[in_source < -2] > 0).mean() < 0.1
+    # Beside its left rim the front plane hides 22 columns of the back one from the source: only the check
+    # from both sides finds that.
+    hidden = (truth > 4) & (u > 107) & (u < 128) & (v > 85) & (v < 215)
+    assert (found[hidden] > 0).mean() < 0.09, f"{(found[hidden] > 0).mean():.3f}"
+    errors = np.abs(found[found > 0] * truth[found > 0] - 1)
+    assert np.median(errors) < 0.01
+    mask_u8 = np.full((300, 400), 255, np.uint8)
+    mask_u8[:, 200:] = 0
+    masked = View(source.K, source.cam_from_world, source.size, source.grey_u8, mask_u8)
+    found = match_whole_range(rectify(REFERENCE, source, points), view, masked)
+    assert (found[in_source > 205] > 0).mean() < 0.02
+    assert (found[(in_source > 20) & (in_source < 150)] > 0).mean() > 0.7
+
+
+def test_matching_around_what_is_known_finds_the_rest() -> None:
+    view, truth = render(REFERENCE, [SLANTED])
+    source, _ = render(camera([0.4, 0, 0]), [SLANTED])
+    pair = rectify(REFERENCE, source, sparse_points(REFERENCE, truth))
+    one_pixel = 1 / (420 * 0.4)
+    exact = (1 / truth).astype(np.float32)
+    found = match_around(pair, view, source, exact + np.float32(5 * one_pixel))
+    held = found > 0
+    assert 0.7 < held.mean() < 1
+    errors_px = np.abs(found - exact)[held] / one_pixel
+    assert 0.001 < np.median(errors_px) < 0.2, f"{np.median(errors_px):.3f} pixels"

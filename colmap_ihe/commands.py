@@ -1,0 +1,155 @@
+"""What the commands do besides `reconstruct` and `status`: plain values in, plain values out."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import platform
+import shutil
+from importlib import metadata
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from colmap_ihe.captures.discover import Capture, discover
+from colmap_ihe.colmap.dense import pick_backend
+from colmap_ihe.colmap.native import pycolmap
+from colmap_ihe.demo.folder import render_demo
+from colmap_ihe.demo.truth import add_truth
+from colmap_ihe.errors import ProjectError, WeightsError
+from colmap_ihe.executor import local_executor, local_workers
+from colmap_ihe.grey.weights import Weights
+from colmap_ihe.options import ConvertOptions, FitOptions, Options, load_options
+from colmap_ihe.pipeline import Reconstruction, reconstruct
+from colmap_ihe.preprocess import Fit, LeftOut, convert_captures, fit_captures, survey
+from colmap_ihe.progress import Audience
+from colmap_ihe.project import digest_file, fingerprint_of, read_json, write_bytes, write_json
+from colmap_ihe.version import __version__
+
+_CONVERT_RECORD = ".colmap-ihe.json"
+
+
+def project_options(project: Path, assignments: list[str]) -> Options:
+    return load_options(project / "project.yaml", assignments)
+
+
+def demo(folder: Path, assignments: list[str], audience: Audience) -> Reconstruction:
+    """Renders the demo into `folder`, reconstructs it, and adds its error against the truth."""
+    options = project_options(folder, assignments)
+    with audience.stage("render") as watch:
+        render_demo(folder, watch=watch)
+    return add_truth(reconstruct(folder, options, audience=audience), folder / "truth")
+
+
+def fit(parsed: argparse.Namespace, audience: Audience) -> dict[str, Any]:
+    """The weights of a set of folders and files; writes them where asked."""
+    if parsed.output and parsed.output.suffix.lower() not in (".yaml", ".yml"):
+        raise WeightsError(f"{parsed.output}: wanted a name that ends in .yaml", hint="as in -o weights.yaml")
+    captures = [capture for path in parsed.images for capture in _captures_of(path)]
+    options = load_options(
+        None,
+        [
+            f"fit.method={parsed.method}",
+            f"fit.step={float(parsed.step)}",
+            f"fit.sample={float(parsed.sample)}",
+            f"fit.weighting={parsed.weighting}",
+        ],
+    ).fit
+    found = _fit(captures, options, audience, strict=parsed.strict)
+    result = {**found.main.as_dict(), "left_out": found.left_out}
+    if len(found.weights) > 1:
+        audience.warn("the set mixes RAW and gamma-coded photographs: these are the weights of the larger part")
+    if parsed.output:
+        write_bytes(parsed.output, yaml.safe_dump(found.main.as_dict(), sort_keys=False).encode())
+    return result
+
+
+def convert(parsed: argparse.Namespace, audience: Audience) -> dict[str, Any]:
+    """Grey images of one folder into another; those of an unfinished or earlier like run are kept."""
+    images, out = parsed.images.absolute(), parsed.out.absolute()
+    if out == images or out.is_relative_to(images) or images.is_relative_to(out):
+        raise ProjectError(f"{out}: lies in the folder of photographs or holds it", hint="use a folder of its own")
+    captures = list(discover(images).captures)
+    given = read_weights(parsed.weights) if parsed.weights else None
+    options = ConvertOptions(tone=parsed.tone, format=parsed.format)
+    left_out: LeftOut = {}
+    if given is not None:
+        found = Fit({given.encoding: given})
+    else:
+        found = _fit(captures, FitOptions(method=parsed.method), audience, strict=parsed.strict)
+        left_out |= found.left_out
+    weights = {e: w.as_dict() for e, w in found.weights.items()}
+    content = [[c.name, c.grey_stem, digest_file(c.path)] for c in captures if c.name not in left_out]
+    fingerprint = fingerprint_of(__version__, weights, options.model_dump(), content)
+    keep = _claim(out, fingerprint)
+    with local_executor() as executor, audience.stage("convert") as watch:
+        surveyed, unreadable = survey(
+            [c for c in captures if c.name not in left_out], executor, watch, strict=parsed.strict
+        )
+        grey, failed = convert_captures(
+            surveyed, found, options, out, None, executor, watch, strict=parsed.strict, keep_finished=keep
+        )
+    left_out |= unreadable | failed
+    for reason in left_out.values():
+        audience.warn(f"left out: {reason}")
+    main = found.main
+    return {"method": main.method, "weights": list(main.triplet), "grey": grey, "left_out": left_out}
+
+
+def _claim(out: Path, fingerprint: str) -> bool:
+    """Makes `out` ours; True if what lies there came from the same input. Raises `ProjectError` if it holds
+    anything that we did not write."""
+    record = read_json(out / _CONVERT_RECORD)
+    if record is None and out.exists() and any(out.iterdir()):
+        raise ProjectError(
+            f"{out}: is not empty, and not of an earlier convert", hint="name an empty or a new folder"
+        )
+    keep = record is not None and record.get("fingerprint") == fingerprint
+    if record is not None and not keep:
+        shutil.rmtree(out)
+    write_json(out / _CONVERT_RECORD, {"fingerprint": fingerprint})
+    return keep
+
+
+def read_weights(file: Path) -> Weights:
+    """A weights file, as `fit -o` writes it. Raises `WeightsError`."""
+    try:
+        values = yaml.safe_load(file.read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
+        raise WeightsError(
+            f"{file}: cannot be read ({str(error).splitlines()[0]})",
+            hint="write one with `colmap-ihe fit IMAGES -o weights.yaml`",
+        ) from error
+    return Weights.from_dict(values, str(file))
+
+
+def doctor() -> dict[str, Any]:
+    """What is installed, and what will run where."""
+    memory = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") if hasattr(os, "sysconf") else 0
+    packages = ("numpy", "opencv-python-headless", "rawpy", "pillow")
+    return {
+        "colmap-ihe": __version__,
+        "python": platform.python_version(),
+        "pycolmap": f"{pycolmap.__version__} (COLMAP {pycolmap.COLMAP_version})",
+        **{name: metadata.version(name) for name in packages},
+        "cores": local_workers(),
+        "memory_gb": round(memory / 1e9, 1),
+        "free_disk_gb": round(shutil.disk_usage(Path.cwd()).free / 1e9, 1),
+        "cuda": bool(pycolmap.has_cuda),
+        "dense_backend": pick_backend("auto"),
+    }
+
+
+def _captures_of(path: Path) -> list[Capture]:
+    if path.is_dir():
+        return list(discover(path).captures)
+    found = [c for c in discover(path.parent).captures if c.path == path or path.name in c.paired]
+    if not path.exists() or not found:
+        raise ProjectError(f"{path}: no such photograph", hint="name folders or RAW, JPEG, TIFF or PNG files")
+    return found
+
+
+def _fit(captures: list[Capture], options: FitOptions, audience: Audience, *, strict: bool) -> Fit:
+    with local_executor() as executor, audience.stage("fit") as watch:
+        return fit_captures(captures, options, executor, watch, strict=strict)

@@ -1,0 +1,246 @@
+"""The road from photographs to a coloured dense cloud: which stages there are, and how one is skipped,
+resumed, run and cancelled.
+
+A stage is up to date if its record carries the fingerprint that it would have now: of the options that
+affect its result, of the versions of what computes it, and of the stage before it. The first link of that
+chain is the content of the photographs. Never is anything skipped because a file is there.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping
+from concurrent.futures import Executor
+from contextlib import ExitStack
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from colmap_ihe import stages
+from colmap_ihe.captures.discover import Discovery, discover
+from colmap_ihe.colmap.native import logged_to
+from colmap_ihe.errors import OptionError, ProjectError
+from colmap_ihe.executor import local_executor
+from colmap_ihe.options import Options
+from colmap_ihe.progress import SILENT, Audience, Watch
+from colmap_ihe.project import Project, digest_file, fingerprint_of, read_json, write_json
+from colmap_ihe.report.summary import summarise
+from colmap_ihe.stages import Record, Run
+from colmap_ihe.version import __version__
+
+
+@dataclass(frozen=True)
+class Stage:
+    """One stop on the road. `options` names the sections, `libraries` the modules, that affect its result."""
+
+    name: str
+    run: Callable[[Run, Watch], Record]
+    options: tuple[str, ...] = ()
+    libraries: tuple[str, ...] = ()
+
+
+ROAD = (
+    Stage("captures", stages.captures),
+    Stage("fit", stages.fit, ("fit",), ("rawpy", "libraw")),
+    Stage("convert", stages.convert, ("convert",)),
+    Stage("features", stages.features, ("camera", "features"), ("pycolmap",)),
+    Stage("matches", stages.matches, ("matches",)),
+    Stage("sparse", stages.sparse, ("sparse",)),
+    Stage("dense", stages.dense, ("dense",), ("opencv",)),
+)
+NAMES = tuple(stage.name for stage in ROAD)
+
+
+@dataclass(frozen=True)
+class Reconstruction:
+    """What a run left: the project's folder, the summary of report/summary.json, and what was kept."""
+
+    project: Project
+    summary: Mapping[str, Any]
+    stages_run: tuple[str, ...]
+
+    @property
+    def sparse_model(self) -> Path:
+        """The folder of the largest model, for `pycolmap.Reconstruction`."""
+        return self.project.sparse / "0"
+
+    @property
+    def dense_cloud(self) -> Path:
+        return self.project.dense / "fused.ply"
+
+
+@dataclass(frozen=True)
+class StageState:
+    """Where one stage stands: "done", "stale" (and why), or "to do"."""
+
+    name: str
+    state: str
+    why: str
+    seconds: float | None
+
+
+def reconstruct(
+    project: str | Path,
+    options: Options | None = None,
+    *,
+    images: str | Path | None = None,
+    start: str | None = None,
+    until: str | None = None,
+    audience: Audience = SILENT,
+    executor: Executor | None = None,
+) -> Reconstruction:
+    """Photographs in `project/images` to a model in `project/workspace`, going on from what is up to date.
+
+    `start` runs that stage and all after it again; `until` ends after a stage. Raises `KnownError`s, and
+    `Cancelled`; the records then say how far it came, and the same call goes on from there.
+    """
+    options = options or Options()
+    for name in (start, until):
+        if name is not None and name not in NAMES:
+            raise OptionError(f"no stage is called {name!r}", hint=f"the stages are {', '.join(NAMES)}")
+    place = Project.at(Path(project), Path(images) if images else None)
+    _refuse_foreign_folders(place)
+    with ExitStack() as stack:
+        stack.enter_context(place.locked())
+        stack.enter_context(logged_to(place.native_log))
+        workers = executor or stack.enter_context(local_executor())
+        run = Run(place, options, discover(place.images), workers)
+        prints = _fingerprints(place, options, run.discovery, remember=True)
+        ran = []
+        last = NAMES.index(until) if until else len(ROAD) - 1
+        for number, stage in enumerate(ROAD[: last + 1]):
+            if stage.name == "dense" and not options.dense.enabled:
+                continue
+            forced = start is not None and number >= NAMES.index(start)
+            record = None if forced else place.read_record(stage.name)
+            if record is not None and record["fingerprint"] == prints[stage.name]:
+                audience.kept(stage.name)
+            else:
+                record = _run_stage(stage, run, prints[stage.name], forced, audience)
+                ran.append(stage.name)
+            run.records[stage.name] = record
+        summary = summarise(run.records, options)
+        if "fit" in run.records:
+            stages.write_weights(run)
+        write_json(place.summary_file, summary)
+    return Reconstruction(place, summary, tuple(ran))
+
+
+def status(
+    project: str | Path, options: Options | None = None, images: str | Path | None = None
+) -> list[StageState]:
+    """Where each stage of a project stands, without changing anything. Raises `ProjectError`."""
+    options = options or Options()
+    place = Project.at(Path(project), Path(images) if images else None)
+    prints = _fingerprints(place, options, discover(place.images), remember=False)
+    states: list[StageState] = []
+    stale_before = ""
+    for stage in ROAD:
+        record = place.read_record(stage.name)
+        if record is None:
+            why = "begun, not finished" if place.begun_file(stage.name).exists() else ""
+            states.append(StageState(stage.name, "to do", why, None))
+        elif record["fingerprint"] == prints[stage.name]:
+            states.append(StageState(stage.name, "done", "", record["seconds"]))
+        else:
+            why = _why_stale(record, stage, options, stale_before)
+            states.append(StageState(stage.name, "stale", why, record["seconds"]))
+        if states[-1].state != "done" and not stale_before:
+            stale_before = stage.name
+    return states
+
+
+def _why_stale(record: Record, stage: Stage, options: Options, before: str) -> str:
+    if record["options"] != _options_of(options, stage):
+        return "its options changed"
+    if record["versions"] != _versions_of(stage):
+        return "a library changed"
+    return f"{before} comes before it" if before else "the photographs changed"
+
+
+def _run_stage(stage: Stage, run: Run, fingerprint: str, forced: bool, audience: Audience) -> Record:
+    """Runs one stage and writes its record last; those after it are no longer true, and go first."""
+    project = run.project
+    for later in NAMES[NAMES.index(stage.name) + 1 :]:
+        project.drop_record(later)
+    if forced:
+        project.drop_record(stage.name)
+    run.resumed = project.begin(stage.name, fingerprint)
+    began = time.monotonic()
+    with audience.stage(stage.name) as watch:
+        result = stage.run(run, watch)
+    record = {
+        "stage": stage.name,
+        "fingerprint": fingerprint,
+        "options": _options_of(run.options, stage),
+        "versions": _versions_of(stage),
+        "seed": run.options.sparse.seed,
+        "seconds": round(time.monotonic() - began, 2),
+        "resumed": run.resumed,
+        **result,
+    }
+    project.write_record(stage.name, record)
+    for text in record.get("warnings", []):
+        audience.warn(text)
+    for name, reason in record.get("left_out", {}).items():
+        audience.warn(f"left out: {reason if name in reason else f'{name}: {reason}'}")
+    return record
+
+
+def _options_of(options: Options, stage: Stage) -> dict[str, Any]:
+    return {name: getattr(options, name).model_dump(mode="json") for name in stage.options}
+
+
+def _versions_of(stage: Stage) -> dict[str, str]:
+    return {"colmap-ihe": __version__, **stages.versions(*stage.libraries)}
+
+
+def _fingerprints(
+    project: Project, options: Options, discovery: Discovery, *, remember: bool
+) -> dict[str, str]:
+    """What the record of each stage would have to carry to be true now."""
+    digests = _digests(project, discovery, remember=remember)
+    shots = [[c.name, digests[c.name], list(c.paired), c.grey_stem] for c in discovery.captures]
+    before = fingerprint_of(shots)
+    prints: dict[str, str] = {}
+    for stage in ROAD:
+        chosen = _options_of(options, stage)
+        chosen.get("dense", {}).pop("enabled", None)
+        masks = _content_of(project.masks) if stage.name == "features" else []
+        before = fingerprint_of(stage.name, chosen, _versions_of(stage), masks, before)
+        prints[stage.name] = before
+    return prints
+
+
+def _content_of(folder: Path) -> list[list[str]]:
+    files = sorted(p for p in folder.rglob("*") if p.is_file()) if folder.is_dir() else []
+    return [[p.relative_to(folder).as_posix(), digest_file(p)] for p in files]
+
+
+def _digests(project: Project, discovery: Discovery, *, remember: bool) -> dict[str, str]:
+    """The content of every photograph as a digest, read again where size or time of the file have changed."""
+    known = read_json(project.digests_file) or {}
+    found: dict[str, list[Any]] = {}
+    for capture in discovery.captures:
+        try:
+            about = capture.path.stat()
+            key = [about.st_size, about.st_mtime_ns]
+            old = known.get(capture.name, [])
+            found[capture.name] = [*key, old[2] if old[:2] == key else digest_file(capture.path)]
+        except OSError as error:
+            found[capture.name] = [0, 0, f"unreadable: {error.strerror}"]
+    if remember:
+        write_json(project.digests_file, found)
+    return {name: values[2] for name, values in found.items()}
+
+
+def _refuse_foreign_folders(project: Project) -> None:
+    """A workspace that we did not make is somebody's work: it is not ours to write into."""
+    if project.records.is_dir():
+        return
+    for folder in (project.workspace, project.colour, project.report):
+        if folder.exists():
+            raise ProjectError(
+                f"{folder}: is there already and was not made by colmap-ihe",
+                hint="move it away, or use another project folder with --images",
+            )

@@ -1,0 +1,87 @@
+"""The summary of a run, from its records: for machines as plain values, for people as rows of a table."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from colmap_ihe.options import Options
+
+_NAMES = ("red", "green", "blue")
+
+
+def summarise(records: Mapping[str, Mapping[str, Any]], options: Options) -> dict[str, Any]:
+    """What report/summary.json holds; a value is None where its stage has not run.
+
+    `weights` are those of the kind of photograph (gamma-coded or linear) that most are of;
+    `weights_by_encoding` holds all.
+    """
+    by_encoding = records["fit"]["weights"] if "fit" in records else {}
+    main = max(by_encoding.values(), key=lambda w: int(w["images"]), default=None)
+    models = records["sparse"]["models"] if "sparse" in records else []
+    model = models[0] if models else {}
+    dense = records.get("dense", {})
+    left_out = {name: why for r in records.values() for name, why in r.get("left_out", {}).items()}
+    return {
+        "images": records["captures"]["images"] + len(records["captures"]["left_out"]),
+        "left_out": left_out,
+        "registered_images": model.get("registered_images"),
+        "unregistered": records["sparse"]["unregistered"] if "sparse" in records else None,
+        "models": [m["registered_images"] for m in models] or None,
+        "method": options.fit.method,
+        "weights": main["weights"] if main else None,
+        "score": main["score"] if main else None,
+        "tones": main["tones"] if main else None,
+        "weights_by_encoding": {e: w["weights"] for e, w in by_encoding.items()},
+        "cameras": records["features"]["cameras"] if "features" in records else None,
+        "with_focal_prior": records["features"]["with_focal_prior"] if "features" in records else None,
+        "features": records["features"]["features"] if "features" in records else None,
+        "matching": records["matches"]["strategy"] if "matches" in records else None,
+        "pairs_verified": records["matches"]["pairs_verified"] if "matches" in records else None,
+        "inlier_matches": records["matches"]["inliers"] if "matches" in records else None,
+        "points3D": model.get("points3d"),
+        "points_over_3_views": model.get("points_over_3_views"),
+        "mean_track_length": model.get("mean_track_length"),
+        "mean_reprojection_error_px": model.get("mean_reprojection_error_px"),
+        "dense_points": dense.get("points"),
+        "dense_backend": dense.get("backend"),
+        "dense_pixels_with_depth_percent": _percent(dense.get("pixels_with_depth"), dense.get("pixels")),
+        "stages": {name: record["seconds"] for name, record in records.items()},
+        "warnings": [text for record in records.values() for text in record["warnings"]],
+    }
+
+
+def summary_rows(summary: Mapping[str, Any]) -> list[tuple[str, str]]:
+    """The summary as a person reads it: a name and a value a row, nothing for what has not run."""
+    rows = [("photographs", _photographs(summary))]
+    if summary["weights"] is not None:
+        rows.append((f"grey ({summary['method']})", weights_in_words(summary["weights"])))
+    if summary["registered_images"] is not None:
+        rows += [
+            ("registered images", f"{summary['registered_images']} of {summary['images']}"),
+            ("points", f"{summary['points3D']:,}, {summary['points_over_3_views']:,} seen in more than 3 images"),
+            ("mean reprojection error", f"{summary['mean_reprojection_error_px']:.3f} px"),
+            ("mean track length", f"{summary['mean_track_length']:.2f} images"),
+        ]
+    if summary["dense_points"] is not None:
+        coverage = summary["dense_pixels_with_depth_percent"]
+        share = f", {coverage:.0f} % of the pixels have depth" if coverage is not None else ""
+        rows.append(("dense cloud", f"{summary['dense_points']:,} points ({summary['dense_backend']}{share})"))
+    if "truth" in summary:
+        rows += [(f"truth: {name.replace('_', ' ')}", f"{value:.4g}") for name, value in summary["truth"].items()]
+    total = sum(summary["stages"].values())
+    rows.append(("time", ", ".join(f"{n} {s:.0f} s" for n, s in summary["stages"].items()) + f": {total:.0f} s"))
+    return rows
+
+
+def weights_in_words(weights: list[float]) -> str:
+    return ", ".join(f"{100 * w:.0f} % {name}" for w, name in zip(weights, _NAMES, strict=True))
+
+
+def _photographs(summary: Mapping[str, Any]) -> str:
+    left_out = len(summary["left_out"])
+    return f"{summary['images']}" + (f", {left_out} left out" if left_out else "")
+
+
+def _percent(part: int | None, whole: int | None) -> float | None:
+    return 100 * part / whole if part is not None and whole else None

@@ -1,0 +1,269 @@
+"""The stages of the road, each one flat function from a run to what its record says.
+
+A stage reads what the stages before it left in the project and the run, writes its own files, and returns
+plain values. It knows nothing of records, resuming or the terminal: that is `pipeline`.
+"""
+
+from __future__ import annotations
+
+import shutil
+from collections import Counter
+from concurrent.futures import Executor
+from dataclasses import asdict, dataclass, field
+from importlib import metadata
+from typing import Any
+
+import cv2
+import rawpy
+import yaml
+
+from colmap_ihe.captures.discover import Capture, Discovery
+from colmap_ihe.colmap import dense as dense_stereo
+from colmap_ihe.colmap.features import extract_features
+from colmap_ihe.colmap.mapping import map_images
+from colmap_ihe.colmap.matching import forget_matches, match_features
+from colmap_ihe.colmap.native import pycolmap
+from colmap_ihe.colmap.workspace import database_is_sound, remove_database
+from colmap_ihe.errors import DiskFullError, MappingError
+from colmap_ihe.grey.weights import Weights
+from colmap_ihe.options import Options
+from colmap_ihe.preprocess import Fit, Surveyed, convert_captures, fit_captures, survey
+from colmap_ihe.progress import Watch
+from colmap_ihe.project import Project, write_bytes
+
+Record = dict[str, Any]
+
+
+@dataclass
+class Run:
+    """One run over a project: what it was given, and what its stages have found so far.
+
+    `records` holds the records of the stages before this one; `resumed` is True if this stage was begun
+    with the same fingerprint and not finished, so that its files may be kept.
+    """
+
+    project: Project
+    options: Options
+    discovery: Discovery
+    executor: Executor
+    records: dict[str, Record] = field(default_factory=dict)
+    resumed: bool = False
+    surveyed: list[Surveyed] = field(default_factory=list)
+
+    @property
+    def strict(self) -> bool:
+        return self.options.captures.strict
+
+    def captures(self) -> list[Capture]:
+        """The captures that every stage so far could use."""
+        out: set[str] = set()
+        for record in self.records.values():
+            out |= set(record.get("left_out", {}))
+        return [c for c in self.discovery.captures if c.name not in out]
+
+    def grey_names(self) -> list[str]:
+        return sorted(self.records["convert"]["grey"].values())
+
+
+def captures(run: Run, watch: Watch) -> Record:
+    run.surveyed, left_out = survey(run.discovery.captures, run.executor, watch, strict=run.strict)
+    sizes = Counter((s.metadata.make, s.metadata.model, s.width, s.height) for s in run.surveyed)
+    return {
+        "images": len(run.surveyed),
+        "raw": sum(s.capture.kind == "raw" for s in run.surveyed),
+        "paired": sum(bool(s.capture.paired) for s in run.surveyed),
+        "with_gps": sum(s.metadata.has_gps for s in run.surveyed),
+        "pixels": sum(s.width * s.height for s in run.surveyed),
+        "ignored": list(run.discovery.ignored),
+        "left_out": left_out,
+        "warnings": _odd_sizes(run.surveyed, sizes) + _exif_warnings(run.surveyed),
+    }
+
+
+def fit(run: Run, watch: Watch) -> Record:
+    found = fit_captures(run.captures(), run.options.fit, run.executor, watch, strict=run.strict)
+    warnings = []
+    if len(found.weights) > 1:
+        counts = " and ".join(f"{w.images} {encoding}" for encoding, w in found.weights.items())
+        warnings.append(
+            f"the set mixes {counts} photographs (RAW is linear, JPEG is coded): each kind has weights of its own,"
+            " and a colour is not the same grey in both; for one grey use one kind"
+        )
+    return {
+        "weights": {encoding: w.as_dict() for encoding, w in found.weights.items()},
+        "colour_white": found.colour_white,
+        "left_out": found.left_out,
+        "warnings": warnings,
+    }
+
+
+def convert(run: Run, watch: Watch) -> Record:
+    project = run.project
+    if not run.resumed:
+        shutil.rmtree(project.grey, ignore_errors=True)
+        shutil.rmtree(project.colour, ignore_errors=True)
+    _require_room(project, run.records["captures"]["pixels"] * 3)
+    captures_left = {c.name for c in run.captures()}
+    surveyed = run.surveyed or survey(run.captures(), run.executor, watch, strict=run.strict)[0]
+    grey, left_out = convert_captures(
+        [s for s in surveyed if s.capture.name in captures_left],
+        fit_of(run.records["fit"]),
+        run.options.convert,
+        project.grey,
+        project.colour,
+        run.executor,
+        watch,
+        strict=run.strict,
+        keep_finished=run.resumed,
+    )
+    return {"grey": grey, "left_out": left_out, "warnings": []}
+
+
+def features(run: Run, watch: Watch) -> Record:
+    project = run.project
+    if not run.resumed or not database_is_sound(project.database):
+        remove_database(project.database)
+    masks = project.masks if project.masks.is_dir() else None
+    names = run.grey_names()
+    counts = extract_features(
+        project.database, project.grey, names, masks, run.options.camera, run.options.features, watch
+    )
+    by_grey = {grey: name for name, grey in run.records["convert"]["grey"].items()}
+    left_out = {
+        by_grey[name]: "COLMAP did not take its grey image; with camera.mode single all need the same size"
+        for name in counts.missing
+    }
+    warnings = []
+    if counts.with_focal_prior < counts.images and run.options.camera.params is None:
+        warnings.append(
+            f"{counts.images - counts.with_focal_prior} of {counts.images} photographs do not say their focal"
+            " length: COLMAP guesses it; give camera.params if you know it"
+        )
+    return {**asdict(counts), "left_out": left_out, "warnings": warnings}
+
+
+def matches(run: Run, watch: Watch) -> Record:
+    project = run.project
+    if not run.resumed:
+        forget_matches(project.database)
+    counts = match_features(
+        project.database,
+        project.workspace,
+        run.options.matches,
+        run.records["features"]["images"],
+        run.records["captures"]["with_gps"],
+        watch,
+    )
+    return {**asdict(counts), "warnings": []}
+
+
+def sparse(run: Run, watch: Watch) -> Record:
+    images = run.records["features"]["images"]
+    models = map_images(
+        run.project.database, run.project.grey, run.project.sparse, run.options.sparse, images, watch
+    )
+    by_grey = {grey: name for name, grey in run.records["convert"]["grey"].items()}
+    missing = sorted(by_grey[n] for n in run.grey_names() if n not in models[0].image_names)
+    warnings = []
+    if len(models) > 1:
+        others = ", ".join(str(m.registered_images) for m in models[1:])
+        warnings.append(
+            f"the photographs fell into {len(models)} models; the largest, of {models[0].registered_images} images,"
+            f" goes on, the others ({others} images) are in workspace/sparse/1 and up: more photographs between"
+            " the parts would join them"
+        )
+    if missing:
+        shown = ", ".join(missing[:5]) + (" ..." if len(missing) > 5 else "")
+        warnings.append(f"{len(missing)} of {images} photographs have no place in the model: {shown}")
+    return {"models": [asdict(m) for m in models], "unregistered": missing, "warnings": warnings}
+
+
+def dense(run: Run, watch: Watch) -> Record:
+    project, options = run.project, run.options.dense
+    backend = dense_stereo.pick_backend(options.backend)
+    if not run.resumed:
+        shutil.rmtree(project.dense.parent, ignore_errors=True)
+    shutil.rmtree(project.dense / "images", ignore_errors=True)
+    shutil.rmtree(project.dense / "grey", ignore_errors=True)
+    registered = run.records["sparse"]["models"][0]["registered_images"]
+    if registered < 2:
+        raise MappingError(
+            "dense stereo needs two registered photographs, the model has one",
+            hint="look at the warnings of the sparse stage in records/sparse.json",
+        )
+    _require_room(project, registered * options.max_image_size**2 * 24)
+    dense_stereo.undistort(
+        project.sparse / "0",
+        project.grey,
+        project.colour,
+        project.dense,
+        max_image_size=options.max_image_size,
+        watch=watch,
+    )
+    record: Record = {"backend": backend, "warnings": []}
+    if backend == "sgm":
+        counts = dense_stereo.sgm_depth_maps(project.dense, executor=run.executor, watch=watch)
+        record |= {
+            "pixels": counts.pixels,
+            "pixels_with_depth": counts.pixels_with_depth,
+            "pairs_used": counts.pairs_used,
+            "pairs_left_out": counts.pairs_left_out,
+        }
+        if counts.empty:
+            record["warnings"].append(f"no depth could be found for {', '.join(sorted(counts.empty)[:5])}")
+    else:
+        dense_stereo.patchmatch_depth_maps(project.dense, watch=watch)
+    points = dense_stereo.fuse(project.dense, options=options.colmap, watch=watch)
+    return {**record, "points": points}
+
+
+def fit_of(record: Record) -> Fit:
+    """The fit that a record of the stage holds."""
+    weights = [Weights.from_dict(w, "records/fit.json") for w in record["weights"].values()]
+    return Fit({w.encoding: w for w in weights}, record["colour_white"])
+
+
+def versions(*modules: str) -> dict[str, str]:
+    """Versions of the libraries that a stage's result depends on."""
+    known = {
+        "pycolmap": pycolmap.__version__,
+        "opencv": cv2.__version__,
+        "rawpy": metadata.version("rawpy"),
+        "libraw": ".".join(map(str, rawpy.libraw_version)),
+    }
+    return {name: known[name] for name in modules}
+
+
+def write_weights(run: Run) -> None:
+    """report/weights.yaml, which `convert --weights` reads."""
+    main = fit_of(run.records["fit"]).main
+    text = yaml.safe_dump(main.as_dict(), sort_keys=False)
+    write_bytes(run.project.weights_file, text.encode())
+
+
+def _require_room(project: Project, needed: int) -> None:
+    free = shutil.disk_usage(project.root).free
+    if free < needed:
+        raise DiskFullError(
+            f"{project.root}: {free / 1e9:.1f} GB free on this disk, about {needed / 1e9:.1f} GB needed",
+            hint="make room; the same command goes on from here",
+        )
+
+
+def _odd_sizes(surveyed: list[Surveyed], sizes: Counter[tuple[str, str, int, int]]) -> list[str]:
+    """A lone size from a camera that else took another, upright or not, is usually a crop or an export."""
+    warnings = []
+    for one in surveyed:
+        key = (one.metadata.make, one.metadata.model, one.width, one.height)
+        usual = max((k for k in sizes if k[:2] == key[:2]), key=sizes.__getitem__)
+        if sizes[usual] >= 3 * sizes[key] and sorted(usual[2:]) != sorted(key[2:]) and one.metadata.model:
+            warnings.append(
+                f"{one.capture.name} is {one.width}x{one.height}, the others of this camera {usual[2]}x{usual[3]}:"
+                " it gets a camera of its own; use the uncropped original if there is one"
+            )
+    return warnings
+
+
+def _exif_warnings(surveyed: list[Surveyed]) -> list[str]:
+    broken = [f"{s.capture.name} ({s.metadata.problem})" for s in surveyed if s.metadata.problem]
+    return [f"EXIF could not be read in full: {', '.join(broken[:5])}"] if broken else []
