@@ -120,7 +120,7 @@ class _Bar:
 
     def _tell(self) -> None:
         percent = min(100, 100 * self._done // self._total)
-        if percent >= self._told + _PLAIN_EVERY:
+        if percent >= self._told + _PLAIN_EVERY or self._done == self._total:
             self._told = percent - percent % _PLAIN_EVERY
             self._bars._say(f"{self._name:>9}  {self._done} of {self._total} {self._unit}")
 

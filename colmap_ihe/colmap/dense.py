@@ -32,7 +32,7 @@ Backend = Literal["patchmatch", "sgm"]
 FUSION_MEMORY_GB = 4.0
 # Every pixel of our depth maps was confirmed by other photographs, so that two maps that agree are enough
 # (COLMAP asks for five). Within less than a pixel, so that the cloud keeps the images' resolution: COLMAP's
-# two pixels leave a third of the points. Depth and normals are checked as COLMAP does.
+# two pixels leave about half of the points. Depth and normals are checked as COLMAP does.
 FUSION_DEFAULTS: Mapping[str, Any] = {"min_num_pixels": 2, "max_reproj_error": 0.75}
 
 

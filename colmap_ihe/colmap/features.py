@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from colmap_ihe.colmap.native import apply_options, called, pycolmap
-from colmap_ihe.colmap.workspace import rows_in
+from colmap_ihe.colmap.workspace import counting_rows
 from colmap_ihe.errors import NativeError, OptionError
 from colmap_ihe.options import CameraOptions, FeaturesOptions
 from colmap_ihe.progress import Watch
@@ -50,22 +50,23 @@ def extract_features(
         extraction.max_image_size = options.max_image_size
     apply_options(extraction, options.colmap, "features.colmap")
     watch.start(len(names))
-    called(
-        pycolmap.extract_features,
-        database,
-        grey,
-        image_names=list(names),
-        camera_mode=_MODES[camera.mode],
-        reader_options=_reader_options(camera, masks),
-        extraction_options=extraction,
-        watch=watch,
-        progress=lambda: rows_in(database, "keypoints"),
-    )
+    with counting_rows(database, "keypoints") as rows:
+        called(
+            pycolmap.extract_features,
+            database,
+            grey,
+            image_names=list(names),
+            camera_mode=_MODES[camera.mode],
+            reader_options=_reader_options(camera, masks),
+            extraction_options=extraction,
+            watch=watch,
+            progress=rows,
+        )
     counts = count_features(database, names)
     if not counts.images:
         raise NativeError(
             "COLMAP took none of the grey images",
-            hint="records/colmap.log says why; with camera.mode single all images need the same size",
+            hint="records/colmap.log.* says why; with camera.mode single all images need the same size",
         )
     return counts
 

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from colmap_ihe.colmap.native import apply_options, called, pycolmap
-from colmap_ihe.colmap.workspace import rows_in
+from colmap_ihe.colmap.workspace import counting_rows
 from colmap_ihe.errors import MappingError
 from colmap_ihe.options import MatchesOptions
 from colmap_ihe.progress import Watch
@@ -59,15 +59,16 @@ def match_features(
         pairing.vocab_tree_path = tree
     apply_options(pairing, options.pairing, "matches.pairing")
     watch.start(pairs, "pairs")
-    called(
-        function,
-        database,
-        matching_options=matching,
-        pairing_options=pairing,
-        verification_options=verification,
-        watch=watch,
-        progress=lambda: min(pairs, rows_in(database, "two_view_geometries")),
-    )
+    with counting_rows(database, "two_view_geometries") as rows:
+        called(
+            function,
+            database,
+            matching_options=matching,
+            pairing_options=pairing,
+            verification_options=verification,
+            watch=watch,
+            progress=lambda: min(pairs, rows()),
+        )
     with pycolmap.Database.open(database) as opened:
         counts = MatchCounts(
             strategy,

@@ -24,6 +24,7 @@ __all__ = ["apply_options", "called", "logged_to", "pycolmap"]
 
 _T = TypeVar("_T")
 _POLL_SECONDS = 0.25
+_LOGS_KEPT = 4
 
 
 class _Mergeable(Protocol):
@@ -43,22 +44,25 @@ def apply_options(target: _Mergeable, values: Mapping[str, Any], place: str) -> 
 
 @contextmanager
 def logged_to(file: Path) -> Iterator[None]:
-    """COLMAP's own log goes to `file` for as long as this lasts, instead of to stderr."""
+    """COLMAP's own log goes beside `file` for as long as this lasts, instead of to stderr.
+
+    glog adds a date and the process to the name. The logs of the last few runs are kept.
+    """
     file.parent.mkdir(parents=True, exist_ok=True)
-    before = (pycolmap.logging.logtostderr, pycolmap.logging.alsologtostderr, pycolmap.logging.stderrthreshold)
-    for level in (pycolmap.logging.INFO, pycolmap.logging.WARNING, pycolmap.logging.ERROR):
-        pycolmap.logging.set_log_destination(level, str(file))
-    pycolmap.logging.logtostderr = False
-    pycolmap.logging.alsologtostderr = False
-    pycolmap.logging.stderrthreshold = int(pycolmap.logging.FATAL)
+    for old in sorted(file.parent.glob(f"{file.name}.*"))[:-_LOGS_KEPT]:
+        old.unlink(missing_ok=True)
+    log = pycolmap.logging
+    before = (log.logtostderr, log.alsologtostderr, log.stderrthreshold)
+    log.set_log_destination(log.INFO, f"{file}.")  # glog writes what is graver there too
+    for level in (log.WARNING, log.ERROR, log.FATAL):
+        log.set_log_destination(level, "")
+    log.logtostderr = False
+    log.alsologtostderr = False
+    log.stderrthreshold = int(log.FATAL)
     try:
         yield
     finally:
-        (
-            pycolmap.logging.logtostderr,
-            pycolmap.logging.alsologtostderr,
-            pycolmap.logging.stderrthreshold,
-        ) = before
+        log.logtostderr, log.alsologtostderr, log.stderrthreshold = before
 
 
 def called(
@@ -124,4 +128,4 @@ def _translated(error: BaseException) -> BaseException:
             f"COLMAP could not use its database: {text}",
             hint="check that the disk has room and allows locking; the same command goes on from here",
         )
-    return NativeError(f"COLMAP failed: {text}", hint="records/colmap.log in the project holds its own log")
+    return NativeError(f"COLMAP failed: {text}", hint="records/colmap.log.* in the project holds its own log")

@@ -1,10 +1,17 @@
-"""The COLMAP database of a project: kept only for the grey images it was made from."""
+"""The COLMAP database of a project: whether it can be trusted, and how far COLMAP is in writing it."""
 
 from __future__ import annotations
 
-import sqlite3
-from contextlib import closing
+import subprocess
+import sys
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
+
+from colmap_ihe.colmap import database_probe
+
+_PROBE = [sys.executable, "-I", str(database_probe.__file__)]
 
 
 def remove_database(path: Path) -> None:
@@ -15,17 +22,27 @@ def remove_database(path: Path) -> None:
 
 def database_is_sound(path: Path) -> bool:
     """Whether SQLite finds the file whole: after a kill it may be there and not be a database."""
-    try:
-        with closing(sqlite3.connect(path)) as connection:
-            return bool(connection.execute("PRAGMA quick_check").fetchone() == ("ok",))
-    except sqlite3.Error:
-        return False
+    return path.exists() and subprocess.run([*_PROBE, "check", path], check=False).returncode == 0
 
 
-def rows_in(path: Path, table: str) -> int:
-    """Rows of a table so far, 0 while there is none; for progress, while COLMAP is writing."""
+@contextmanager
+def counting_rows(path: Path, table: str) -> Iterator[Callable[[], int]]:
+    """While this lasts, the function it gives says how many rows `table` has had when last looked at."""
+    latest = [0]
+    probe = subprocess.Popen([*_PROBE, "count", path, table], stdout=subprocess.PIPE, text=True)
+    assert probe.stdout is not None
+    lines = probe.stdout
+
+    def listen() -> None:
+        for line in lines:
+            latest[0] = int(line)
+
+    listener = threading.Thread(target=listen, name="database probe", daemon=True)
+    listener.start()
     try:
-        with closing(sqlite3.connect(f"{path.absolute().as_uri()}?mode=ro", uri=True, timeout=0.1)) as connection:
-            return int(connection.execute(f"SELECT COUNT(*) FROM {table}").fetchone()[0])
-    except sqlite3.Error:
-        return 0
+        yield lambda: latest[0]
+    finally:
+        probe.kill()
+        probe.wait()
+        listener.join()
+        lines.close()

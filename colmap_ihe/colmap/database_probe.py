@@ -1,0 +1,51 @@
+"""Looks into a COLMAP database from a process of its own: `python database_probe.py check|count DATABASE [TABLE]`.
+
+Never in the process that runs COLMAP: two SQLite libraries in one process drop each other's file locks,
+which ends in a bus error (sqlite.org, "How to corrupt an SQLite database file", 2.2.1). Runs as a script,
+on the standard library alone.
+"""
+
+from __future__ import annotations
+
+import os
+import sqlite3
+import sys
+import time
+from contextlib import closing
+from pathlib import Path
+
+_EVERY_SECONDS = 0.5
+
+
+def is_sound(database: Path) -> bool:
+    """Whether SQLite finds the file whole."""
+    try:
+        with closing(sqlite3.connect(database)) as connection:
+            return bool(connection.execute("PRAGMA quick_check").fetchone() == ("ok",))
+    except sqlite3.Error:
+        return False
+
+
+def rows_in(database: Path, table: str) -> int:
+    """Rows of a table so far, 0 while there is none."""
+    try:
+        uri = f"{database.absolute().as_uri()}?mode=ro"
+        with closing(sqlite3.connect(uri, uri=True, timeout=0.1)) as connection:
+            return int(connection.execute(f'SELECT COUNT(*) FROM "{table}"').fetchone()[0])
+    except sqlite3.Error:
+        return 0
+
+
+def main() -> int:
+    mode, database = sys.argv[1], Path(sys.argv[2])
+    if mode == "check":
+        return 0 if is_sound(database) else 1
+    parent = os.getppid()
+    while os.getppid() == parent:
+        print(rows_in(database, sys.argv[3]), flush=True)
+        time.sleep(_EVERY_SECONDS)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
