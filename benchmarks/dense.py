@@ -1,7 +1,7 @@
 """Dense stereo on the CPU, measured: coverage, error at the sparse points, cloud, time, memory.
 
-    python benchmarks/dense.py /work/shared/data/fountain-p11 --scale 0.5
-    python benchmarks/dense.py /work/shared/data/sceaux --max-image-size 1600
+    python benchmarks/dense.py ../shared/data/fountain-p11 --scale 0.5
+    python benchmarks/dense.py ../shared/data/sceaux --max-image-size 1600
 
 Sparse reconstruction runs first, with the K.txt of the data set as the prior, and is not timed against the
 dense part: its core-seconds are the last row. "Error" is the median difference between depth map and sparse

@@ -70,7 +70,9 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--version", action="version", version=f"colmap-ihe {__version__}")
     subparsers = parser.add_subparsers(metavar="COMMAND", required=True)
 
-    def command(name: str, run: Callable[[argparse.Namespace, Bars], None], text: str) -> argparse.ArgumentParser:
+    def command(
+        name: str, run: Callable[[argparse.Namespace, Bars], None], text: str
+    ) -> argparse.ArgumentParser:
         added = subparsers.add_parser(name, help=text.split(". ")[0].rstrip("."), description=text)
         added.set_defaults(run=run)
         added.add_argument("--json", action="store_true", help="print the result as JSON, for machines")
@@ -114,7 +116,12 @@ def _add_demo(command: _Command) -> None:
         "folder", type=Path, nargs="?", default=Path("demo"), metavar="DIR", help="where to put it (demo)"
     )
     demo.add_argument(
-        "--set", action="append", default=[], metavar="STAGE.OPTION=VALUE", dest="assignments", help="change an option"
+        "--set",
+        action="append",
+        default=[],
+        metavar="STAGE.OPTION=VALUE",
+        dest="assignments",
+        help="change an option",
     )
 
 
@@ -142,7 +149,9 @@ def _add_fit(command: _Command) -> None:
     parser.add_argument("--method", choices=METHODS, default="ihe")
     parser.add_argument("--step", type=float, default=0.01, help="of the grid of weights (0.01)")
     parser.add_argument("--sample", type=float, default=1.0, help="of each side of a photograph (1)")
-    parser.add_argument("--weighting", choices=("pixel", "image"), default="pixel", help="what counts equally")
+    parser.add_argument(
+        "--weighting", choices=("pixel", "image"), default="pixel", help="what counts equally"
+    )
     parser.add_argument("--strict", action="store_true", help="stop at a photograph that cannot be used")
 
 
@@ -157,7 +166,9 @@ def _add_convert(command: _Command) -> None:
     parser.add_argument("out", type=Path, metavar="OUT", help="the folder for the grey images")
     chosen = parser.add_mutually_exclusive_group()
     chosen.add_argument("--method", choices=METHODS, default="ihe")
-    chosen.add_argument("--weights", type=Path, metavar="FILE", help="weights of another campaign, from fit -o")
+    chosen.add_argument(
+        "--weights", type=Path, metavar="FILE", help="weights of another campaign, from fit -o"
+    )
     parser.add_argument("--format", choices=tuple(SUFFIXES), default="png")
     parser.add_argument("--tone", choices=("sqrt", "linear"), default="sqrt", help="of RAW photographs")
     parser.add_argument("--strict", action="store_true", help="stop at a photograph that cannot be used")
@@ -207,7 +218,9 @@ def _convert(parsed: argparse.Namespace, bars: Bars) -> None:
     if parsed.json:
         _print_json(result)
     else:
-        print(f"{len(result['grey'])} grey images in {parsed.out}, {result['method']} weights {result['weights']}")
+        print(
+            f"{len(result['grey'])} grey images in {parsed.out}, {result['method']} weights {result['weights']}"
+        )
 
 
 def _status(parsed: argparse.Namespace, _bars: Bars) -> None:

@@ -59,7 +59,9 @@ def fit(parsed: argparse.Namespace, audience: Audience) -> dict[str, Any]:
     found = _fit(captures, options, audience, strict=parsed.strict)
     result = {**found.main.as_dict(), "left_out": found.left_out}
     if len(found.weights) > 1:
-        audience.warn("the set mixes RAW and gamma-coded photographs: these are the weights of the larger part")
+        audience.warn(
+            "the set mixes RAW and gamma-coded photographs: these are the weights of the larger part"
+        )
     if parsed.output:
         write_bytes(parsed.output, yaml.safe_dump(found.main.as_dict(), sort_keys=False).encode())
     return result
@@ -69,7 +71,9 @@ def convert(parsed: argparse.Namespace, audience: Audience) -> dict[str, Any]:
     """Grey images of one folder into another; those of an unfinished or earlier like run are kept."""
     images, out = parsed.images.absolute(), parsed.out.absolute()
     if out == images or out.is_relative_to(images) or images.is_relative_to(out):
-        raise ProjectError(f"{out}: lies in the folder of photographs or holds it", hint="use a folder of its own")
+        raise ProjectError(
+            f"{out}: lies in the folder of photographs or holds it", hint="use a folder of its own"
+        )
     captures = list(discover(images).captures)
     given = read_weights(parsed.weights) if parsed.weights else None
     options = ConvertOptions(tone=parsed.tone, format=parsed.format)

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import yaml
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
 
 from colmap_ihe.errors import OptionError, WeightsError
 from colmap_ihe.grey.weights import triplets
@@ -59,14 +59,22 @@ class ConvertOptions(_Section):
 class CameraOptions(_Section):
     mode: Literal["auto", "single", "per_folder", "per_image"] = "auto"
     """`auto` is COLMAP's grouping: one camera per make, model, focal length and size in EXIF."""
-    model: str = "SIMPLE_RADIAL"
+    model: str = "auto"
+    """COLMAP's camera model. `auto`: OPENCV where every camera took at least 8 of the photographs, which pins
+    its two more coefficients of distortion and its tangential ones down; else SIMPLE_RADIAL, as COLMAP."""
     params: tuple[float, ...] | None = None
-    """Known calibration in COLMAP's order for `model`, in pixels; taken as a prior for every camera."""
+    """Known calibration in COLMAP's order for `model`, in pixels; where every camera starts from."""
 
     @field_validator("params", mode="before")
     @classmethod
     def _tuple_of_list(cls, value: Any) -> Any:
         return tuple(float(v) for v in value) if isinstance(value, list) else value
+
+    @model_validator(mode="after")
+    def _params_of_a_model(self) -> CameraOptions:
+        if self.params is not None and self.model == "auto":
+            raise ValueError("camera.params needs camera.model, as SIMPLE_RADIAL for f, cx, cy, k")
+        return self
 
 
 class FeaturesOptions(_Section):
@@ -154,7 +162,9 @@ def _assign(values: dict[str, Any], assignment: str) -> None:
     name, equals, text = assignment.partition("=")
     stage, dot, option = name.strip().partition(".")
     if not equals or not dot or not stage or not option:
-        raise OptionError(f"--set {assignment}: wanted stage.option=value", hint="as in --set dense.backend=sgm")
+        raise OptionError(
+            f"--set {assignment}: wanted stage.option=value", hint="as in --set dense.backend=sgm"
+        )
     try:
         value = yaml.safe_load(text)
     except yaml.YAMLError as error:
@@ -189,5 +199,3 @@ def _known(location: tuple[int | str, ...]) -> str:
     if len(location) == 1 or section is None:
         return ", ".join(Options.model_fields)
     return ", ".join(type(section.default).model_fields)
-
-

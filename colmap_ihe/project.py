@@ -1,7 +1,7 @@
 """The project folder: every path in it, atomic writes, stage records. No other module builds such a path.
 
-    images/ masks/ calibration/ project.yaml      the user's, never written to
-    workspace/ colour/ report/ records/           ours
+images/ masks/ calibration/ project.yaml      the user's, never written to
+workspace/ colour/ report/ records/           ours
 """
 
 from __future__ import annotations

@@ -73,6 +73,7 @@ def captures(run: Run, watch: Watch) -> Record:
         "raw": sum(s.capture.kind == "raw" for s in run.surveyed),
         "paired": sum(bool(s.capture.paired) for s in run.surveyed),
         "with_gps": sum(s.metadata.has_gps for s in run.surveyed),
+        "shared_by": _shared_by(run.surveyed),
         "pixels": sum(s.width * s.height for s in run.surveyed),
         "ignored": list(run.discovery.ignored),
         "left_out": left_out,
@@ -126,7 +127,14 @@ def features(run: Run, watch: Watch) -> Record:
     masks = project.masks if project.masks.is_dir() else None
     names = run.grey_names()
     counts = extract_features(
-        project.database, project.grey, names, masks, run.options.camera, run.options.features, watch
+        project.database,
+        project.grey,
+        names,
+        masks,
+        run.options.camera,
+        run.options.features,
+        run.records["captures"]["shared_by"],
+        watch,
     )
     by_grey = {grey: name for name, grey in run.records["convert"]["grey"].items()}
     left_out = {
@@ -248,6 +256,15 @@ def _require_room(project: Project, needed: int) -> None:
             f"{project.root}: {free / 1e9:.1f} GB free on this disk, about {needed / 1e9:.1f} GB needed",
             hint="make room; the same command goes on from here",
         )
+
+
+def _shared_by(surveyed: list[Surveyed]) -> int:
+    """The least number of photographs that one camera took, as COLMAP tells cameras apart by EXIF."""
+    groups = Counter(
+        (s.metadata.make, s.metadata.model, s.metadata.focal_mm, s.width, s.height) for s in surveyed
+    )
+    known = all(s.metadata.model and s.metadata.focal_mm for s in surveyed)
+    return min(groups.values()) if known else 1
 
 
 def _odd_sizes(surveyed: list[Surveyed], sizes: Counter[tuple[str, str, int, int]]) -> list[str]:

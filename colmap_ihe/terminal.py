@@ -25,6 +25,7 @@ from colmap_ihe.errors import Cancelled
 from colmap_ihe.progress import Watch
 from colmap_ihe.report.summary import summary_rows
 
+_PIPE_WIDTH = 400
 _PLAIN_EVERY = 10
 """Percent between two lines where stderr is no terminal."""
 
@@ -127,8 +128,12 @@ class _Bar:
 
 def print_table(title: str, rows: Sequence[Sequence[str]], columns: Sequence[str] = ()) -> None:
     """A table on stdout: lines of words where stdout is no terminal, so that it can be piped."""
-    console = Console(highlight=False, soft_wrap=True)
-    table = Table(title=title or None, title_justify="left", box=None, show_header=bool(columns), pad_edge=False)
+    console = Console(highlight=False)
+    if not console.is_terminal:
+        console.width = _PIPE_WIDTH
+    table = Table(
+        title=title or None, title_justify="left", box=None, show_header=bool(columns), pad_edge=False
+    )
     for number in range(max(len(row) for row in rows)):
         table.add_column(columns[number] if columns else "", overflow="fold")
     for row in rows:

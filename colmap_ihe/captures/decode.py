@@ -121,5 +121,6 @@ def _unreadable(capture: Capture, error: BaseException) -> PhotographError:
     else:
         reason = str(error) or type(error).__name__
     return PhotographError(
-        f"{capture.name}: cannot be read ({reason})", hint="copy it from the card again, or take it out of the folder"
+        f"{capture.name}: cannot be read ({reason})",
+        hint="copy it from the card again, or take it out of the folder",
     )

@@ -139,7 +139,9 @@ def build_exif(image: Mapping[int, Any], exif: Mapping[int, Any], gps: Mapping[i
     """A TIFF structure of three directories; a tag that cannot be written is left out. Empty if all are."""
     target = Image.Exif()
     for directory, tags in ((None, image), (EXIF_IFD, exif), (GPS_IFD, gps)):
-        kept = {t: v for t, v in tags.items() if t not in (_MAKER_NOTE, _INTEROPERABILITY) and _writable(t, v)}
+        kept = {
+            t: v for t, v in tags.items() if t not in (_MAKER_NOTE, _INTEROPERABILITY) and _writable(t, v)
+        }
         if directory is None:
             target.update(kept)
         elif kept:
@@ -196,5 +198,3 @@ def _number(value: Any) -> float:
     except (TypeError, ValueError, ZeroDivisionError):
         return 0.0
     return number if 0 < number < 1e6 else 0.0
-
-

@@ -20,12 +20,17 @@ _MODES = {
 }
 
 
+SHARED_BY = 8
+"""Photographs by one camera from which on `camera.model: auto` is OPENCV. Measured in benchmarks/sets.md."""
+
+
 @dataclass(frozen=True)
 class FeatureCounts:
     """What is in the database afterwards; `missing` are grey images that COLMAP did not take."""
 
     images: int
     cameras: int
+    camera_model: str
     with_focal_prior: int
     features: int
     missing: tuple[str, ...]
@@ -38,17 +43,19 @@ def extract_features(
     masks: Path | None,
     camera: CameraOptions,
     options: FeaturesOptions,
+    shared_by: int,
     watch: Watch,
 ) -> FeatureCounts:
     """SIFT features of the named images below `grey`, those that are in the database already left alone.
 
-    Names are given one by one: COLMAP would else read whatever lies in the folder, RAW thumbnails
+    `shared_by` is the least number of photographs that one camera took. Names are given one by one: COLMAP would else read whatever lies in the folder, RAW thumbnails
     included. Raises `OptionError`, `NativeError`, `Cancelled`.
     """
     extraction = pycolmap.FeatureExtractionOptions()
     if options.max_image_size is not None:
         extraction.max_image_size = options.max_image_size
     apply_options(extraction, options.colmap, "features.colmap")
+    model = choose_model(camera, len(names), shared_by)
     watch.start(len(names))
     with counting_rows(database, "keypoints") as rows:
         called(
@@ -57,7 +64,7 @@ def extract_features(
             grey,
             image_names=list(names),
             camera_mode=_MODES[camera.mode],
-            reader_options=_reader_options(camera, masks),
+            reader_options=_reader_options(model, camera.params, masks),
             extraction_options=extraction,
             watch=watch,
             progress=rows,
@@ -80,23 +87,34 @@ def count_features(database: Path, names: Sequence[str]) -> FeatureCounts:
     return FeatureCounts(
         images=len(images),
         cameras=len(cameras),
+        camera_model=min((c.model.name for c in cameras.values()), default=""),
         with_focal_prior=sum(cameras[i.camera_id].has_prior_focal_length for i in images),
         features=features,
         missing=tuple(sorted(set(names) - present)),
     )
 
 
-def _reader_options(camera: CameraOptions, masks: Path | None) -> pycolmap.ImageReaderOptions:
+def choose_model(camera: CameraOptions, images: int, shared_by: int) -> str:
+    """The camera model for `auto`; another is used as it is."""
+    if camera.model != "auto":
+        return camera.model
+    shared = {"auto": shared_by, "single": images}.get(camera.mode, 1)
+    return "OPENCV" if shared >= SHARED_BY else "SIMPLE_RADIAL"
+
+
+def _reader_options(
+    model: str, params: tuple[float, ...] | None, masks: Path | None
+) -> pycolmap.ImageReaderOptions:
     reader = pycolmap.ImageReaderOptions()
     known = [m for m in pycolmap.CameraModelId.__members__ if m != "INVALID"]
-    if camera.model not in known:
-        raise OptionError(f"camera.model: unknown model {camera.model!r}", hint=f"COLMAP knows {', '.join(known)}")
-    reader.camera_model = camera.model
-    if camera.params is not None:
-        wanted = len(pycolmap.Camera.create_from_model_name(1, camera.model, 1.0, 1, 1).params)
-        if len(camera.params) != wanted:
-            raise OptionError(f"camera.params: {len(camera.params)} numbers, {camera.model} has {wanted}")
-        reader.camera_params = ", ".join(repr(p) for p in camera.params)
+    if model not in known:
+        raise OptionError(f"camera.model: unknown model {model!r}", hint=f"COLMAP knows {', '.join(known)}")
+    reader.camera_model = model
+    if params is not None:
+        wanted = len(pycolmap.Camera.create_from_model_name(1, model, 1.0, 1, 1).params)
+        if len(params) != wanted:
+            raise OptionError(f"camera.params: {len(params)} numbers, {model} has {wanted}")
+        reader.camera_params = ", ".join(repr(p) for p in params)
     if masks is not None:
         reader.mask_path = masks
     return reader

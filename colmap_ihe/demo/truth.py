@@ -16,9 +16,7 @@ def add_truth(done: Reconstruction, truth_folder: Path) -> Reconstruction:
     """The same with `truth` in its summary, in memory and in report/summary.json."""
     truth = read_truth(truth_folder)
     model = pycolmap.Reconstruction(done.sparse_model)
-    poses = {
-        model.images[i].name: model.images[i].cam_from_world().matrix() for i in model.reg_image_ids()
-    }
+    poses = {model.images[i].name: model.images[i].cam_from_world().matrix() for i in model.reg_image_ids()}
     errors = pose_errors(poses, truth)
     depth = None
     if done.summary["dense_points"] is not None:

@@ -84,7 +84,9 @@ class Histogram:
 
     def __add__(self, other: Histogram) -> Histogram:
         if self.encoding != other.encoding:
-            raise ValueError(f"{self.encoding=} and {other.encoding=} do not add: their values differ in kind")
+            raise ValueError(
+                f"{self.encoding=} and {other.encoding=} do not add: their values differ in kind"
+            )
         total = Histogram(self.encoding)
         total.counts = self.counts + other.counts
         total.images = self.images + other.images

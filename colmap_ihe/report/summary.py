@@ -59,18 +59,27 @@ def summary_rows(summary: Mapping[str, Any]) -> list[tuple[str, str]]:
     if summary["registered_images"] is not None:
         rows += [
             ("registered images", f"{summary['registered_images']} of {summary['images']}"),
-            ("points", f"{summary['points3D']:,}, {summary['points_over_3_views']:,} seen in more than 3 images"),
+            (
+                "points",
+                f"{summary['points3D']:,}, {summary['points_over_3_views']:,} seen in more than 3 images",
+            ),
             ("mean reprojection error", f"{summary['mean_reprojection_error_px']:.3f} px"),
             ("mean track length", f"{summary['mean_track_length']:.2f} images"),
         ]
     if summary["dense_points"] is not None:
         coverage = summary["dense_pixels_with_depth_percent"]
         share = f", {coverage:.0f} % of the pixels have depth" if coverage is not None else ""
-        rows.append(("dense cloud", f"{summary['dense_points']:,} points ({summary['dense_backend']}{share})"))
+        rows.append(
+            ("dense cloud", f"{summary['dense_points']:,} points ({summary['dense_backend']}{share})")
+        )
     if "truth" in summary:
-        rows += [(f"truth: {name.replace('_', ' ')}", f"{value:.4g}") for name, value in summary["truth"].items()]
+        rows += [
+            (f"truth: {name.replace('_', ' ')}", f"{value:.4g}") for name, value in summary["truth"].items()
+        ]
     total = sum(summary["stages"].values())
-    rows.append(("time", ", ".join(f"{n} {s:.0f} s" for n, s in summary["stages"].items()) + f": {total:.0f} s"))
+    rows.append(
+        ("time", ", ".join(f"{n} {s:.0f} s" for n, s in summary["stages"].items()) + f": {total:.0f} s")
+    )
     return rows
 
 

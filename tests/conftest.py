@@ -1,0 +1,92 @@
+"""What several rooms' tests share: a small demo with known truth, and what the road makes of it.
+
+Rendering and reconstructing happen once a session; tests get copies, which they may spoil.
+"""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+from hypothesis import settings
+
+import colmap_ihe  # noqa: F401  before pycolmap
+from colmap_ihe.demo.folder import render_demo
+from colmap_ihe.options import Options, load_options
+from colmap_ihe.pipeline import reconstruct
+
+settings.register_profile("house", deadline=None, derandomize=True, database=None)
+settings.load_profile("house")
+
+DEMO_VIEWS, DEMO_SIZE = 8, (480, 320)
+QUICK = ("fit.step=0.1", "features.colmap.sift.max_num_features=1500")
+"""Options with which the small demo still registers all its views, in a third of the time."""
+
+PHOTOGRAPHS = Path(__file__).parents[1] / "../shared/data"
+
+
+@pytest.fixture(scope="session")
+def photographs() -> Path:
+    """The folder of real photographs; skips where it is missing."""
+    if not PHOTOGRAPHS.is_dir():
+        pytest.skip(f"the real photographs are not here: no folder {PHOTOGRAPHS}")
+    return PHOTOGRAPHS.resolve()
+
+
+@pytest.fixture(scope="session")
+def small_demo(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Eight views of the portico, each as RAW and JPEG; not to be written to."""
+    folder = tmp_path_factory.mktemp("small-demo")
+    render_demo(folder, views=DEMO_VIEWS, size=DEMO_SIZE)
+    return folder
+
+
+@pytest.fixture(scope="session")
+def quick_options() -> Callable[..., Options]:
+    """Options that are quick on the small demo, with further `stage.option=value` over them."""
+
+    def make(*assignments: str) -> Options:
+        return load_options(None, [*QUICK, *assignments])
+
+    return make
+
+
+@pytest.fixture
+def new_project(small_demo: Path, tmp_path: Path) -> Callable[..., Path]:
+    """`new_project(views=8, suffixes=(".jpg",), name="project")`: a project that nothing was run on."""
+
+    def make(views: int = DEMO_VIEWS, suffixes: tuple[str, ...] = (".jpg",), name: str = "project") -> Path:
+        project = tmp_path / name
+        (project / "images").mkdir(parents=True)
+        for number in range(1, views + 1):
+            for suffix in suffixes:
+                file = f"portico_{number:02}{suffix}"
+                shutil.copy2(small_demo / "images" / file, project / "images" / file)
+        return project
+
+    return make
+
+
+@pytest.fixture(scope="session")
+def _finished(small_demo: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, Any]]:
+    project = tmp_path_factory.mktemp("finished") / "project"
+    (project / "images").mkdir(parents=True)
+    for jpeg in sorted((small_demo / "images").glob("*.jpg")):
+        shutil.copy2(jpeg, project / "images" / jpeg.name)
+    done = reconstruct(project, load_options(None, QUICK))
+    return project, dict(done.summary)
+
+
+@pytest.fixture
+def finished(_finished: tuple[Path, dict[str, Any]], tmp_path: Path) -> Path:
+    """A copy of a project that was reconstructed with `quick_options()`, dense cloud and all."""
+    return Path(shutil.copytree(_finished[0], tmp_path / "finished"))
+
+
+@pytest.fixture
+def finished_summary(_finished: tuple[Path, dict[str, Any]]) -> dict[str, Any]:
+    """What the run that made `finished` returned."""
+    return _finished[1]

@@ -1,0 +1,130 @@
+"""The histogram: counting is exact, adding is pooling, and neither order nor grouping shows."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+from oracle import scene
+
+from colmap_ihe.grey.histogram import LINEAR_EDGES, Histogram
+from colmap_ihe.grey.ihe import fit_histogram
+from colmap_ihe.grey.weights import Encoding
+
+
+def counted(images: list[NDArray[Any]], encoding: Encoding = "coded", weighting: str = "pixel") -> Histogram:
+    histogram = Histogram(encoding)
+    for image in images:
+        histogram.add(image, weighting=weighting)
+    return histogram
+
+
+def same(first: Histogram, second: Histogram) -> bool:
+    return (
+        bool(np.array_equal(first.counts, second.counts))
+        and (first.images, first.pixels) == (second.images, second.pixels)
+        and first.encoding == second.encoding
+    )
+
+
+def test_coded_colours_are_counted_exactly() -> None:
+    image = scene(1, 90, 70)
+    colours, counts = np.unique(image.reshape(-1, 3), axis=0, return_counts=True)
+    cells = counted([image]).cells()
+    np.testing.assert_array_equal(cells.low, colours)
+    np.testing.assert_array_equal(cells.high, colours)
+    np.testing.assert_array_equal(cells.mass, counts)
+
+
+def test_linear_values_lie_in_the_cell_that_counts_them() -> None:
+    rng = np.random.default_rng(2)
+    image = (65535 * rng.random((60, 80, 3)) ** 3).astype(np.uint16)
+    image[0, :3] = [[0, 0, 0], [65535, 65535, 65535], [0, 65535, 1]]
+    cells = counted([image], "linear").cells()
+    assert cells.mass.sum() == 60 * 80
+    assert (cells.low <= cells.high).all()
+    assert cells.low.min() == 0
+    assert cells.high.max() == 65535
+    flat = image.reshape(-1, 3)
+    for low, high, mass in list(zip(cells.low, cells.high, cells.mass, strict=True))[::97]:
+        assert ((flat >= low) & (flat <= high)).all(axis=1).sum() == mass
+
+
+def test_linear_cells_cover_all_values_once_and_widen_with_the_square_root() -> None:
+    assert LINEAR_EDGES[0] == 0
+    assert LINEAR_EDGES[-1] == 65536
+    widths = np.diff(LINEAR_EDGES)
+    assert widths.min() >= 1
+    middles = (LINEAR_EDGES[1:] + LINEAR_EDGES[:-1]) / 2
+    # d(sqrt v) = dv / (2 sqrt v): a width of 2 sqrt(65535) / 256 times sqrt(v), to one value of rounding.
+    np.testing.assert_allclose(widths[1:], 2 * np.sqrt(middles[1:]), atol=1.5)
+
+
+@pytest.mark.parametrize("encoding", ["coded", "linear"])
+@given(order=st.permutations(range(5)), cut=st.integers(0, 5), weighting=st.sampled_from(["pixel", "image"]))
+def test_order_and_grouping_change_nothing(
+    encoding: Encoding, order: list[int], cut: int, weighting: str
+) -> None:
+    images: list[NDArray[Any]] = [scene(n, 8 + 2 * n, 16 + n) for n in range(5)]
+    if encoding == "linear":
+        images = [image.astype(np.uint16) * 257 for image in images]
+    whole = counted(images, encoding, weighting)
+    shuffled = [images[n] for n in order]
+    parts = counted(shuffled[:cut], encoding, weighting) + counted(shuffled[cut:], encoding, weighting)
+    assert same(whole, parts)
+    assert whole.images == 5
+    assert whole.pixels == sum(i.shape[0] * i.shape[1] for i in images)
+
+
+@given(st.permutations(range(4)), st.integers(1, 3))
+def test_the_same_weights_whatever_the_order_or_grouping(order: list[int], cut: int) -> None:
+    images = [scene(n, 40, 30 + n) for n in range(4)]
+    shuffled = [images[n] for n in order]
+    parts = counted(shuffled[cut:]) + counted(shuffled[:cut])
+    assert fit_histogram(parts, 0.1) == fit_histogram(counted(images), 0.1)
+
+
+def test_adding_leaves_both_parts_as_they_were() -> None:
+    first, second = counted([scene(1, 20, 20)]), counted([scene(2, 20, 20)])
+    before = first.counts.copy()
+    total = first + second
+    total.add(scene(3, 20, 20))
+    np.testing.assert_array_equal(first.counts, before)
+    assert (first.images, second.images, total.images) == (1, 1, 3)
+
+
+def test_every_image_has_the_same_mass_under_weighting_image() -> None:
+    small, large = np.zeros((10, 12, 3), np.uint8), np.full((300, 400, 3), 200, np.uint8)
+    _, masses = np.unique(counted([small, large], weighting="image").counts, return_counts=True)
+    assert masses.tolist() == [256**3 - 2, 1, 1]
+    mass = counted([small, large], weighting="image").cells().mass
+    assert abs(mass[0] / mass[1] - 1) < 1e-4
+    plain = counted([small, large]).cells().mass
+    assert plain.tolist() == [120, 120_000]
+
+
+@pytest.mark.parametrize(
+    ("encoding", "image"),
+    [
+        ("coded", np.zeros((4, 4), np.uint8)),
+        ("coded", np.zeros((4, 4, 4), np.uint8)),
+        ("coded", np.zeros((4, 4, 3), np.uint16)),
+        ("coded", np.zeros((4, 4, 3), np.float32)),
+        ("coded", np.zeros((0, 4, 3), np.uint8)),
+        ("linear", np.zeros((4, 4, 3), np.uint8)),
+    ],
+)
+def test_another_shape_or_dtype_is_refused_with_what_came(encoding: Encoding, image: NDArray[Any]) -> None:
+    histogram = Histogram(encoding)
+    with pytest.raises(ValueError, match=r"rgb\.shape=.*expected \(H, W, 3\)"):
+        histogram.add(image)
+    assert histogram.pixels == histogram.images == histogram.counts.sum() == 0
+
+
+def test_coded_and_linear_do_not_add() -> None:
+    with pytest.raises(ValueError, match="do not add"):
+        Histogram("coded") + Histogram("linear")
