@@ -34,14 +34,17 @@ def grid(step_hundredths: int) -> list[Triplet]:
 
 def coded_levels(rgb: NDArray[Any], triplet: Triplet) -> NDArray[np.int64]:
     """Nearest whole grey, halves up."""
-    grey = rgb.astype(np.int64) @ np.array(triplet)
-    return np.asarray((grey + 50) // 100)
+    return np.asarray((weighed(rgb, triplet) + 50) // 100)
 
 
 def linear_levels(rgb: NDArray[Any], triplet: Triplet, white: int) -> NDArray[np.int64]:
     """256 even levels up to `white`, in units of hundredths of a 16-bit value; the last holds all above."""
-    grey = rgb.astype(np.int64) @ np.array(triplet)
-    return np.asarray(np.minimum(255, grey * 256 // white))
+    return np.asarray(np.minimum(255, weighed(rgb, triplet) * 256 // white))
+
+
+def weighed(rgb: NDArray[Any], triplet: Triplet) -> NDArray[np.int64]:
+    red, green, blue = (rgb[..., channel].astype(np.int64) * triplet[channel] for channel in range(3))
+    return np.asarray(red + green + blue)
 
 
 def fit(

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 from oracle import scene
@@ -65,6 +65,7 @@ def test_linear_cells_cover_all_values_once_and_widen_with_the_square_root() -> 
 
 
 @pytest.mark.parametrize("encoding", ["coded", "linear"])
+@settings(max_examples=12)  # each histogram is 128 MB
 @given(order=st.permutations(range(5)), cut=st.integers(0, 5), weighting=st.sampled_from(["pixel", "image"]))
 def test_order_and_grouping_change_nothing(
     encoding: Encoding, order: list[int], cut: int, weighting: str
@@ -80,6 +81,7 @@ def test_order_and_grouping_change_nothing(
     assert whole.pixels == sum(i.shape[0] * i.shape[1] for i in images)
 
 
+@settings(max_examples=10)
 @given(st.permutations(range(4)), st.integers(1, 3))
 def test_the_same_weights_whatever_the_order_or_grouping(order: list[int], cut: int) -> None:
     images = [scene(n, 40, 30 + n) for n in range(4)]
