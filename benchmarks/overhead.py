@@ -13,7 +13,6 @@ import argparse
 import shutil
 import tempfile
 import time
-from collections.abc import Callable
 from pathlib import Path
 
 from colmap_ihe.colmap.native import logged_to, pycolmap
@@ -36,14 +35,10 @@ def bare(grey: Path, work: Path, model: str) -> None:
     pycolmap.incremental_mapping(database, grey, work / "sparse")
 
 
-def seconds(work: Callable[[], object]) -> float:
-    began = time.monotonic()
-    work()
-    return time.monotonic() - began
-
-
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("photographs", type=Path, nargs="?", default=SCEAUX)
     parser.add_argument("--rounds", type=int, default=2)
     parsed = parser.parse_args()
@@ -53,19 +48,28 @@ def main() -> None:
         project = Path(temporary) / "project"
         for number in range(parsed.rounds):
             shutil.rmtree(project, ignore_errors=True)
-            whole.append(seconds(lambda: reconstruct(project, options, images=parsed.photographs)))
+            began = time.monotonic()
             done = reconstruct(project, options, images=parsed.photographs)
+            whole.append(time.monotonic() - began)
             stages = done.summary["stages"]
             colmap_part.append(sum(stages[name] for name in ("features", "matches", "sparse")))
             model = next(iter(pycolmap.Reconstruction(done.sparse_model).cameras.values())).model.name
             with logged_to(Path(temporary) / "bare.log"):
-                bare_times.append(seconds(lambda: bare(done.project.grey, Path(temporary) / "bare", model)))
-            print(f"round {number + 1}: reconstruct {whole[-1]:.1f} s, bare {bare_times[-1]:.1f} s", flush=True)
+                began = time.monotonic()
+                bare(done.project.grey, Path(temporary) / "bare", model)
+                bare_times.append(time.monotonic() - began)
+            print(
+                f"round {number + 1}: reconstruct {whole[-1]:.1f} s, bare {bare_times[-1]:.1f} s", flush=True
+            )
     least = min(bare_times)
     rows = [
         ("bare pycolmap", f"{least:.1f}", "1"),
         ("reconstruct --no-dense, all of it", f"{min(whole):.1f}", f"{min(whole) / least:.3f}"),
-        ("its features, matches and sparse stages", f"{min(colmap_part):.1f}", f"{min(colmap_part) / least:.3f}"),
+        (
+            "its features, matches and sparse stages",
+            f"{min(colmap_part):.1f}",
+            f"{min(colmap_part) / least:.3f}",
+        ),
     ]
     print_table("", rows, ("", "s", "ratio"))
 

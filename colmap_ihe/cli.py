@@ -17,7 +17,9 @@ from colmap_ihe import commands
 from colmap_ihe.captures.encode import SUFFIXES
 from colmap_ihe.errors import Cancelled, KnownError
 from colmap_ihe.grey.weights import FIXED
+from colmap_ihe.options import ConvertOptions, FitOptions, load_options
 from colmap_ihe.pipeline import NAMES, reconstruct, status
+from colmap_ihe.report.summary import weights_in_words
 from colmap_ihe.terminal import Bars, print_summary, print_table
 from colmap_ihe.version import __version__
 
@@ -205,21 +207,41 @@ def _demo(parsed: argparse.Namespace, bars: Bars) -> None:
 
 
 def _fit(parsed: argparse.Namespace, bars: Bars) -> None:
-    result = commands.fit(parsed, bars)
+    names = ("method", "step", "sample", "weighting")
+    options = load_options(None, [f"fit.{name}={getattr(parsed, name)}" for name in names]).fit
+    weights, left_out = commands.fit_files(
+        parsed.images, options, output=parsed.output, strict=parsed.strict, audience=bars
+    )
+    result = {**weights.as_dict(), "left_out": left_out}
     if parsed.json:
         _print_json(result)
         return
-    rows = [(name, ", ".join(map(str, v)) if isinstance(v, list) else str(v)) for name, v in result.items()]
-    print_table("", rows)
+    for reason in left_out.values():
+        bars.warn(f"left out: {reason}")
+    print_table(
+        "",
+        [
+            (name, ", ".join(map(str, v)) if isinstance(v, list) else str(v))
+            for name, v in weights.as_dict().items()
+        ],
+    )
 
 
 def _convert(parsed: argparse.Namespace, bars: Bars) -> None:
-    result = commands.convert(parsed, bars)
+    weights, grey, left_out = commands.convert_folder(
+        parsed.images,
+        parsed.out,
+        fit=FitOptions(method=parsed.method),
+        weights=commands.read_weights(parsed.weights) if parsed.weights else None,
+        options=ConvertOptions(tone=parsed.tone, format=parsed.format),
+        strict=parsed.strict,
+        audience=bars,
+    )
     if parsed.json:
-        _print_json(result)
+        _print_json({**weights.as_dict(), "grey": grey, "left_out": left_out})
     else:
         print(
-            f"{len(result['grey'])} grey images in {parsed.out}, {result['method']} weights {result['weights']}"
+            f"{len(grey)} grey images in {parsed.out} ({weights.method}: {weights_in_words(weights.triplet)})"
         )
 
 

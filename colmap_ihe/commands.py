@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import argparse
 import os
 import platform
 import shutil
+from collections.abc import Sequence
 from importlib import metadata
 from pathlib import Path
 from typing import Any
@@ -23,7 +23,7 @@ from colmap_ihe.grey.weights import Weights
 from colmap_ihe.options import ConvertOptions, FitOptions, Options, load_options
 from colmap_ihe.pipeline import Reconstruction, reconstruct
 from colmap_ihe.preprocess import Fit, LeftOut, convert_captures, fit_captures, survey
-from colmap_ihe.progress import Audience
+from colmap_ihe.progress import SILENT, Audience
 from colmap_ihe.project import digest_file, fingerprint_of, read_json, write_bytes, write_json
 from colmap_ihe.version import __version__
 
@@ -42,63 +42,71 @@ def demo(folder: Path, assignments: list[str], audience: Audience) -> Reconstruc
     return add_truth(reconstruct(folder, options, audience=audience), folder / "truth")
 
 
-def fit(parsed: argparse.Namespace, audience: Audience) -> dict[str, Any]:
-    """The weights of a set of folders and files; writes them where asked."""
-    if parsed.output and parsed.output.suffix.lower() not in (".yaml", ".yml"):
-        raise WeightsError(f"{parsed.output}: wanted a name that ends in .yaml", hint="as in -o weights.yaml")
-    captures = [capture for path in parsed.images for capture in _captures_of(path)]
-    options = load_options(
-        None,
-        [
-            f"fit.method={parsed.method}",
-            f"fit.step={float(parsed.step)}",
-            f"fit.sample={float(parsed.sample)}",
-            f"fit.weighting={parsed.weighting}",
-        ],
-    ).fit
-    found = _fit(captures, options, audience, strict=parsed.strict)
-    result = {**found.main.as_dict(), "left_out": found.left_out}
+def fit_files(
+    paths: Sequence[Path],
+    options: FitOptions | None = None,
+    *,
+    output: Path | None = None,
+    strict: bool = False,
+    audience: Audience = SILENT,
+) -> tuple[Weights, LeftOut]:
+    """The weights of a set of folders and files, written to `output` if given; of the larger part where the
+    set mixes RAW and gamma-coded photographs. Raises `KnownError`s."""
+    if output is not None and output.suffix.lower() not in (".yaml", ".yml"):
+        raise WeightsError(f"{output}: wanted a name that ends in .yaml", hint="as in -o weights.yaml")
+    captures = [capture for path in paths for capture in _captures_of(path)]
+    found = _fit(captures, options or FitOptions(), audience, strict=strict)
     if len(found.weights) > 1:
         audience.warn(
             "the set mixes RAW and gamma-coded photographs: these are the weights of the larger part"
         )
-    if parsed.output:
-        write_bytes(parsed.output, yaml.safe_dump(found.main.as_dict(), sort_keys=False).encode())
-    return result
+    if output is not None:
+        write_bytes(output, yaml.safe_dump(found.main.as_dict(), sort_keys=False).encode())
+    return found.main, found.left_out
 
 
-def convert(parsed: argparse.Namespace, audience: Audience) -> dict[str, Any]:
-    """Grey images of one folder into another; those of an unfinished or earlier like run are kept."""
-    images, out = parsed.images.absolute(), parsed.out.absolute()
+def convert_folder(
+    images: Path,
+    out: Path,
+    *,
+    fit: FitOptions | None = None,
+    weights: Weights | None = None,
+    options: ConvertOptions | None = None,
+    strict: bool = False,
+    audience: Audience = SILENT,
+) -> tuple[Weights, dict[str, str], LeftOut]:
+    """Grey images of the folder `images`, with their EXIF, in the folder `out`.
+
+    `weights` are used if given, else fitted by `fit`. Returns the weights (of the larger part of a mixed
+    set), the names of the grey images by photograph, and what was left out. What an unfinished or earlier
+    run on the same input left in `out` is kept. Raises `KnownError`s; `ProjectError` if `out` holds
+    anything that we did not write.
+    """
+    images, out = images.absolute(), out.absolute()
     if out == images or out.is_relative_to(images) or images.is_relative_to(out):
         raise ProjectError(
             f"{out}: lies in the folder of photographs or holds it", hint="use a folder of its own"
         )
-    captures = list(discover(images).captures)
-    given = read_weights(parsed.weights) if parsed.weights else None
-    options = ConvertOptions(tone=parsed.tone, format=parsed.format)
-    left_out: LeftOut = {}
-    if given is not None:
-        found = Fit({given.encoding: given})
+    captures, left_out = list(discover(images).captures), LeftOut()
+    options = options or ConvertOptions()
+    if weights is not None:
+        found = Fit({weights.encoding: weights})
     else:
-        found = _fit(captures, FitOptions(method=parsed.method), audience, strict=parsed.strict)
+        found = _fit(captures, fit or FitOptions(), audience, strict=strict)
         left_out |= found.left_out
-    weights = {e: w.as_dict() for e, w in found.weights.items()}
-    content = [[c.name, c.grey_stem, digest_file(c.path)] for c in captures if c.name not in left_out]
-    fingerprint = fingerprint_of(__version__, weights, options.model_dump(), content)
-    keep = _claim(out, fingerprint)
+    usable = [c for c in captures if c.name not in left_out]
+    content = [[c.name, c.grey_stem, digest_file(c.path)] for c in usable]
+    by_encoding = {e: w.as_dict() for e, w in found.weights.items()}
+    keep = _claim(out, fingerprint_of(__version__, by_encoding, options.model_dump(), content))
     with local_executor() as executor, audience.stage("convert") as watch:
-        surveyed, unreadable = survey(
-            [c for c in captures if c.name not in left_out], executor, watch, strict=parsed.strict
-        )
+        surveyed, unreadable = survey(usable, executor, watch, strict=strict)
         grey, failed = convert_captures(
-            surveyed, found, options, out, None, executor, watch, strict=parsed.strict, keep_finished=keep
+            surveyed, found, options, out, None, executor, watch, strict=strict, keep_finished=keep
         )
     left_out |= unreadable | failed
     for reason in left_out.values():
         audience.warn(f"left out: {reason}")
-    main = found.main
-    return {"method": main.method, "weights": list(main.triplet), "grey": grey, "left_out": left_out}
+    return found.main, grey, left_out
 
 
 def _claim(out: Path, fingerprint: str) -> bool:

@@ -19,8 +19,17 @@ from colmap_ihe.grey.weights import Encoding
 MIN_SIDE = 64
 """Pixels; a photograph with a shorter side holds nothing that COLMAP could match."""
 
-_MODULES = list(sys.modules)
-_ZLIB_CLASHES = "pycolmap" in _MODULES and "zlib" not in _MODULES[: _MODULES.index("pycolmap")]
+
+def _zlib_clashes() -> bool:
+    """Whether the system's zlib was loaded by pycolmap, and so with pycolmap's symbols in its place. A Python
+    that has zlib built in is safe: it loaded the library first."""
+    loaded = list(sys.modules)
+    if "pycolmap" not in loaded or "zlib" in sys.builtin_module_names:
+        return False
+    return "zlib" not in loaded[: loaded.index("pycolmap")]
+
+
+_ZLIB_CLASHES = _zlib_clashes()
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,6 @@ from concurrent.futures import FIRST_COMPLETED, Executor, ThreadPoolExecutor, wa
 from dataclasses import dataclass, field
 from pathlib import Path
 
-import cv2
 import numpy as np
 
 from colmap_ihe.colmap.native import pycolmap
@@ -170,13 +169,14 @@ def _make_maps(job: _Job) -> tuple[int, int, dict[str, str]]:
 def _view(job: _Job, place: int) -> View:
     path = job.dense_dir / "grey" / "images" / job.names[place]
     camera = job.cameras[place]
-    # Not cv2.imread, which cannot open every name on every system.
-    grey_u8 = cv2.imdecode(np.fromfile(path, np.uint8), cv2.IMREAD_GRAYSCALE | cv2.IMREAD_IGNORE_ORIENTATION)
-    if grey_u8 is None:
+    # By pycolmap, which wrote it: its PNG reader works in every order of imports (captures/png.py).
+    bitmap = pycolmap.Bitmap.read(path, as_rgb=False)
+    if bitmap is None:
         raise ProjectError(
-            f"{path} cannot be read as an image", hint="remove the dense folder and run dense again"
+            f"{path} cannot be read as an image", hint="run the dense stage again with --from dense"
         )
-    return View(camera.K, camera.cam_from_world, camera.size, np.asarray(grey_u8, np.uint8))
+    grey_u8 = np.ascontiguousarray(bitmap.to_array().reshape(bitmap.height, bitmap.width))
+    return View(camera.K, camera.cam_from_world, camera.size, grey_u8)
 
 
 def _camera(model: pycolmap.Reconstruction, image_id: int) -> Camera:

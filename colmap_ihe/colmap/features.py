@@ -46,10 +46,11 @@ def extract_features(
     shared_by: int,
     watch: Watch,
 ) -> FeatureCounts:
-    """SIFT features of the named images below `grey`, those that are in the database already left alone.
+    """SIFT features of the named images below `grey`; those that are in the database already are left alone.
 
-    `shared_by` is the least number of photographs that one camera took. Names are given one by one: COLMAP would else read whatever lies in the folder, RAW thumbnails
-    included. Raises `OptionError`, `NativeError`, `Cancelled`.
+    `shared_by` is the least number of photographs that one camera took. Names are given one by one: COLMAP
+    would else read whatever lies in the folder, RAW thumbnails included. Raises `OptionError`,
+    `NativeError`, `Cancelled`.
     """
     extraction = pycolmap.FeatureExtractionOptions()
     if options.max_image_size is not None:

@@ -12,7 +12,8 @@ from colmap_ihe.grey.weights import Encoding
 _CODES = 256
 _CELLS = _CODES**3
 _IMAGE_MASS = 1 << 36
-"""The mass of one image under `weighting: image`: rounding per pixel shows in the 4th digit, and 2^53 holds 131,072 images."""
+"""The mass of one image under `weighting: image`: rounding per pixel shows in the 4th digit at most, and 2^53
+holds 131,072 images."""
 
 LINEAR_EDGES: NDArray[np.int64] = np.ceil(65535 * (np.arange(_CODES + 1) / _CODES) ** 2).astype(np.int64)
 """Cell c of linear 16-bit input holds the values LINEAR_EDGES[c] <= v < LINEAR_EDGES[c + 1]: even steps

@@ -50,6 +50,26 @@ _WHITE_SHIFT = 6
 _WHITE_SIDE = 4
 
 
+def fit_weights(
+    images: Sequence[NDArray[np.uint8]] | Sequence[NDArray[np.uint16]], step: float = 0.01
+) -> Weights:
+    """The IHE weights of a set of images in memory, every pixel counted.
+
+    images: (H, W, 3) each; all uint8 gamma-coded, or all uint16 linear with 65535 at sensor saturation.
+    Raises ValueError for another shape or dtype, a mixed or an empty set.
+    """
+    if not len(images):
+        raise ValueError("no images, expected at least one")
+    histogram = Histogram("linear" if images[0].dtype == np.uint16 else "coded")
+    for rgb in images:
+        histogram.add(rgb)
+
+    def recount(chosen: Sequence[Triplet], whites: Sequence[int]) -> NDArray[np.int64]:
+        return np.asarray(sum(count_levels(rgb, chosen, whites) for rgb in images), np.int64)
+
+    return fit_histogram(histogram, step, recount if histogram.encoding == "linear" else None)
+
+
 def fit_histogram(
     histogram: Histogram,
     step: float = 0.01,

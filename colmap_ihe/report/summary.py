@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from colmap_ihe.options import Options
@@ -83,7 +83,7 @@ def summary_rows(summary: Mapping[str, Any]) -> list[tuple[str, str]]:
     return rows
 
 
-def weights_in_words(weights: list[float]) -> str:
+def weights_in_words(weights: Sequence[float]) -> str:
     return ", ".join(f"{100 * w:.0f} % {name}" for w, name in zip(weights, _NAMES, strict=True))
 
 

@@ -150,9 +150,7 @@ def recount_of(images: Sequence[NDArray[np.uint16]], asked: dict[Triplet, int]) 
     def recount(chosen: Sequence[Triplet], whites: Sequence[int]) -> NDArray[np.int64]:
         asked.update(zip(chosen, whites, strict=True))
         counts = [
-            sum(
-                np.bincount(oracle.linear_levels(image, t, w).ravel(), minlength=256) for image in images
-            )
+            sum(np.bincount(oracle.linear_levels(image, t, w).ravel(), minlength=256) for image in images)
             for t, w in zip(chosen, whites, strict=True)
         ]
         return np.array(counts, np.int64)
