@@ -157,7 +157,7 @@ class Cylinder:
             box[0, 2] = self.centre[1]
         return box
 
-    def faces(self, point: npt.NDArray[np.float64]) -> bool:  # noqa: ARG002 - curved: some part always may
+    def faces(self, point: npt.NDArray[np.float64]) -> bool:
         return True
 
     def hit(self, origin: Vector, direction: Vector) -> F32:
@@ -212,7 +212,7 @@ class Sphere:
         middle = np.array(self.centre)
         return np.stack((middle - self.radius, middle + self.radius))
 
-    def faces(self, point: npt.NDArray[np.float64]) -> bool:  # noqa: ARG002 - curved: some part always may
+    def faces(self, point: npt.NDArray[np.float64]) -> bool:
         return True
 
     def hit(self, origin: Vector, direction: Vector) -> F32:

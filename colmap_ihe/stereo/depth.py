@@ -107,7 +107,7 @@ def _rectified(
                 )
                 for size in sizes
             ]
-        except PairLeftOutError as reason:  # noqa: PERF203
+        except PairLeftOutError as reason:
             left_out[index] = str(reason)
     return pairs, left_out
 

@@ -223,7 +223,7 @@ def test_the_same_seed_gives_the_same_files_and_another_does_not(tmp_path: Path)
 
 def test_a_cancelled_demo_is_incomplete_and_says_so(tmp_path: Path) -> None:
     class Impatient(Silent):
-        def advance(self, count: int = 1) -> None:  # noqa: ARG002
+        def advance(self, count: int = 1) -> None:
             raise Cancelled
 
     with pytest.raises(Cancelled):

@@ -57,7 +57,7 @@ def test_fixed_conversions_round_to_the_nearest_level(method: str) -> None:
 
 
 def test_isoluminant_colours_come_apart_that_rec709_merges() -> None:
-    """Two colours of equal Rec.709 grey side by side, as paint on plaster: 0.7152 x 45 = 0.0722 x 223 x 2."""
+    """A green and a blue of equal Rec.709 grey: 0.7152 x (100 - 83) = 12.2, 0.0722 x (228 - 60) = 12.1."""
     green, blue = (60, 100, 60), (60, 83, 228)
     rgb = np.zeros((32, 32, 3), np.uint8)
     rgb[:, :16], rgb[:, 16:] = green, blue

@@ -1,0 +1,282 @@
+"""Every kind of photograph to the pixels it holds, and every broken one to a line that names it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import tifffile
+from numpy.typing import NDArray
+from PIL import Image
+
+from colmap_ihe.captures.decode import read_photograph, read_size
+from colmap_ihe.captures.discover import discover
+from colmap_ihe.captures.png import encode_png
+from colmap_ihe.errors import PhotographError
+
+HEIGHT, WIDTH = 72, 100
+
+
+def smooth() -> NDArray[np.uint8]:
+    """(72, 100, 3): smooth, so that JPEG changes it little, and another in each channel and corner."""
+    y, x = np.mgrid[0:HEIGHT, 0:WIDTH].astype(np.float64)
+    return np.rint(np.dstack([40 + 2 * x, 20 + 3 * y, 230 - x - y])).clip(0, 255).astype(np.uint8)
+
+
+def deep() -> NDArray[np.uint16]:
+    return (smooth().astype(np.uint32) * 257 + np.arange(WIDTH)[None, :, None] % 100).astype(np.uint16)
+
+
+def read(file: Path) -> NDArray[Any]:
+    (capture,) = [c for c in discover(file.parent).captures if c.path == file]
+    photograph = read_photograph(capture)
+    assert photograph.encoding == "coded"
+    assert photograph.srgb_from_camera is None
+    assert read_size(capture) == photograph.rgb.shape[1::-1]
+    return photograph.rgb
+
+
+def refused(file: Path) -> str:
+    """What reading says, wherever it is noticed; it must name the file and what to do."""
+    (capture,) = [c for c in discover(file.parent).captures if c.path == file]
+    with pytest.raises(PhotographError) as caught:
+        read_photograph(capture)
+    assert file.name in str(caught.value)
+    assert "\n" not in str(caught.value)
+    assert caught.value.hint
+    return str(caught.value)
+
+
+def write_tiff(file: Path, pixels: NDArray[Any], **more: Any) -> None:
+    tifffile.imwrite(file, pixels, **more)
+
+
+@pytest.mark.parametrize(
+    ("name", "options"),
+    [
+        ("a.png", {}),
+        ("a.tif", {}),
+        ("a.tiff", {"compression": "tiff_lzw"}),
+        ("a.tif", {"compression": "tiff_deflate"}),
+    ],
+)
+def test_lossless_8_bit_is_read_to_the_letter(tmp_path: Path, name: str, options: dict[str, Any]) -> None:
+    Image.fromarray(smooth()).save(tmp_path / name, **options)
+    rgb = read(tmp_path / name)
+    assert rgb.dtype == np.uint8
+    np.testing.assert_array_equal(rgb, smooth())
+
+
+def test_jpeg_is_read_in_red_green_blue_order(tmp_path: Path) -> None:
+    Image.fromarray(smooth()).save(tmp_path / "a.jpg", quality=98, subsampling=0)
+    difference = read(tmp_path / "a.jpg").astype(int) - smooth()
+    assert 0 < np.abs(difference).max() <= 6
+
+
+def write_16_bit_png(file: Path, pixels: NDArray[np.uint16]) -> None:
+    """By the specification, with the standard library: neither of the package's writers nor readers."""
+    import struct
+    import zlib
+
+    height, width = pixels.shape[:2]
+    colour = 2 if pixels.ndim == 3 else 0
+    rows = pixels.astype(">u2").reshape(height, -1).view(np.uint8).reshape(height, -1)
+    raw = b"".join(b"\0" + row.tobytes() for row in rows)
+
+    def chunk(kind: bytes, data: bytes) -> bytes:
+        return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
+
+    header = struct.pack(">IIBBBBB", width, height, 16, colour, 0, 0, 0)
+    file.write_bytes(
+        b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", header) + chunk(b"IDAT", zlib.compress(raw)) + chunk(b"IEND", b"")
+    )
+
+
+@pytest.mark.parametrize("name", ["a.png", "a.tif", "b.tiff"])
+def test_16_bits_are_rounded_to_8_not_cut(tmp_path: Path, name: str) -> None:
+    pixels = deep()
+    if name == "a.png":
+        write_16_bit_png(tmp_path / name, pixels)
+    elif name == "a.tif":
+        write_tiff(tmp_path / name, pixels, photometric="rgb")
+    else:
+        write_tiff(tmp_path / name, pixels, photometric="rgb", compression="zlib", predictor=True)
+    expected = np.rint(pixels / 257).astype(np.uint8)
+    np.testing.assert_array_equal(read(tmp_path / name), expected)
+
+
+@pytest.mark.parametrize("name", ["a.png", "a.tif"])
+def test_16_bit_grey(tmp_path: Path, name: str) -> None:
+    grey = deep()[..., 1]
+    if name == "a.png":
+        write_16_bit_png(tmp_path / name, grey)
+    else:
+        write_tiff(tmp_path / name, grey, photometric="minisblack")
+    rgb = read(tmp_path / name)
+    np.testing.assert_array_equal(rgb, np.repeat(np.rint(grey / 257).astype(np.uint8)[..., None], 3, axis=2))
+
+
+def as_grey(image: Image.Image) -> Image.Image:
+    return image.getchannel("G")
+
+
+def as_rgba(image: Image.Image) -> Image.Image:
+    image = image.copy()
+    image.putalpha(Image.fromarray(np.full((HEIGHT, WIDTH), 128, np.uint8)))
+    return image
+
+
+def as_palette(image: Image.Image) -> Image.Image:
+    return image.quantize(16)
+
+
+@pytest.mark.parametrize(
+    ("name", "change"),
+    [
+        ("grey.png", as_grey),
+        ("grey.tif", as_grey),
+        ("rgba.png", as_rgba),
+        ("rgba.tif", as_rgba),
+        ("palette.png", as_palette),
+    ],
+)
+def test_other_modes_keep_the_colours_they_show(
+    tmp_path: Path, name: str, change: Callable[[Image.Image], Image.Image]
+) -> None:
+    image = change(Image.fromarray(smooth()))
+    image.save(tmp_path / name)
+    expected = {
+        "grey": lambda: np.repeat(smooth()[..., 1:2], 3, axis=2),
+        "rgba": smooth,
+        "palette": lambda: np.array(image.getpalette(), np.uint8).reshape(-1, 3)[np.asarray(image)],
+    }[name.partition(".")[0]]()
+    np.testing.assert_array_equal(read(tmp_path / name), expected)
+
+
+def test_grey_jpeg(tmp_path: Path) -> None:
+    as_grey(Image.fromarray(smooth())).save(tmp_path / "a.jpg", quality=98)
+    rgb = read(tmp_path / "a.jpg").astype(int)
+    assert rgb.shape == (HEIGHT, WIDTH, 3)
+    assert np.ptp(rgb, axis=2).max() == 0
+    assert np.abs(rgb[..., 0] - smooth()[..., 1]).max() <= 6
+
+
+def test_cmyk_jpeg_is_read_as_colour(tmp_path: Path) -> None:
+    Image.fromarray(smooth()).convert("CMYK").save(tmp_path / "a.jpg", quality=98)
+    assert np.abs(read(tmp_path / "a.jpg").astype(int) - smooth()).max() <= 8
+
+
+@pytest.mark.parametrize("suffix", ["jpg", "png", "tif"])
+@pytest.mark.parametrize("orientation", [3, 6, 8])
+def test_the_orientation_tag_is_not_applied(tmp_path: Path, suffix: str, orientation: int) -> None:
+    exif = Image.Exif()
+    exif[0x0112] = orientation
+    options = {"quality": 98, "subsampling": 0} if suffix == "jpg" else {}
+    Image.fromarray(smooth()).save(tmp_path / f"a.{suffix}", exif=exif, **options)
+    assert np.abs(read(tmp_path / f"a.{suffix}").astype(int) - smooth()).max() <= 6
+
+
+def test_the_orientation_tag_of_a_16_bit_tiff_is_not_applied(tmp_path: Path) -> None:
+    write_tiff(tmp_path / "a.tif", deep(), photometric="rgb", extratags=[(274, 3, 1, 6, True)])
+    np.testing.assert_array_equal(read(tmp_path / "a.tif"), np.rint(deep() / 257).astype(np.uint8))
+
+
+@pytest.mark.parametrize("name", ["a.jpg", "a.png", "a.tif", "lzw.tif", "deep.png", "deep.tif"])
+@pytest.mark.parametrize("share", [0.95, 0.5, 0.02])
+def test_a_truncated_file_is_refused(tmp_path: Path, name: str, share: float) -> None:
+    rng = np.random.default_rng(1)  # noise, so that the pixels are most of the file
+    noise = rng.integers(0, 256, (HEIGHT, WIDTH, 3), np.uint8)
+    if name == "deep.png":
+        write_16_bit_png(tmp_path / name, noise.astype(np.uint16) * 257 + 5)
+    elif name == "deep.tif":
+        write_tiff(tmp_path / name, noise.astype(np.uint16) * 257, photometric="rgb")
+    else:
+        Image.fromarray(noise).save(tmp_path / name, **({"compression": "tiff_lzw"} if "lzw" in name else {}))
+    whole = (tmp_path / name).read_bytes()
+    (tmp_path / name).write_bytes(whole[: int(share * len(whole))])
+    assert "cannot be read" in refused(tmp_path / name)
+
+
+@pytest.mark.parametrize("name", ["notes.jpg", "notes.png", "notes.tif"])
+def test_a_text_file_with_the_name_of_a_photograph_is_refused(tmp_path: Path, name: str) -> None:
+    (tmp_path / name).write_text("this is no photograph\n" * 300)
+    assert "not a photograph of the kind its name says" in refused(tmp_path / name)
+
+
+@pytest.mark.parametrize("name", ["empty.jpg", "empty.png", "empty.tif", "empty.dng"])
+def test_an_empty_file_is_refused(tmp_path: Path, name: str) -> None:
+    (tmp_path / name).touch()
+    refused(tmp_path / name)
+
+
+@pytest.mark.parametrize("name", ["noise.dng", "noise.nef", "noise.CR3", "text.raf"])
+def test_a_raw_file_that_libraw_refuses_is_named(tmp_path: Path, name: str) -> None:
+    noise = np.random.default_rng(1).integers(0, 256, 5000, np.uint8).tobytes()
+    (tmp_path / name).write_bytes(b"no RAW" * 900 if name == "text.raf" else noise)
+    assert "LibRaw cannot read this RAW file" in refused(tmp_path / name)
+
+
+def test_a_truncated_raw_file_is_refused(tmp_path: Path, small_demo: Path) -> None:
+    whole = (small_demo / "images/portico_01.dng").read_bytes()
+    (tmp_path / "half.dng").write_bytes(whole[: len(whole) // 2])
+    refused(tmp_path / "half.dng")
+
+
+@pytest.mark.parametrize("size", [(63, 100), (100, 63), (1, 1)])
+def test_a_photograph_too_small_is_refused_with_its_size(tmp_path: Path, size: tuple[int, int]) -> None:
+    Image.new("RGB", size).save(tmp_path / "small.png")
+    assert f"{size[0]}x{size[1]} pixels, wanted at least 64" in refused(tmp_path / "small.png")
+    (capture,) = discover(tmp_path).captures
+    with pytest.raises(PhotographError, match="wanted at least 64"):
+        read_size(capture)
+
+
+def test_64_pixels_are_enough(tmp_path: Path) -> None:
+    Image.new("RGB", (64, 64), (1, 2, 3)).save(tmp_path / "a.png")
+    assert read(tmp_path / "a.png").tolist() == [[[1, 2, 3]] * 64] * 64
+
+
+def test_floating_point_pixels_are_refused(tmp_path: Path) -> None:
+    write_tiff(tmp_path / "a.tif", np.zeros((80, 80, 3), np.float32), photometric="rgb")
+    refused(tmp_path / "a.tif")
+
+
+def test_a_file_that_may_not_be_read_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "a.jpg").symlink_to(tmp_path / "gone")
+    refused(tmp_path / "a.jpg")
+
+
+@pytest.mark.parametrize("shape", [(70, 90), (70, 90, 3), (1, 1), (65, 64, 3)])
+@pytest.mark.parametrize("content", ["noise", "smooth", "flat"])
+def test_the_png_writer_against_pillow(tmp_path: Path, shape: tuple[int, ...], content: str) -> None:
+    rng = np.random.default_rng(3)
+    pixels = {
+        "noise": rng.integers(0, 256, shape, np.uint8),
+        "smooth": (np.arange(np.prod(shape)) // 7 % 256).astype(np.uint8).reshape(shape),
+        "flat": np.full(shape, 255, np.uint8),
+    }[content]
+    exif = Image.Exif()
+    exif[0x0110] = "A camera"
+    (tmp_path / "a.png").write_bytes(encode_png(pixels, exif.tobytes().removeprefix(b"Exif\0\0")))
+    with Image.open(tmp_path / "a.png") as image:
+        image.verify()  # the checksums
+    with Image.open(tmp_path / "a.png") as image:
+        assert image.mode == ("L" if len(shape) == 2 else "RGB")
+        np.testing.assert_array_equal(np.asarray(image), pixels)
+        assert image.getexif()[0x0110] == "A camera"
+
+
+@pytest.mark.parametrize("pixels", [np.zeros((4, 4), np.uint16), np.zeros((4, 4, 4), np.uint8), np.zeros(4, np.uint8)])
+def test_the_png_writer_refuses_what_it_cannot_write(pixels: NDArray[Any]) -> None:
+    with pytest.raises(ValueError, match=r"expected \(H, W\) or \(H, W, 3\) uint8"):
+        encode_png(pixels)
+
+
+def test_the_png_writer_takes_an_array_that_is_not_contiguous(tmp_path: Path) -> None:
+    pixels = smooth()[::2, ::-3]
+    (tmp_path / "a.png").write_bytes(encode_png(pixels))
+    with Image.open(tmp_path / "a.png") as image:
+        np.testing.assert_array_equal(np.asarray(image), pixels)

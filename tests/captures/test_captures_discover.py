@@ -1,0 +1,116 @@
+"""Which files are captures, what pairs with what, and what the grey images are called."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from colmap_ihe.captures.discover import Capture, discover
+from colmap_ihe.errors import ProjectError
+
+
+def touched(folder: Path, *names: str) -> Path:
+    for name in names:
+        (folder / name).parent.mkdir(parents=True, exist_ok=True)
+        (folder / name).touch()
+    return folder
+
+
+def by_name(folder: Path) -> dict[str, Capture]:
+    return {capture.name: capture for capture in discover(folder).captures}
+
+
+def test_raw_and_jpeg_of_one_shot_count_once_and_raw_wins(tmp_path: Path) -> None:
+    touched(tmp_path, "a.NEF", "a.JPG", "b.jpg", "c.dng", "d.CR2", "d.jpeg")
+    found = by_name(tmp_path)
+    assert list(found) == ["a.NEF", "b.jpg", "c.dng", "d.CR2"]
+    assert [c.kind for c in found.values()] == ["raw", "coded", "raw", "raw"]
+    assert [c.paired for c in found.values()] == [("a.JPG",), (), (), ("d.jpeg",)]
+    assert [c.grey_stem for c in found.values()] == ["a", "b", "c", "d"]
+
+
+def test_pairs_are_of_one_folder(tmp_path: Path) -> None:
+    found = by_name(touched(tmp_path, "raw/a.nef", "jpeg/a.jpg"))
+    assert {n: c.grey_stem for n, c in found.items()} == {"jpeg/a.jpg": "jpeg/a", "raw/a.nef": "raw/a"}
+    assert all(not c.paired for c in found.values())
+
+
+def test_a_raw_takes_its_jpeg_but_not_a_tiff_beside_it(tmp_path: Path) -> None:
+    found = by_name(touched(tmp_path, "a.nef", "a.jpg", "a.tif"))
+    assert list(found) == ["a.nef", "a.tif"]
+    assert found["a.nef"].paired == ("a.jpg",)
+    assert {c.grey_stem for c in found.values()} == {"a.nef", "a.tif"}
+
+
+def test_subfolders_spaces_and_non_ascii_names_are_kept(tmp_path: Path) -> None:
+    names = ["façade nord/Été 01.jpg", "façade nord/портик.png", "a b/c d/e f.tiff", "日本.JPG"]
+    found = by_name(touched(tmp_path, *names))
+    assert sorted(found) == sorted(names)
+    for name, capture in found.items():
+        assert capture.path == tmp_path / name
+        assert capture.grey_stem == name.rpartition(".")[0]
+
+
+def test_a_dot_in_the_stem_is_part_of_it(tmp_path: Path) -> None:
+    found = by_name(touched(tmp_path, "shot.01.jpg", "shot.02.jpg"))
+    assert [c.grey_stem for c in found.values()] == ["shot.01", "shot.02"]
+
+
+@pytest.mark.parametrize(
+    "names", [("a.png", "a.tif"), ("a.png", "A.tif"), ("x/a.jpg", "x/a.png"), ("a.nef", "a.dng"), ("Ä.png", "ä.tif")]
+)
+def test_captures_that_would_collide_keep_their_extension(tmp_path: Path, names: tuple[str, str]) -> None:
+    found = by_name(touched(tmp_path, *names, "other.jpg"))
+    assert {found[n].grey_stem for n in names} == set(names)
+    assert found["other.jpg"].grey_stem == "other"
+
+
+def test_a_name_kept_for_its_extension_does_not_collide_in_turn(tmp_path: Path) -> None:
+    """`a.png` and `a.tif` become a.png and a.tif; the stem of `a.png.jpg` is a.png as well."""
+    found = by_name(touched(tmp_path, "a.png", "a.tif", "a.png.jpg"))
+    stems = [c.grey_stem.casefold() for c in found.values()]
+    assert len(set(stems)) == len(stems) == 3
+
+
+def test_suffixes_are_read_in_any_case(tmp_path: Path) -> None:
+    found = by_name(touched(tmp_path, "a.JpG", "b.DNG", "c.TIFF", "d.Png", "e.Cr3"))
+    assert [c.kind for c in found.values()] == ["coded", "raw", "coded", "coded", "raw"]
+
+
+def test_hidden_files_and_folders_are_passed_over(tmp_path: Path) -> None:
+    touched(tmp_path, "a.jpg", "._a.jpg", ".hidden/b.jpg", "c/.d.jpg", "c/e.jpg", ".DS_Store")
+    found = discover(tmp_path)
+    assert [c.name for c in found.captures] == ["a.jpg", "c/e.jpg"]
+    assert found.ignored == ()
+
+
+def test_other_files_are_ignored_and_named(tmp_path: Path) -> None:
+    touched(tmp_path, "a.jpg", "a.xmp", "notes.txt", "x/Thumbs.db", "film.mp4")
+    assert discover(tmp_path).ignored == ("a.xmp", "film.mp4", "notes.txt", "x/Thumbs.db")
+
+
+def test_links_to_folders_are_not_followed(tmp_path: Path) -> None:
+    touched(tmp_path / "elsewhere", "b.jpg")
+    touched(tmp_path / "images", "a.jpg")
+    (tmp_path / "images/link").symlink_to(tmp_path / "elsewhere")
+    (tmp_path / "images/loop").symlink_to(tmp_path / "images")
+    assert [c.name for c in discover(tmp_path / "images").captures] == ["a.jpg"]
+
+
+def test_the_order_is_that_of_the_names(tmp_path: Path) -> None:
+    names = ["b/1.jpg", "a/2.jpg", "c.jpg", "A.jpg", "a/10.jpg"]
+    assert list(by_name(touched(tmp_path, *names))) == sorted(names)
+
+
+def test_no_photograph_is_one_clear_line(tmp_path: Path) -> None:
+    with pytest.raises(ProjectError, match=r"no photograph found, it is empty") as caught:
+        discover(tmp_path)
+    assert "RAW, JPEG, TIFF or PNG" in caught.value.hint
+    touched(tmp_path, "a.txt", "b/c.pdf")
+    with pytest.raises(ProjectError, match="it holds 2 other files"):
+        discover(tmp_path)
+    with pytest.raises(ProjectError, match="no such folder"):
+        discover(tmp_path / "nowhere")
+    with pytest.raises(ProjectError, match="no such folder"):
+        discover(tmp_path / "a.txt")

@@ -1,0 +1,130 @@
+"""Minimal development on DNGs of known scenes: linear, the sensor's own colours, nothing else."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from colmap_ihe.captures.raw import develop, preview_of, size_of
+from colmap_ihe.demo.dng import PATTERNS, write_dng
+from colmap_ihe.demo.exif import PhotoExif
+from colmap_ihe.errors import PhotographError
+
+BLACK, WHITE = 512, 16383
+GAINS = {"R": 0.45, "G": 1.0, "B": 0.7}
+MATRIX = np.array(((0.9, -0.3, -0.1), (-0.4, 1.3, 0.1), (0.0, 0.2, 0.6)))
+HEIGHT, WIDTH = 96, 128
+
+
+def light() -> NDArray[np.float64]:
+    """(96, 128) in 0..1: a grey scene so smooth that demosaicing has nothing to guess."""
+    y, x = np.mgrid[0:HEIGHT, 0:WIDTH]
+    return np.asarray(0.45 + 0.25 * np.sin(x / 40) + 0.15 * np.cos(y / 30))
+
+
+def shoot(
+    file: Path, exposure: float = 1.0, pattern: str = "RGGB", black: int = BLACK, orientation: int = 1
+) -> None:
+    """A noiseless grey scene seen through a sensor of unequal gains."""
+    mosaic = light() * exposure
+    for n, colour in enumerate(pattern):
+        mosaic[n // 2 :: 2, n % 2 :: 2] *= GAINS[colour]
+    write_dng(
+        file,
+        np.clip(np.rint(mosaic * (WHITE - black) + black), 0, WHITE).astype(np.uint16),
+        black=black,
+        white=WHITE,
+        as_shot_neutral=(GAINS["R"], GAINS["G"], GAINS["B"]),
+        colour_matrix=MATRIX,
+        pattern=pattern,
+        exif=PhotoExif(),
+        orientation=orientation,
+    )
+
+
+def developed(file: Path) -> NDArray[np.float64]:
+    """Shares of saturation, without the border, where demosaicing has fewer neighbours."""
+    rgb = develop(file).linear_rgb
+    assert rgb.dtype == np.uint16
+    assert rgb.shape == (HEIGHT, WIDTH, 3)
+    return rgb[4:-4, 4:-4].astype(np.float64) / 65535
+
+
+@pytest.mark.parametrize("pattern", PATTERNS)
+def test_the_scene_comes_back_in_the_sensors_own_colours(tmp_path: Path, pattern: str) -> None:
+    shoot(tmp_path / "a.dng", pattern=pattern)
+    rgb = developed(tmp_path / "a.dng")
+    for channel, gain in enumerate(GAINS.values()):
+        np.testing.assert_allclose(rgb[..., channel], light()[4:-4, 4:-4] * gain, atol=0.004)
+    assert np.median(rgb[..., 0] / rgb[..., 1]) == pytest.approx(GAINS["R"], rel=2e-3)
+    assert np.median(rgb[..., 2] / rgb[..., 1]) == pytest.approx(GAINS["B"], rel=2e-3)
+
+
+@pytest.mark.parametrize("black", [0, 64, BLACK, 2056])
+def test_values_are_proportional_to_exposure(tmp_path: Path, black: int) -> None:
+    shoot(tmp_path / "full.dng", 1.0, black=black)
+    shoot(tmp_path / "quarter.dng", 0.25, black=black)
+    ratio = developed(tmp_path / "full.dng") / developed(tmp_path / "quarter.dng")
+    assert np.median(ratio) == pytest.approx(4, rel=1e-3)
+    assert 3.9 < np.percentile(ratio, 1) < np.percentile(ratio, 99) < 4.1
+
+
+def test_saturation_is_65535_and_black_is_0(tmp_path: Path) -> None:
+    shoot(tmp_path / "over.dng", 20)
+    assert (developed(tmp_path / "over.dng") == 1).all()
+    shoot(tmp_path / "dark.dng", 0)
+    assert (developed(tmp_path / "dark.dng") == 0).all()
+
+
+def test_one_exposure_is_developed_alone_and_not_stretched(tmp_path: Path) -> None:
+    """No automatic brightness: the darker shot of the same scene stays darker."""
+    shoot(tmp_path / "a.dng", 0.1)
+    assert np.median(developed(tmp_path / "a.dng")[..., 1]) == pytest.approx(np.median(light()) * 0.1, rel=0.02)
+
+
+@pytest.mark.parametrize("orientation", [3, 6, 8])
+def test_the_sensors_orientation_is_kept(tmp_path: Path, orientation: int) -> None:
+    shoot(tmp_path / "upright.dng")
+    shoot(tmp_path / "turned.dng", orientation=orientation)
+    np.testing.assert_array_equal(
+        develop(tmp_path / "turned.dng").linear_rgb, develop(tmp_path / "upright.dng").linear_rgb
+    )
+    assert size_of(tmp_path / "turned.dng") == (WIDTH, HEIGHT)
+
+
+def test_camera_white_becomes_white_in_the_colour_twin(tmp_path: Path) -> None:
+    shoot(tmp_path / "a.dng")
+    matrix = develop(tmp_path / "a.dng").srgb_from_camera
+    np.testing.assert_allclose(matrix @ np.array(list(GAINS.values())) / GAINS["G"], [1, 1, 1], rtol=2e-3)
+
+
+def test_white_not_above_black_is_refused(tmp_path: Path) -> None:
+    shoot(tmp_path / "a.dng")
+    content = (tmp_path / "a.dng").read_bytes()
+    tag = (50717).to_bytes(2, "little") + (4).to_bytes(2, "little") + (1).to_bytes(4, "little")
+    place = content.index(tag) + len(tag)
+    broken = content[:place] + (BLACK).to_bytes(4, "little") + content[place + 4 :]
+    (tmp_path / "a.dng").write_bytes(broken)
+    with pytest.raises(PhotographError, match=r"a\.dng: white level"):
+        develop(tmp_path / "a.dng")
+
+
+def test_a_raw_without_preview_has_none(tmp_path: Path) -> None:
+    shoot(tmp_path / "a.dng")
+    assert preview_of(tmp_path / "a.dng") == b""
+
+
+@pytest.mark.data
+@pytest.mark.parametrize("name", ["colorchart.dng", "kodak_dc50.kdc"])
+def test_real_raw_files(photographs: Path, name: str) -> None:
+    file = photographs / "raw" / name
+    found = develop(file)
+    assert found.linear_rgb.shape[1::-1] == size_of(file)
+    assert found.linear_rgb.max() > 20_000
+    assert np.isfinite(found.srgb_from_camera).all()
+    medians = np.median(found.linear_rgb.reshape(-1, 3), axis=0) / 65535
+    assert (medians > 0.003).all()
+    assert (medians < 0.8).all()
