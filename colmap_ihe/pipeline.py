@@ -23,7 +23,7 @@ from colmap_ihe.errors import OptionError, ProjectError
 from colmap_ihe.executor import local_executor
 from colmap_ihe.options import Options
 from colmap_ihe.progress import SILENT, Audience, Watch
-from colmap_ihe.project import Project, digest_file, fingerprint_of, read_json, write_json
+from colmap_ihe.project import Project, digest_file, fingerprint_of, read_json, room_on_disk, write_json
 from colmap_ihe.report.summary import summarise
 from colmap_ihe.stages import Record, Run
 from colmap_ihe.version import __version__
@@ -104,8 +104,12 @@ def reconstruct(
         stack.enter_context(place.locked())
         stack.enter_context(logged_to(place.native_log))
         workers = executor or stack.enter_context(local_executor())
+        stack.enter_context(room_on_disk(place.root))
         run = Run(place, options, discover(place.images), workers)
-        prints = _fingerprints(place, options, run.discovery, remember=True)
+        with audience.stage("content") as watch:
+            digests = _digests(place, run.discovery, watch)
+            write_json(place.digests_file, digests)
+        prints = _fingerprints(place, options, run.discovery, digests)
         ran = []
         last = NAMES.index(until) if until else len(ROAD) - 1
         for number, stage in enumerate(ROAD[: last + 1]):
@@ -132,7 +136,8 @@ def status(
     """Where each stage of a project stands, without changing anything. Raises `ProjectError`."""
     options = options or Options()
     place = Project.at(Path(project), Path(images) if images else None)
-    prints = _fingerprints(place, options, discover(place.images), remember=False)
+    discovery = discover(place.images)
+    prints = _fingerprints(place, options, discovery, _digests(place, discovery, SILENT))
     states: list[StageState] = []
     stale_before = ""
     for stage in ROAD:
@@ -196,11 +201,10 @@ def _versions_of(stage: Stage) -> dict[str, str]:
 
 
 def _fingerprints(
-    project: Project, options: Options, discovery: Discovery, *, remember: bool
+    project: Project, options: Options, discovery: Discovery, digests: Mapping[str, list[Any]]
 ) -> dict[str, str]:
     """What the record of each stage would have to carry to be true now."""
-    digests = _digests(project, discovery, remember=remember)
-    shots = [[c.name, digests[c.name], list(c.paired), c.grey_stem] for c in discovery.captures]
+    shots = [[c.name, digests[c.name][-1], list(c.paired), c.grey_stem] for c in discovery.captures]
     before = fingerprint_of(shots)
     prints: dict[str, str] = {}
     for stage in ROAD:
@@ -217,10 +221,11 @@ def _content_of(folder: Path) -> list[list[str]]:
     return [[p.relative_to(folder).as_posix(), digest_file(p)] for p in files]
 
 
-def _digests(project: Project, discovery: Discovery, *, remember: bool) -> dict[str, str]:
-    """The content of every photograph as a digest, read again where size or time of the file have changed."""
+def _digests(project: Project, discovery: Discovery, watch: Watch) -> dict[str, list[Any]]:
+    """Size, time and digest of the content of every photograph, read again where size or time have changed."""
     known = read_json(project.digests_file) or {}
     found: dict[str, list[Any]] = {}
+    watch.start(len(discovery.captures))
     for capture in discovery.captures:
         try:
             about = capture.path.stat()
@@ -229,9 +234,8 @@ def _digests(project: Project, discovery: Discovery, *, remember: bool) -> dict[
             found[capture.name] = [*key, old[2] if old[:2] == key else digest_file(capture.path)]
         except OSError as error:
             found[capture.name] = [0, 0, f"unreadable: {error.strerror}"]
-    if remember:
-        write_json(project.digests_file, found)
-    return {name: values[2] for name, values in found.items()}
+        watch.advance()
+    return found
 
 
 def _refuse_foreign_folders(project: Project) -> None:

@@ -33,6 +33,8 @@ from colmap_ihe.project import Project, write_bytes
 
 Record = dict[str, Any]
 
+_DATABASE_BYTES = 4_000_000  # features and matches of one image, roughly
+
 
 @dataclass
 class Run:
@@ -126,6 +128,7 @@ def features(run: Run, watch: Watch) -> Record:
         remove_database(project.database)
     masks = project.masks if project.masks.is_dir() else None
     names = run.grey_names()
+    _require_room(project, len(names) * _DATABASE_BYTES)
     counts = extract_features(
         project.database,
         project.grey,

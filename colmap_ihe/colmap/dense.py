@@ -128,5 +128,5 @@ def _require_files(folder: Path, names: list[str]) -> None:
     if missing:
         raise ProjectError(
             f"{len(missing)} of {len(names)} images of the model are not in {folder}, first {missing[0]}",
-            hint="run the workspace stage again",
+            hint="check that the disk has room, and run the same command with --from convert",
         )

@@ -11,7 +11,7 @@ import numpy as np
 
 from colmap_ihe.colmap.native import apply_options, called, pycolmap
 from colmap_ihe.colmap.workspace import counting_rows
-from colmap_ihe.errors import MappingError
+from colmap_ihe.errors import MappingError, ProjectError
 from colmap_ihe.options import MatchesOptions
 from colmap_ihe.progress import Watch
 
@@ -19,7 +19,7 @@ EXHAUSTIVE_UP_TO = 200
 """Photographs: 19,900 pairs, about an hour on two cores; past it time grows with the square."""
 _VOCABULARY_FEATURES = 400_000
 _GPS_SHARE = 0.9
-_WORDS_PER_FEATURE = 1 / 25
+_WORDS_PER_FEATURE = 1 / 40  # its clustering wants 39 features a word
 
 
 @dataclass(frozen=True)
@@ -31,7 +31,12 @@ class MatchCounts:
 
 
 def choose_strategy(requested: str, images: int, with_gps: int) -> str:
-    """The strategy for `auto`; another is used as requested."""
+    """The strategy for `auto`; another is used as requested. Raises `ProjectError` for spatial without GPS."""
+    if requested == "spatial" and not with_gps:
+        raise ProjectError(
+            "matches.strategy is spatial, and no photograph has GPS latitude, longitude and altitude",
+            hint="use exhaustive or vocabtree",
+        )
     if requested != "auto":
         return requested
     if images <= EXHAUSTIVE_UP_TO:

@@ -1,0 +1,83 @@
+"""pycolmap carries zlib symbols of its own: whoever imports it first must not crash us (nor we them)."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+CONVERT = """
+from pathlib import Path
+from colmap_ihe.cli import main
+status = main(["convert", "IN", "OUT", "--method", "ihe", "-q"])
+from colmap_ihe.colmap.native import pycolmap
+for file in sorted(Path("OUT").glob("*.png")):
+    bitmap = pycolmap.Bitmap.read(file, as_rgb=False)
+    assert bitmap.to_array().shape[:2] == (90, 120)
+raise SystemExit(status)
+"""
+
+
+def fresh(code: str, folder: Path) -> subprocess.CompletedProcess[str]:
+    """Runs `code` in an interpreter that has imported nothing, in `folder`."""
+    root = Path(__file__).parents[2]
+    path = f"import sys; sys.path.insert(0, {str(root)!r})\n"
+    return subprocess.run(
+        [sys.executable, "-c", path + code], cwd=folder, capture_output=True, text=True, timeout=120, check=False
+    )
+
+
+def write(folder: Path, name: str) -> None:
+    (folder / "IN").mkdir(exist_ok=True)
+    pixels = np.random.default_rng(1).integers(0, 256, (90, 120, 3), np.uint8)
+    Image.fromarray(pixels).save(folder / "IN" / name)
+
+
+@pytest.mark.parametrize(
+    "first", ["import pycolmap", "import colmap_ihe", "import colmap_ihe, pycolmap", "import pycolmap, colmap_ihe"]
+)
+def test_jpeg_is_converted_to_png_in_either_order(tmp_path: Path, first: str) -> None:
+    for name in ("a.jpg", "b.jpg"):
+        write(tmp_path, name)
+    done = fresh(f"{first}\n{CONVERT}", tmp_path)
+    assert done.returncode == 0, done.stderr
+    for name in ("a.png", "b.png"):
+        with Image.open(tmp_path / "OUT" / name) as image:
+            image.load()
+            assert (image.size, image.mode) == ((120, 90), "L")
+
+
+@pytest.mark.parametrize("name", ["a.png", "a.tif"])
+def test_png_and_tiff_after_our_import(tmp_path: Path, name: str) -> None:
+    write(tmp_path, name)
+    done = fresh(f"import colmap_ihe, pycolmap\n{CONVERT}", tmp_path)
+    assert done.returncode == 0, done.stderr
+
+
+@pytest.mark.parametrize("name", ["a.png", "a.tif"])
+def test_png_and_tiff_are_refused_after_pycolmap_and_do_not_crash(tmp_path: Path, name: str) -> None:
+    write(tmp_path, name)
+    done = fresh(f"import pycolmap\n{CONVERT}", tmp_path)
+    assert done.returncode == 1, done.stderr
+    (line,) = [text for text in done.stderr.splitlines() if text.startswith("colmap-ihe:")]
+    assert f"{name}: PNG and TIFF cannot be read" in line
+    assert "import colmap_ihe first" in line
+    assert "Traceback" not in done.stderr
+
+
+def test_after_our_import_other_png_writers_are_safe_beside_pycolmap(tmp_path: Path) -> None:
+    code = """
+import colmap_ihe, pycolmap, cv2, numpy as np
+from PIL import Image
+pixels = np.random.default_rng(1).integers(0, 256, (300, 400, 3), np.uint8)
+for n in range(3):
+    assert cv2.imwrite("a.png", pixels)
+    Image.fromarray(pixels).save("b.png")
+    assert (cv2.imread("a.png") == pixels).all()
+"""
+    done = fresh(code, tmp_path)
+    assert done.returncode == 0, done.stderr

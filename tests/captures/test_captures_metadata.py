@@ -1,0 +1,220 @@
+"""What EXIF says arrives in the grey image: pycolmap, which decides by it, must see no difference."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, get_args
+
+import numpy as np
+import pytest
+from PIL import ExifTags, Image
+
+from colmap_ihe.captures.encode import SUFFIXES, Format, encode_image
+from colmap_ihe.captures.metadata import Metadata, read_metadata
+from colmap_ihe.colmap.native import pycolmap
+from colmap_ihe.demo.dng import write_dng
+from colmap_ihe.demo.exif import PhotoExif, jpeg_exif
+
+FORMATS: tuple[Format, ...] = get_args(Format)
+SIZE = (96, 64)
+GPS = {1: "N", 2: (48.0, 46.0, 26.5), 3: "E", 4: (2.0, 17.0, 49.1), 5: b"\x00", 6: 85.5}
+
+
+def photograph(folder: Path, name: str = "a.jpg", **changes: Any) -> Path:
+    """A JPEG, PNG or TIFF with EXIF as a camera writes it; `orientation` and `gps` besides `PhotoExif`'s."""
+    orientation, gps = changes.pop("orientation", 1), changes.pop("gps", None)
+    exif = jpeg_exif(replace(PhotoExif(make="Canon", model="Canon EOS 40D"), **changes), *SIZE, orientation)
+    if gps:
+        exif.get_ifd(ExifTags.IFD.GPSInfo).update(gps)
+    picture = Image.fromarray(np.random.default_rng(1).integers(0, 256, (SIZE[1], SIZE[0], 3), np.uint8))
+    picture.save(folder / name, exif=exif)
+    return folder / name
+
+
+def grey_of(file: Path, metadata: Metadata, folder: Path, file_format: Format) -> Path:
+    """A grey file of the photograph's size with its EXIF, as `convert` writes it."""
+    with Image.open(file) as image:
+        grey = np.zeros((image.height, image.width), np.uint8)
+    target = folder / f"grey{SUFFIXES[file_format]}"
+    target.write_bytes(encode_image(grey, metadata.exif, file_format))
+    return target
+
+
+def camera(file: Path) -> tuple[Any, ...]:
+    inferred = pycolmap.infer_camera_from_image(file)
+    return (inferred.has_prior_focal_length, inferred.width, inferred.height, inferred.params.tolist())
+
+
+@pytest.mark.parametrize("file_format", FORMATS)
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {},
+        {"focal_length_35mm": None},
+        {"focal_length_mm": None, "focal_length_35mm": 28},
+        {"focal_length_mm": None, "focal_length_35mm": None},
+        {"make": "", "model": ""},
+        {"orientation": 6},
+        {"gps": GPS},
+    ],
+    ids=lambda changes: "+".join(changes) or "all",
+)
+def test_colmap_infers_the_same_camera(tmp_path: Path, file_format: Format, changes: dict[str, Any]) -> None:
+    source = photograph(tmp_path, **changes)
+    metadata = read_metadata(source, "coded")
+    assert metadata.problem == ""
+    assert camera(grey_of(source, metadata, tmp_path, file_format)) == camera(source)
+
+
+def test_the_focal_prior_tells_these_photographs_apart(tmp_path: Path) -> None:
+    """The comparison above can fail: 30 mm of 36 mm on 96 pixels is 80 pixels; unknown is 1.2 x 96."""
+    known, unknown = photograph(tmp_path), photograph(tmp_path, "b.jpg", focal_length_mm=None, focal_length_35mm=None, make="", model="")
+    assert camera(known)[0]
+    assert 70 < camera(known)[3][0] < 85
+    assert not camera(unknown)[0]
+    assert camera(unknown)[3][0] == pytest.approx(115.2)
+
+
+@pytest.mark.parametrize("file_format", FORMATS)
+@pytest.mark.parametrize("name", ["a.jpg", "a.png", "a.tif"])
+def test_every_tag_arrives(tmp_path: Path, name: str, file_format: Format) -> None:
+    source = photograph(tmp_path, name, orientation=8, gps=GPS)
+    metadata = read_metadata(source, "coded")
+    assert (metadata.make, metadata.model) == ("Canon", "Canon EOS 40D")
+    assert (metadata.focal_mm, metadata.focal_35mm, metadata.orientation) == (30, 30, 8)
+    assert metadata.has_gps
+    with Image.open(grey_of(source, metadata, tmp_path, file_format)) as grey:
+        exif = grey.getexif()
+        assert exif[ExifTags.Base.Orientation] == 8
+        assert exif[ExifTags.Base.Make] == "Canon"
+        inner, gps = exif.get_ifd(ExifTags.IFD.Exif), exif.get_ifd(ExifTags.IFD.GPSInfo)
+        assert float(inner[ExifTags.Base.FNumber]) == 8
+        assert inner[ExifTags.Base.LensModel] == "Demo lens 30 mm"
+        assert inner[ExifTags.Base.DateTimeOriginal] == "2016:06:21 10:00:00"
+        assert [float(v) for v in gps[2]] == pytest.approx([48, 46, 26.5])
+        assert float(gps[6]) == pytest.approx(85.5)
+
+
+def test_gps_counts_only_with_an_altitude(tmp_path: Path) -> None:
+    """As in COLMAP, which wants latitude, longitude and altitude."""
+    without = {tag: value for tag, value in GPS.items() if tag not in (5, 6)}
+    assert read_metadata(photograph(tmp_path, gps=GPS), "coded").has_gps
+    assert not read_metadata(photograph(tmp_path, "b.jpg", gps=without), "coded").has_gps
+    assert not read_metadata(photograph(tmp_path, "c.jpg"), "coded").has_gps
+
+
+def test_exif_has_the_size_of_the_image_it_goes_into(tmp_path: Path) -> None:
+    metadata = read_metadata(photograph(tmp_path), "coded")
+    (tmp_path / "b.png").write_bytes(encode_image(np.zeros((50, 70), np.uint8), metadata.exif, "png"))
+    with Image.open(tmp_path / "b.png") as image:
+        inner = image.getexif().get_ifd(ExifTags.IFD.Exif)
+    assert (inner[ExifTags.Base.ExifImageWidth], inner[ExifTags.Base.ExifImageHeight]) == (70, 50)
+
+
+@pytest.mark.parametrize("file_format", FORMATS)
+def test_a_photograph_without_exif_gives_a_grey_image_without(tmp_path: Path, file_format: Format) -> None:
+    Image.new("RGB", SIZE).save(tmp_path / "a.png")
+    metadata = read_metadata(tmp_path / "a.png", "coded")
+    assert metadata == Metadata()
+    assert camera(grey_of(tmp_path / "a.png", metadata, tmp_path, file_format)) == camera(tmp_path / "a.png")
+
+
+@pytest.mark.parametrize("file_format", FORMATS)
+def test_exif_of_a_raw_file_arrives(tmp_path: Path, file_format: Format) -> None:
+    exif = PhotoExif(make="Nikon", model="D70", focal_length_mm=18.0, focal_length_35mm=27)
+    write_dng(
+        tmp_path / "a.dng",
+        np.full((SIZE[1], SIZE[0]), 700, np.uint16),
+        black=512,
+        white=16383,
+        as_shot_neutral=(0.5, 1, 0.6),
+        colour_matrix=np.eye(3),
+        exif=exif,
+        orientation=6,
+    )
+    found = read_metadata(tmp_path / "a.dng", "raw")
+    assert (found.make, found.model, found.focal_mm, found.focal_35mm, found.orientation) == (
+        "Nikon",
+        "D70",
+        18,
+        27,
+        6,
+    )
+    Image.new("RGB", SIZE).save(tmp_path / "like.jpg", exif=jpeg_exif(exif, *SIZE, 6))
+    grey = grey_of(tmp_path / "like.jpg", found, tmp_path, file_format)
+    assert camera(grey) == camera(tmp_path / "like.jpg")
+    assert camera(grey)[0]
+
+
+def cut_short(exif: bytes) -> bytes:
+    return exif[: len(exif) // 2]
+
+
+def noise_behind_the_header(exif: bytes) -> bytes:
+    return exif[:14] + np.random.default_rng(2).integers(0, 256, len(exif) - 14, np.uint8).tobytes()
+
+
+def endless_directory(exif: bytes) -> bytes:
+    return exif[:14] + b"\xff" * (len(exif) - 14)
+
+
+def empty(_exif: bytes) -> bytes:
+    return b"Exif\0\0"
+
+
+@pytest.mark.filterwarnings("ignore::UserWarning")  # Pillow's words for the same
+@pytest.mark.parametrize("spoil", [cut_short, noise_behind_the_header, endless_directory, empty])
+def test_broken_exif_loses_the_tag_not_the_photograph(tmp_path: Path, spoil: Callable[[bytes], bytes]) -> None:
+    exif = jpeg_exif(PhotoExif(), *SIZE).tobytes()
+    Image.new("RGB", SIZE).save(tmp_path / "a.jpg", exif=spoil(exif))
+    found = read_metadata(tmp_path / "a.jpg", "coded")
+    for file_format in FORMATS:
+        with Image.open(grey_of(tmp_path / "a.jpg", found, tmp_path, file_format)) as grey:
+            assert grey.size == SIZE
+            grey.load()
+
+
+def test_a_file_that_is_no_photograph_has_a_problem_and_nothing_else(tmp_path: Path) -> None:
+    (tmp_path / "a.jpg").write_bytes(b"no photograph")
+    found = read_metadata(tmp_path / "a.jpg", "coded")
+    assert "not readable" in found.problem
+    assert replace(found, problem="") == Metadata()
+    (tmp_path / "a.dng").write_bytes(b"no photograph")
+    assert read_metadata(tmp_path / "a.dng", "raw").problem
+
+
+REAL = [
+    *("exif/Canon_40D.jpg", "exif/DSCN0010.jpg", "exif/DSCN0012.jpg", "exif/Landscape_3.jpg", "exif/Landscape_8.jpg"),
+    *("exif/Nikon_D70.jpg", "exif/Portrait_6.jpg", "sceaux/100_7100.JPG", "fountain-p11/0000.jpg"),
+]
+
+
+@pytest.mark.data
+@pytest.mark.filterwarnings("ignore::UserWarning")
+@pytest.mark.parametrize("name", REAL)
+def test_colmap_infers_the_same_camera_from_real_photographs(
+    photographs: Path, tmp_path: Path, name: str
+) -> None:
+    source = photographs / name
+    metadata = read_metadata(source, "coded")
+    for file_format in FORMATS:
+        assert camera(grey_of(source, metadata, tmp_path, file_format)) == camera(source)
+
+
+@pytest.mark.data
+@pytest.mark.filterwarnings("ignore::UserWarning")
+@pytest.mark.parametrize("name", ["exif/corrupted.jpg", "exif/image00971.jpg"])
+def test_real_broken_exif(photographs: Path, tmp_path: Path, name: str) -> None:
+    metadata = read_metadata(photographs / name, "coded")
+    for file_format in FORMATS:
+        with Image.open(grey_of(photographs / name, metadata, tmp_path, file_format)) as grey:
+            grey.load()
+
+
+@pytest.mark.data
+def test_real_gps_and_orientation(photographs: Path) -> None:
+    """By exiftool: DSCN0010 has GPS without altitude; the orientations are in the names."""
+    for name, orientation in (("Landscape_3", 3), ("Landscape_8", 8), ("Portrait_6", 6)):
+        assert read_metadata(photographs / f"exif/{name}.jpg", "coded").orientation == orientation

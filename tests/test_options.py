@@ -1,0 +1,165 @@
+"""project.yaml and --set: what is taken, and that everything else is refused in one line that says why."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from pydantic import ValidationError
+
+from colmap_ihe.errors import OptionError
+from colmap_ihe.options import Options, load_options
+
+
+def written(folder: Path, text: str) -> Path:
+    (folder / "project.yaml").write_text(text, encoding="utf-8")
+    return folder / "project.yaml"
+
+
+def refused(path: Path | None, *assignments: str) -> str:
+    with pytest.raises(OptionError) as caught:
+        load_options(path, assignments)
+    assert "\n" not in str(caught.value)
+    return f"{caught.value} ({caught.value.hint})"
+
+
+def test_the_defaults_need_no_file(tmp_path: Path) -> None:
+    assert load_options(None) == load_options(tmp_path / "project.yaml") == Options()
+    assert load_options(written(tmp_path, "")) == Options()
+    assert load_options(written(tmp_path, "# nothing\nfit:\n")) == Options()
+
+
+def test_the_names_that_are_contracts() -> None:
+    options = Options()
+    assert (options.fit.method, options.fit.guard, options.fit.step, options.fit.sample, options.fit.weighting) == (
+        "ihe",
+        "none",
+        0.01,
+        1.0,
+        "pixel",
+    )
+    assert (options.convert.tone, options.convert.format) == ("sqrt", "png")
+    assert options.features.max_image_size is None
+    assert options.matches.strategy == "auto"
+    assert (options.dense.enabled, options.dense.backend, options.dense.max_image_size) == (True, "auto", 1600)
+    assert options.features.colmap == options.matches.colmap == options.sparse.colmap == options.dense.colmap == {}
+
+
+def test_a_file_changes_what_it_names_and_nothing_else(tmp_path: Path) -> None:
+    file = written(tmp_path, "fit:\n  step: 0.1\n  method: rec709\ncamera:\n  params: [500, 320, 240, 0]\n")
+    options = load_options(file)
+    assert (options.fit.step, options.fit.method) == (0.1, "rec709")
+    assert options.camera.params == (500, 320, 240, 0)
+    assert options.model_copy(update={"fit": Options().fit, "camera": Options().camera}) == Options()
+
+
+@pytest.mark.parametrize(
+    ("assignment", "section", "option", "value"),
+    [
+        ("fit.method=green", "fit", "method", "green"),
+        ("fit.step=0.05", "fit", "step", 0.05),
+        ("fit.step=1", "fit", "step", 1.0),
+        ("dense.enabled=false", "dense", "enabled", False),
+        ("dense.enabled=no", "dense", "enabled", False),
+        ("dense.max_image_size=2400", "dense", "max_image_size", 2400),
+        ("features.max_image_size=null", "features", "max_image_size", None),
+        ("camera.params=[1, 2.5, 3]", "camera", "params", (1, 2.5, 3)),
+        (" sparse.seed=7", "sparse", "seed", 7),
+        ("features.colmap={use_gpu: false}", "features", "colmap", {"use_gpu": False}),
+        ("features.colmap.sift.max_num_features=99", "features", "colmap", {"sift": {"max_num_features": 99}}),
+        ("matches.pairing.overlap=5", "matches", "pairing", {"overlap": 5}),
+    ],
+)
+def test_set_takes_yaml_values(assignment: str, section: str, option: str, value: Any) -> None:
+    found = getattr(getattr(load_options(None, [assignment]), section), option)
+    assert found == value
+    assert type(found) is type(value)
+
+
+def test_set_goes_over_the_file_and_the_last_one_wins(tmp_path: Path) -> None:
+    file = written(tmp_path, "features:\n  colmap:\n    use_gpu: false\n    sift: {max_num_features: 5}\n")
+    options = load_options(file, ["features.colmap.sift.max_num_features=6", "features.colmap.sift.max_num_features=7"])
+    assert options.features.colmap == {"use_gpu": False, "sift": {"max_num_features": 7}}
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("dance:\n  enabled: true\n", ["unknown option 'dance'", "dense"]),
+        ("fit:\n  stepp: 0.1\n", ["unknown option 'fit.stepp'", "step, sample"]),
+        ("fit:\n  step: fine\n", ["fit.step is 'fine'"]),
+        ("fit:\n  step: 0.03\n", ["fit.step is 0.03"]),
+        ("fit:\n  sample: 0\n", ["fit.sample is 0", "greater than 0"]),
+        ("fit:\n  method: best\n", ["fit.method is 'best'", "'ihe'"]),
+        ("dense:\n  enabled: 1\n", ["dense.enabled is 1"]),
+        ("dense:\n  enabled: 'yes'\n", ["dense.enabled is 'yes'"]),
+        ("dense:\n  max_image_size: 1600.5\n", ["dense.max_image_size is 1600.5"]),
+        ("dense:\n  max_image_size: 10\n", ["dense.max_image_size is 10", "64"]),
+        ("dense:\n  max_image_size: true\n", ["dense.max_image_size is True"]),
+        ("features:\n  colmap: [1]\n", ["features.colmap is [1]"]),
+        ("camera:\n  params: 500\n", ["camera.params is 500"]),
+        ("camera:\n  params: [a, b]\n", ["camera.params"]),
+        ("camera:\n  params: [null]\n", ["camera.params"]),
+        ("fit: [step, 0.1]\n", ["wanted sections"]),
+        ("fit: 3\n", ["wanted sections"]),
+        ("- fit\n- dense\n", ["holds list", "wanted sections"]),
+        ("just words", ["holds str"]),
+        ("3", ["holds int"]),
+        ("fit: {step: 0.1\n", ["not readable as YAML"]),
+        ("fit:\n\tstep: 0.1\n", ["not readable as YAML"]),
+        ("!!python/object/apply:os.getcwd []\n", ["not readable as YAML"]),
+    ],
+)
+def test_anything_else_in_the_file_is_refused(tmp_path: Path, text: str, words: list[str]) -> None:
+    message = refused(written(tmp_path, text))
+    assert str(tmp_path / "project.yaml") in message
+    for word in words:
+        assert word in message
+
+
+def test_a_file_that_is_no_text_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "project.yaml").write_bytes(b"\xff\xfe\x00fit")
+    assert "not readable as YAML" in refused(tmp_path / "project.yaml")
+
+
+def test_a_folder_called_project_yaml_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "project.yaml").mkdir()
+    refused(tmp_path / "project.yaml")
+
+
+@pytest.mark.parametrize(
+    "assignment",
+    [
+        *("fit.step", "step=0.1", "=1", "fit.=1", ".step=0.1", "fit.step=[", "dense.enabled=1", "dance.on=true"),
+        *("fit.stepp=0.1", "fit.step.more=1", "fit.step=", "features.colmap=3", "nowhere.deep.er=1"),
+    ],
+)
+def test_any_other_assignment_is_refused_and_named(assignment: str) -> None:
+    assert f"--set {assignment}" in refused(None, assignment)
+
+
+def test_options_cannot_be_changed_in_place() -> None:
+    with pytest.raises(ValidationError, match="frozen"):
+        Options().fit.step = 0.1
+
+
+@given(
+    st.recursive(
+        st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=5),
+        lambda inner: st.lists(inner, max_size=3) | st.dictionaries(st.text(max_size=5), inner, max_size=3),
+        max_leaves=6,
+    ),
+    st.sampled_from(["fit", "dense", "camera", "features"]),
+)
+def test_no_value_at_all_gives_anything_but_options_or_an_option_error(value: Any, section: str) -> None:
+    import yaml
+
+    for name in Options.model_fields[section].default.model_dump():
+        text = yaml.safe_dump(value, default_flow_style=True).strip().removesuffix("...").strip()
+        try:
+            assert isinstance(load_options(None, [f"{section}.{name}={text}"]), Options)
+        except OptionError as error:
+            assert section in str(error)
