@@ -85,14 +85,12 @@ def fit_captures(
     left_out: LeftOut = {}
     histograms: dict[Encoding, Histogram] = {}
     members: dict[Encoding, list[Capture]] = {"coded": [], "linear": []}
-    passes = 1 if all(c.kind == "coded" for c in captures) else 3
-    watch.start(passes * len(captures) + len(triplets(options.step)))
 
     def decode(capture: Capture) -> tuple[Capture, Encoding, NDArray[np.uint8] | NDArray[np.uint16]]:
         photograph = read_photograph(capture)
         return capture, photograph.encoding, _sampled(photograph, options.sample)
 
-    for capture, encoding, rgb in _each(decode, captures, executor, watch, strict, left_out, started=True):
+    for capture, encoding, rgb in _each(decode, captures, executor, watch, strict, left_out):
         histogram = histograms.setdefault(encoding, Histogram(encoding))
         histogram.add(rgb, weighting=options.weighting)
         members[encoding].append(capture)
@@ -116,12 +114,14 @@ def fit_captures(
                 mass = histogram.mass_of(rgb, options.weighting)
                 return count_levels(rgb, chosen, whites) * mass
 
+            watch.start(len(members[encoding]), f"images, for {len(chosen)} triplets")
             total: NDArray[np.int64] = np.zeros((len(chosen), 256), np.int64)
             for counts in in_order(executor, count, members[encoding]):
                 total += counts
                 watch.advance()
             return total
 
+        watch.start(len(triplets(options.step)), "triplets")
         return fit_histogram(
             histogram, options.step, recount if encoding == "linear" else None, advance=watch.advance
         )
@@ -205,8 +205,6 @@ def _each(
     watch: Watch,
     strict: bool,
     left_out: LeftOut,
-    *,
-    started: bool = False,
 ) -> Iterable[_Result]:
     """`function` of every capture that can be used; the others go to `left_out`, or end the run if strict."""
 
@@ -216,8 +214,7 @@ def _each(
         except PhotographError as error:
             return error
 
-    if not started:
-        watch.start(len(captures))
+    watch.start(len(captures))
     usable = 0
     for capture, result in zip(captures, in_order(executor, guarded, captures), strict=True):
         watch.advance()

@@ -97,7 +97,8 @@ class _Bar:
     ) -> None:
         if self._rich is not None:
             if kind is None:
-                self._rich.update(self._task, total=max(1, self._done), completed=max(1, self._done))
+                total = max(1, self._total)
+                self._rich.update(self._task, total=total, completed=total)
             self._rich.stop()
 
     def start(self, total: int, unit: str = "images") -> None:
@@ -105,7 +106,8 @@ class _Bar:
         with self._lock:
             self._done, self._total, self._unit, self._told = 0, max(1, total), unit, 0
             if self._rich is not None:
-                self._rich.reset(self._task, total=self._total, unit=unit)
+                # One unit has no part to show: the bar moves to and fro until it is done.
+                self._rich.reset(self._task, total=self._total if total > 1 else None, unit=unit)
 
     def advance(self, count: int = 1) -> None:
         with self._lock:
@@ -123,7 +125,7 @@ class _Bar:
         percent = min(100, 100 * self._done // self._total)
         if percent >= self._told + _PLAIN_EVERY or self._done == self._total:
             self._told = percent - percent % _PLAIN_EVERY
-            self._bars._say(f"{self._name:>9}  {self._done} of {self._total} {self._unit}")
+            self._bars._say(f"{self._name:>9}  {min(self._done, self._total)} of {self._total} {self._unit}")
 
 
 def print_table(title: str, rows: Sequence[Sequence[str]], columns: Sequence[str] = ()) -> None:

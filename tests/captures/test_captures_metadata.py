@@ -29,7 +29,9 @@ def photograph(folder: Path, name: str = "a.jpg", **changes: Any) -> Path:
     if gps:
         exif.get_ifd(ExifTags.IFD.GPSInfo).update(gps)
     picture = Image.fromarray(np.random.default_rng(1).integers(0, 256, (SIZE[1], SIZE[0], 3), np.uint8))
-    picture.save(folder / name, exif=exif)
+    block = Image.Exif()  # read back from bytes: Pillow writes directories that were filled by hand to JPEG only
+    block.load(exif.tobytes())
+    picture.save(folder / name, exif=block)
     return folder / name
 
 

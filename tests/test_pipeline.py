@@ -1,0 +1,673 @@
+"""The road on a small scene: what runs, what is kept, what the records say, and what stops it."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import shutil
+from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from colmap_ihe.captures.discover import discover
+from colmap_ihe.colmap.native import pycolmap
+from colmap_ihe.errors import Cancelled, MappingError, OptionError, PhotographError, ProjectError
+from colmap_ihe.grey.weights import Weights
+from colmap_ihe.options import Options
+from colmap_ihe.pipeline import NAMES, reconstruct, status
+from colmap_ihe.progress import Silent
+
+Make = Callable[..., Path]
+MakeOptions = Callable[..., Options]
+
+# design.md, "Contracts"
+SUMMARY_KEYS = {
+    *("images", "registered_images", "weights", "method", "points3D", "points_over_3_views"),
+    *("mean_reprojection_error_px", "dense_points", "dense_backend", "stages", "warnings"),
+}
+
+
+class Listener(Silent):
+    """Notes what a person would be shown."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.begun: list[str] = []
+        self.was_kept: list[str] = []
+        self.warnings: list[str] = []
+
+    @contextmanager
+    def stage(self, name: str) -> Iterator[Silent]:
+        self.begun.append(name)
+        yield self
+
+    def kept(self, name: str) -> None:
+        self.was_kept.append(name)
+
+    def warn(self, text: str) -> None:
+        self.warnings.append(text)
+
+
+def digest_of(folder: Path) -> str:
+    """Of names and contents of all files below a folder."""
+    digest = hashlib.sha256()
+    for file in sorted(p for p in folder.rglob("*") if p.is_file()):
+        digest.update(file.relative_to(folder).as_posix().encode() + b"\0" + file.read_bytes())
+    return digest.hexdigest()
+
+
+def record(project: Path, stage: str) -> dict[str, Any]:
+    values: dict[str, Any] = json.loads((project / "records" / f"{stage}.json").read_text())
+    return values
+
+
+# The whole road
+
+
+def test_every_view_registers_and_the_cloud_is_there(finished: Path, finished_summary: dict[str, Any]) -> None:
+    assert finished_summary.keys() >= SUMMARY_KEYS
+    assert finished_summary["images"] == finished_summary["registered_images"] == 8
+    assert finished_summary["method"] == "ihe"
+    assert sum(finished_summary["weights"]) == pytest.approx(1)
+    assert finished_summary["points3D"] > finished_summary["points_over_3_views"] > 200
+    assert 0.05 < finished_summary["mean_reprojection_error_px"] < 1
+    assert finished_summary["dense_backend"] in ("sgm", "patchmatch")
+    assert finished_summary["dense_points"] > 20_000
+    assert list(finished_summary["stages"]) == list(NAMES)
+    assert all(seconds >= 0 for seconds in finished_summary["stages"].values())
+    assert finished_summary["warnings"] == []
+    assert json.loads((finished / "report/summary.json").read_text()) == finished_summary
+
+
+def test_what_is_left_is_a_plain_colmap_workspace(finished: Path, finished_summary: dict[str, Any]) -> None:
+    model = pycolmap.Reconstruction(finished / "workspace/sparse/0")
+    assert model.num_reg_images() == 8
+    assert model.num_points3D() == finished_summary["points3D"]
+    names = {image.name for image in model.images.values()}
+    assert names == {f"portico_{n:02}.png" for n in range(1, 9)}
+    for folder, mode in (("workspace/images", "L"), ("colour", "RGB")):
+        assert {p.name for p in (finished / folder).iterdir()} == names
+        with Image.open(finished / folder / "portico_01.png") as image:
+            assert (image.mode, image.size) == (mode, (480, 320))
+    with pycolmap.Database.open(finished / "workspace/database.db") as database:
+        assert database.num_images() == 8
+        assert database.num_cameras() == 1
+        assert database.num_verified_image_pairs() == 28 == finished_summary["pairs_verified"]
+    header = (finished / "workspace/dense/0/fused.ply").read_bytes()[:600].decode("ascii", "replace")
+    assert f"element vertex {finished_summary['dense_points']}" in header
+    assert "red" in header
+
+
+def test_records_say_how_each_stage_came_about(finished: Path) -> None:
+    for stage in NAMES:
+        found = record(finished, stage)
+        assert found["stage"] == stage
+        assert len(found["fingerprint"]) == 24
+        assert found["versions"]["colmap-ihe"]
+        assert found["seed"] == 0
+        assert found["seconds"] >= 0
+        assert found["resumed"] is False
+        assert found["warnings"] == []
+        assert not (finished / "records" / f"{stage}.begun.json").exists()
+    assert record(finished, "features")["versions"]["pycolmap"] == pycolmap.__version__
+    assert record(finished, "features")["options"]["features"]["colmap"] == {"sift": {"max_num_features": 1500}}
+    assert record(finished, "fit")["options"]["fit"]["step"] == 0.1
+    assert record(finished, "captures")["images"] == 8
+    assert len({record(finished, stage)["fingerprint"] for stage in NAMES}) == len(NAMES)
+
+
+def test_the_weights_file_is_that_of_the_fit(finished: Path, finished_summary: dict[str, Any]) -> None:
+    import yaml
+
+    weights = Weights.from_dict(yaml.safe_load((finished / "report/weights.yaml").read_text()))
+    assert list(weights.triplet) == finished_summary["weights"]
+    assert (weights.images, weights.pixels) == (8, 8 * 480 * 320)
+
+
+def test_colmaps_log_is_a_file_of_the_project(finished: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    assert [p for p in (finished / "records").glob("colmap.log.*") if p.stat().st_size > 0]
+    reconstruct(finished, Options(), until="convert")
+    assert capfd.readouterr().err == ""
+
+
+# What is kept and what runs again
+
+
+def test_a_second_call_runs_nothing_and_changes_no_file(finished: Path, quick_options: MakeOptions) -> None:
+    before = {p: p.stat().st_mtime_ns for p in (finished / "workspace").rglob("*") if p.is_file()}
+    summary = (finished / "report/summary.json").read_text()
+    listener = Listener()
+    done = reconstruct(finished, quick_options(), audience=listener)
+    assert done.stages_run == ()
+    assert listener.was_kept == list(NAMES)
+    assert {p: p.stat().st_mtime_ns for p in (finished / "workspace").rglob("*") if p.is_file()} == before
+    assert (finished / "report/summary.json").read_text() == summary
+
+
+def test_until_ends_after_a_stage_and_the_next_call_goes_on(
+    new_project: Make, quick_options: MakeOptions
+) -> None:
+    project = new_project()
+    done = reconstruct(project, quick_options(), until="fit")
+    assert done.stages_run == ("captures", "fit")
+    assert done.summary["registered_images"] is None
+    assert not (project / "workspace").exists()
+    assert not (project / "colour").exists()
+    done = reconstruct(project, quick_options(), until="convert")
+    assert done.stages_run == ("convert",)
+    assert (done.summary.keys()) >= SUMMARY_KEYS
+    assert not (project / "workspace/database.db").exists()
+
+
+@pytest.mark.parametrize(
+    ("assignment", "until", "expected"),
+    [
+        ("captures.strict=true", "dense", ()),
+        ("dense.colmap.min_num_pixels=3", "dense", ("dense",)),
+        ("dense.max_image_size=200", "sparse", ()),
+        ("sparse.seed=1", "sparse", ("sparse",)),
+        ("matches.colmap.max_num_matches=4096", "matches", ("matches",)),
+        ("features.colmap.sift.max_num_features=900", "matches", ("features", "matches")),
+        ("camera.mode=single", "features", ("features",)),
+        ("convert.format=jpeg", "features", ("convert", "features")),
+        ("fit.method=rec709", "features", ("fit", "convert", "features")),
+    ],
+)
+def test_a_changed_option_runs_what_depends_on_it_and_no_more(
+    finished: Path, quick_options: MakeOptions, assignment: str, until: str, expected: tuple[str, ...]
+) -> None:
+    options = quick_options(assignment)
+    stale = {state.name for state in status(finished, options) if state.state != "done"}
+    done = reconstruct(finished, options, until=until)
+    assert done.stages_run == expected
+    if expected:
+        assert stale == set(NAMES[NAMES.index(expected[0]) :])
+        # What comes later is no longer true, and is not left to look as if it were.
+        for later in NAMES[NAMES.index(until) + 1 :]:
+            assert not (finished / "records" / f"{later}.json").exists()
+
+
+def test_another_grey_gives_another_database_and_other_features(finished: Path, quick_options: MakeOptions) -> None:
+    before = record(finished, "features")["features"]
+    old_grey = digest_of(finished / "workspace/images")
+    done = reconstruct(finished, quick_options("fit.method=blue"), until="features")
+    assert done.summary["weights"] == [0, 0, 1]
+    assert digest_of(finished / "workspace/images") != old_grey
+    assert record(finished, "features")["features"] != before
+    with Image.open(finished / "workspace/images/portico_01.png") as grey, Image.open(finished / "images/portico_01.jpg") as rgb:
+        np.testing.assert_array_equal(np.asarray(grey), np.asarray(rgb)[..., 2])
+
+
+def test_dense_can_be_left_out(finished: Path, quick_options: MakeOptions) -> None:
+    done = reconstruct(finished, quick_options("dense.enabled=false"))
+    assert done.stages_run == ()
+    assert done.summary["dense_points"] is None
+    assert (done.summary["registered_images"], "dense" in done.summary["stages"]) == (8, False)
+    assert reconstruct(finished, quick_options()).stages_run == ()  # what was there is still true
+
+
+def test_start_runs_a_stage_and_all_after_it_again(finished: Path, quick_options: MakeOptions) -> None:
+    done = reconstruct(finished, quick_options(), start="convert", until="features")
+    assert done.stages_run == ("convert", "features")
+    assert [s.state for s in status(finished, quick_options())] == ["done"] * 4 + ["to do"] * 3
+
+
+def touch_up(images: Path) -> None:
+    with Image.open(images / "portico_03.jpg") as picture:
+        edited = picture.point(lambda value: min(255, value + 20))
+        edited.save(images / "portico_03.jpg", exif=picture.getexif())
+
+
+def add(images: Path) -> None:
+    shutil.copy(images / "portico_03.jpg", images / "portico_09.jpg")
+
+
+def remove(images: Path) -> None:
+    (images / "portico_03.jpg").unlink()
+
+
+def rename(images: Path) -> None:
+    (images / "portico_03.jpg").rename(images / "another.jpg")
+
+
+@pytest.mark.parametrize(("change", "count"), [(touch_up, 8), (add, 9), (remove, 7), (rename, 8)])
+def test_changed_photographs_run_everything_again(
+    finished: Path, quick_options: MakeOptions, change: Callable[[Path], None], count: int
+) -> None:
+    change(finished / "images")
+    states = status(finished, quick_options())
+    assert {s.state for s in states} == {"stale"}
+    assert states[0].why == "the photographs changed"
+    done = reconstruct(finished, quick_options(), until="convert")
+    assert done.stages_run == ("captures", "fit", "convert")
+    assert done.summary["images"] == count
+    stems = {p.stem for p in (finished / "images").iterdir()}
+    for folder in ("workspace/images", "colour"):
+        assert {p.stem for p in (finished / folder).iterdir()} == stems
+
+
+def test_a_photograph_that_was_only_touched_changes_nothing(finished: Path, quick_options: MakeOptions) -> None:
+    (finished / "images/portico_03.jpg").touch()
+    assert reconstruct(finished, quick_options()).stages_run == ()
+
+
+def test_a_file_that_is_no_photograph_changes_nothing(finished: Path, quick_options: MakeOptions) -> None:
+    (finished / "images/notes.txt").write_text("north side")
+    assert reconstruct(finished, quick_options()).stages_run == ()
+
+
+def test_a_record_that_cannot_be_read_counts_for_nothing(finished: Path, quick_options: MakeOptions) -> None:
+    (finished / "records/convert.json").write_text('{"fingerprint": ')
+    assert reconstruct(finished, quick_options(), until="convert").stages_run == ("convert",)
+
+
+def test_a_record_that_lost_its_fingerprint_counts_for_nothing(finished: Path, quick_options: MakeOptions) -> None:
+    (finished / "records/convert.json").write_text("{}")
+    assert {s.name: s.state for s in status(finished, quick_options())}["convert"] != "done"
+    assert reconstruct(finished, quick_options(), until="convert").stages_run == ("convert",)
+
+
+def test_status_says_what_is_stale_and_why(finished: Path, new_project: Make, quick_options: MakeOptions) -> None:
+    before = digest_of(finished)
+    assert [(s.name, s.state, s.why) for s in status(finished, quick_options())] == [(n, "done", "") for n in NAMES]
+    states = status(finished, quick_options("features.max_image_size=200"))
+    assert [(s.state, s.why) for s in states] == [
+        *[("done", "")] * 3,
+        ("stale", "its options changed"),
+        *[("stale", "features comes before it")] * 3,
+    ]
+    assert digest_of(finished) == before
+    project = new_project()
+    assert [(s.state, s.why, s.seconds) for s in status(project)] == [("to do", "", None)] * len(NAMES)
+    assert sorted(p.name for p in project.iterdir()) == ["images"]
+
+
+def test_photographs_are_never_written_to(new_project: Make, quick_options: MakeOptions) -> None:
+    project = new_project(suffixes=(".jpg", ".dng"), views=3)
+    before = digest_of(project / "images"), sorted(p.stat().st_mtime_ns for p in (project / "images").iterdir())
+    for folder in (project / "images", project / "images/portico_01.jpg"):
+        folder.chmod(0o555)
+    try:
+        reconstruct(project, quick_options("dense.enabled=false"))
+    finally:
+        (project / "images").chmod(0o755)
+    after = digest_of(project / "images"), sorted(p.stat().st_mtime_ns for p in (project / "images").iterdir())
+    assert after == before
+
+
+def test_photographs_may_lie_elsewhere(new_project: Make, tmp_path: Path, quick_options: MakeOptions) -> None:
+    images = new_project(3) / "images"
+    done = reconstruct(tmp_path / "elsewhere", quick_options(), images=images, until="convert")
+    assert done.summary["images"] == 3
+    assert sorted(p.name for p in images.parent.iterdir()) == ["images"]
+    assert len(list((tmp_path / "elsewhere/workspace/images").iterdir())) == 3
+
+
+def test_work_may_be_given_to_another_executor(new_project: Make, quick_options: MakeOptions) -> None:
+    project = new_project(3)
+    with ThreadPoolExecutor(1) as executor:
+        one = reconstruct(project, quick_options(), until="convert", executor=executor)
+        grey = digest_of(project / "workspace/images")
+        shutil.rmtree(project / "records")
+        shutil.rmtree(project / "workspace")
+        shutil.rmtree(project / "colour")
+        shutil.rmtree(project / "report")
+        assert executor.submit(int, "3").result() == 3  # it is the caller's, and was not shut down
+    with ThreadPoolExecutor(5) as executor:
+        five = reconstruct(project, quick_options(), until="convert", executor=executor)
+    assert one.summary["weights"] == five.summary["weights"]
+    assert digest_of(project / "workspace/images") == grey
+
+
+# Cancelling
+
+
+@pytest.mark.parametrize("stage", ["fit", "convert", "features", "matches", "sparse"])
+def test_cancelled_in_a_stage_the_same_call_goes_on_from_there(
+    finished: Path, quick_options: MakeOptions, stage: str
+) -> None:
+    class Impatient(Listener):
+        @contextmanager
+        def stage(self, name: str) -> Iterator[Silent]:
+            with super().stage(name):
+                self.cancelled = name == stage
+                yield self
+
+    number = NAMES.index(stage)
+    options = quick_options("dense.enabled=false")
+    with pytest.raises(Cancelled):
+        reconstruct(finished, options, start=stage, audience=Impatient())
+    states = {s.name: s for s in status(finished, options)}
+    assert [states[n].state for n in NAMES] == ["done"] * number + ["to do"] * (len(NAMES) - number)
+    assert states[stage].why == "begun, not finished"
+    done = reconstruct(finished, options, until=stage)
+    assert done.stages_run == (stage,)
+    assert record(finished, stage)["resumed"] is True
+
+
+def test_a_resumed_stage_keeps_what_is_whole_and_gives_the_same(finished: Path, quick_options: MakeOptions) -> None:
+    before = digest_of(finished / "workspace/images")
+    fingerprint = record(finished, "convert")["fingerprint"]
+    (finished / "records/convert.json").unlink()
+    (finished / "records/convert.begun.json").write_text(json.dumps({"fingerprint": fingerprint}))
+    grey = finished / "workspace/images"
+    (grey / "portico_02.png").unlink()
+    (finished / "colour/portico_05.png").unlink()
+    (grey / ".portico_02.png.77.tmp").write_bytes(b"half")
+    kept = (grey / "portico_01.png").stat().st_mtime_ns
+    assert reconstruct(finished, quick_options(), until="convert").stages_run == ("convert",)
+    assert (grey / "portico_01.png").stat().st_mtime_ns == kept
+    (grey / ".portico_02.png.77.tmp").unlink(missing_ok=True)
+    assert digest_of(grey) == before
+
+
+def test_half_a_database_is_begun_anew(finished: Path, quick_options: MakeOptions) -> None:
+    fingerprint = record(finished, "features")["fingerprint"]
+    (finished / "records/features.json").unlink()
+    (finished / "records/features.begun.json").write_text(json.dumps({"fingerprint": fingerprint}))
+    database = finished / "workspace/database.db"
+    database.write_bytes(database.read_bytes()[:50_000])
+    done = reconstruct(finished, quick_options(), until="features")
+    assert done.stages_run == ("features",)
+    assert record(finished, "features")["images"] == 8
+
+
+# What bad input gets
+
+
+def test_a_broken_photograph_is_left_out_and_named(new_project: Make, quick_options: MakeOptions) -> None:
+    project = new_project(4)
+    images = project / "images"
+    whole = (images / "portico_02.jpg").read_bytes()
+    (images / "truncated.jpg").write_bytes(whole[: len(whole) // 2])
+    (images / "text.jpg").write_text("no photograph")
+    (images / "broken.dng").write_bytes(b"no RAW" * 900)
+    Image.new("RGB", (30, 30)).save(images / "small.png")
+    listener = Listener()
+    done = reconstruct(project, quick_options(), until="features", audience=listener)
+    assert set(done.summary["left_out"]) == {"truncated.jpg", "text.jpg", "broken.dng", "small.png"}
+    assert done.summary["images"] == 8
+    for name, reason in done.summary["left_out"].items():
+        assert name in reason
+        assert [text for text in listener.warnings if name in text]
+    assert set(record(project, "captures")["left_out"]) == {"text.jpg", "broken.dng", "small.png"}
+    assert set(record(project, "fit")["left_out"]) == {"truncated.jpg"}
+    assert record(project, "features")["images"] == 4
+    assert {p.name for p in (project / "workspace/images").iterdir()} == {f"portico_{n:02}.png" for n in range(1, 5)}
+    assert reconstruct(project, quick_options(), until="features").stages_run == ()
+
+
+@pytest.mark.parametrize("share", [0.5, 0.01])
+def test_strict_stops_at_a_broken_photograph(new_project: Make, quick_options: MakeOptions, share: float) -> None:
+    project = new_project(3)
+    whole = (project / "images/portico_02.jpg").read_bytes()
+    (project / "images/portico_02.jpg").write_bytes(whole[: int(len(whole) * share)])
+    with pytest.raises(PhotographError, match=r"portico_02\.jpg"):
+        reconstruct(project, quick_options("captures.strict=true"))
+    assert not (project / "records/fit.json").exists()
+
+
+def test_only_broken_photographs(tmp_path: Path) -> None:
+    (tmp_path / "images").mkdir()
+    for name in ("a.jpg", "b.jpg"):
+        (tmp_path / "images" / name).write_text("no photograph")
+    with pytest.raises(ProjectError, match=r"none of the 2 photographs can be used: a\.jpg"):
+        reconstruct(tmp_path)
+
+
+def test_empty_and_missing_folders(tmp_path: Path) -> None:
+    with pytest.raises(ProjectError, match="no such folder of photographs"):
+        reconstruct(tmp_path / "missing")
+    assert not (tmp_path / "missing").exists()
+    (tmp_path / "images").mkdir()
+    with pytest.raises(ProjectError, match="no photograph found, it is empty"):
+        reconstruct(tmp_path)
+    assert list((tmp_path / "images").iterdir()) == []
+
+
+@pytest.mark.parametrize("argument", ["start", "until"])
+def test_a_stage_that_is_none_is_refused_with_those_there_are(new_project: Make, argument: str) -> None:
+    project = new_project(2)
+    with pytest.raises(OptionError, match="no stage is called 'sparce'") as caught:
+        reconstruct(project, **{argument: "sparce"})  # type: ignore[arg-type]
+    assert "captures, fit, convert, features, matches, sparse, dense" in caught.value.hint
+    assert sorted(p.name for p in project.iterdir()) == ["images"]
+
+
+def noise(folder: Path, count: int) -> Path:
+    (folder / "images").mkdir()
+    rng = np.random.default_rng(1)
+    for number in range(count):
+        pixels = rng.integers(0, 256, (200, 300, 3), np.uint8)
+        Image.fromarray(pixels).save(folder / "images" / f"{number}.png")
+    return folder
+
+
+def test_photographs_that_do_not_match(tmp_path: Path, quick_options: MakeOptions) -> None:
+    noise(tmp_path, 3)
+    with pytest.raises(MappingError, match="no two of the 3 photographs match") as caught:
+        reconstruct(tmp_path, quick_options())
+    assert "overlap" in caught.value.hint
+    assert record(tmp_path, "features")["images"] == 3
+    assert not (tmp_path / "records/matches.json").exists()
+    assert {s.name: s.state for s in status(tmp_path, quick_options())}["matches"] == "to do"
+
+
+def test_one_photograph_alone(new_project: Make, quick_options: MakeOptions) -> None:
+    with pytest.raises(MappingError):
+        reconstruct(new_project(1), quick_options())
+
+
+def test_flat_photographs_have_no_features(tmp_path: Path, quick_options: MakeOptions) -> None:
+    (tmp_path / "images").mkdir()
+    for number in range(3):
+        Image.new("RGB", (200, 200), (90, 90, 90 + number)).save(tmp_path / "images" / f"{number}.jpg")
+    with pytest.raises(MappingError, match="no two of the 3 photographs match"):
+        reconstruct(tmp_path, quick_options())
+
+
+def test_a_camera_that_only_turned_gives_no_model(small_demo: Path, tmp_path: Path, quick_options: MakeOptions) -> None:
+    """Crops of one photograph match well and have no parallax at all."""
+    (tmp_path / "images").mkdir()
+    with Image.open(small_demo / "images/portico_04.jpg") as picture:
+        for number in range(4):
+            left = 40 * number
+            picture.crop((left, 0, left + 340, 320)).save(tmp_path / "images" / f"{number}.png")
+    with pytest.raises(MappingError, match="none of the 4 photographs could be placed") as caught:
+        reconstruct(tmp_path, quick_options())
+    assert "sideways" in caught.value.hint
+    assert record(tmp_path, "matches")["pairs_verified"] >= 3
+    assert not (tmp_path / "workspace/sparse").exists()
+    assert not list((tmp_path / "workspace").glob(".*"))
+
+
+@pytest.mark.parametrize(
+    ("assignment", "words"),
+    [
+        ("features.colmap.sift.max_features=10", "features.colmap"),
+        ("features.colmap.num_threads=many", "features.colmap"),
+        ("matches.colmap.ratio=0.8", "matches.colmap"),
+        ("matches.verification.min_inliers=3", "matches.verification"),
+        ("matches.pairing.overlaps=3", "matches.pairing"),
+        ("sparse.colmap.min_images=3", "sparse.colmap"),
+        ("camera.model=FISHEYES", "camera.model"),
+        ("camera={model: PINHOLE, params: [1, 2]}", "camera.params"),
+        ("dense.colmap.min_pixels=3", "dense.colmap"),
+    ],
+)
+def test_an_option_that_pycolmap_does_not_know_is_refused_by_name(
+    finished: Path, quick_options: MakeOptions, assignment: str, words: str
+) -> None:
+    with pytest.raises(OptionError, match=words):
+        reconstruct(finished, quick_options(assignment))
+
+
+def test_options_of_every_kind_reach_pycolmap(finished: Path, quick_options: MakeOptions) -> None:
+    few = quick_options("features.colmap.sift.max_num_features=300", "dense.enabled=false")
+    done = reconstruct(finished, few, until="features")
+    assert done.summary["features"] <= 8 * 400
+    options = few.model_copy(
+        update={
+            "matches": few.matches.model_copy(
+                update={
+                    "strategy": "sequential",
+                    "colmap": {"max_num_matches": 1000, "guided_matching": False},
+                    "pairing": {"overlap": 2, "quadratic_overlap": False},
+                    "verification": {"min_num_inliers": 20, "ransac": {"max_error": 3.0}},
+                }
+            ),
+            "sparse": few.sparse.model_copy(
+                update={"colmap": {"min_model_size": 3, "mapper": {"init_min_num_inliers": 30}}}
+            ),
+        }
+    )
+    done = reconstruct(finished, options)
+    assert done.stages_run == ("matches", "sparse")
+    assert done.summary["matching"] == "sequential"
+    # Every image with the next two of eight: 7 + 6 pairs at most.
+    assert 6 <= done.summary["pairs_verified"] <= 13
+
+
+def test_a_vocabulary_tree_of_the_sets_own_features(finished: Path, quick_options: MakeOptions) -> None:
+    done = reconstruct(finished, quick_options("matches.strategy=vocabtree"), until="matches")
+    assert done.summary["matching"] == "vocabtree"
+    assert 15 <= done.summary["pairs_verified"] <= 28
+
+
+@pytest.mark.parametrize("mapper", ["global", "hierarchical"])
+def test_other_mappers(finished: Path, quick_options: MakeOptions, mapper: str) -> None:
+    done = reconstruct(finished, quick_options(f"sparse.mapper={mapper}"), until="sparse")
+    assert done.stages_run == ("sparse",)
+    assert done.summary["registered_images"] >= 6
+
+
+def test_masks_hide_what_they_cover(finished: Path, quick_options: MakeOptions) -> None:
+    """COLMAP's own naming: NAME.EXT.png of the grey image; black is left out."""
+    before = record(finished, "features")["features"]
+    (finished / "masks").mkdir()
+    mask = np.zeros((320, 480), np.uint8)
+    mask[:, 240:] = 255
+    for number in range(1, 9):
+        Image.fromarray(mask).save(finished / f"masks/portico_{number:02}.png.png")
+    done = reconstruct(finished, quick_options(), until="features")
+    assert done.stages_run == ("features",)
+    assert 0.2 * before < done.summary["features"] < 0.9 * before
+    with pycolmap.Database.open(finished / "workspace/database.db") as database:
+        points = np.vstack([database.read_keypoints(i.image_id)[:, :2] for i in database.read_all_images()])
+    assert points[:, 0].min() >= 239
+
+
+# Sets as people have them
+
+
+def test_raw_and_jpeg_of_one_shot_are_one_image(new_project: Make, quick_options: MakeOptions) -> None:
+    project = new_project(3, (".dng", ".jpg"))
+    done = reconstruct(project, quick_options(), until="convert")
+    assert done.summary["images"] == 3
+    assert (record(project, "captures")["raw"], record(project, "captures")["paired"]) == (3, 3)
+    assert list(done.summary["weights_by_encoding"]) == ["linear"]
+    with Image.open(project / "workspace/images/portico_02.png") as grey:
+        values = np.asarray(grey)
+    assert np.percentile(values, 5) < 90
+    assert np.percentile(values, 99) > 180
+    with Image.open(project / "colour/portico_02.png") as colour, Image.open(project / "images/portico_02.jpg") as jpeg:
+        assert np.corrcoef(np.asarray(colour).ravel(), np.asarray(jpeg).ravel())[0, 1] > 0.9
+
+
+def test_raw_only_registers_every_view(new_project: Make, quick_options: MakeOptions) -> None:
+    done = reconstruct(new_project(8, (".dng",)), quick_options("dense.enabled=false"))
+    assert done.summary["registered_images"] == 8
+    assert done.summary["with_focal_prior"] == 8
+    assert done.summary["warnings"] == []
+
+
+def test_a_set_mixing_raw_and_jpeg_runs_with_a_warning(new_project: Make, quick_options: MakeOptions) -> None:
+    project = new_project(8, (".dng",))
+    for number in (2, 4, 6):
+        shutil.copy(
+            project.parents[0] / "project/images/portico_01.dng", project / "images/portico_01.dng.keep"
+        )
+        (project / f"images/portico_{number:02}.dng").unlink()
+    (project / "images/portico_01.dng.keep").unlink()
+    jpeg = new_project(8, (".jpg",), name="jpeg")
+    for number in (2, 4, 6):
+        shutil.copy(jpeg / f"images/portico_{number:02}.jpg", project / "images")
+    done = reconstruct(project, quick_options("dense.enabled=false"))
+    assert done.summary["registered_images"] == 8
+    assert set(done.summary["weights_by_encoding"]) == {"coded", "linear"}
+    (warning,) = done.summary["warnings"]
+    assert "the set mixes" in warning
+    assert "5 linear" in warning
+    assert "3 coded" in warning
+
+
+def test_subfolders_spaces_and_non_ascii_names_run_through(new_project: Make, quick_options: MakeOptions) -> None:
+    project = new_project(name="projet façade 日本")
+    images = project / "images"
+    places = ["côté nord/été 01.jpg", "côté nord/a b.jpg", "côté nord/c d/портик.jpg", "ünten/x.JPG"]
+    for number, place in enumerate(places, 1):
+        (images / place).parent.mkdir(parents=True, exist_ok=True)
+        (images / f"portico_{number:02}.jpg").rename(images / place)
+    done = reconstruct(project, quick_options())
+    assert done.summary["registered_images"] == 8
+    assert done.summary["dense_points"] > 20_000
+    names = {image.name for image in pycolmap.Reconstruction(project / "workspace/sparse/0").images.values()}
+    assert {f"{place.rpartition('.')[0]}.png" for place in places} < names
+
+
+def test_captures_that_would_collide_are_all_converted(new_project: Make, quick_options: MakeOptions) -> None:
+    project = new_project(2)
+    with Image.open(project / "images/portico_02.jpg") as picture:
+        picture.save(project / "images/portico_01.png", exif=picture.getexif())
+    done = reconstruct(project, quick_options(), until="convert")
+    assert done.summary["images"] == 3
+    names = {p.name for p in (project / "workspace/images").iterdir()}
+    assert names == {"portico_01.jpg.png", "portico_01.png.png", "portico_02.png"}
+    assert len({p.read_bytes() for p in (project / "workspace/images").iterdir()}) == 2
+    assert len(discover(project / "workspace/images").captures) == 3
+
+
+def test_a_photograph_of_another_size_gets_a_camera_of_its_own_and_a_warning(
+    new_project: Make, quick_options: MakeOptions
+) -> None:
+    project = new_project(5)
+    with Image.open(project / "images/portico_02.jpg") as picture:
+        picture.crop((0, 0, 400, 300)).save(project / "images/portico_02.jpg", exif=picture.getexif())
+    done = reconstruct(project, quick_options(), until="features")
+    assert done.summary["cameras"] == 2
+    (warning,) = done.summary["warnings"]
+    assert "portico_02.jpg is 400x300, the others of this camera 480x320" in warning
+
+
+def test_one_camera_for_several_sizes_leaves_out_what_does_not_fit(
+    new_project: Make, quick_options: MakeOptions
+) -> None:
+    project = new_project(4)
+    with Image.open(project / "images/portico_02.jpg") as picture:
+        picture.crop((0, 0, 400, 300)).save(project / "images/portico_02.jpg", exif=picture.getexif())
+    done = reconstruct(project, quick_options("camera.mode=single"), until="features")
+    assert "portico_02.jpg" in done.summary["left_out"]
+    assert "same size" in done.summary["left_out"]["portico_02.jpg"]
+
+
+def test_photographs_without_a_focal_length_are_warned_of(new_project: Make, quick_options: MakeOptions) -> None:
+    project = new_project(3)
+    for file in (project / "images").iterdir():
+        with Image.open(file) as picture:
+            picture.load()
+        picture.save(file, quality=95)
+    done = reconstruct(project, quick_options(), until="features")
+    assert (done.summary["with_focal_prior"], done.summary["cameras"]) == (0, 3)
+    (warning,) = done.summary["warnings"]
+    assert "3 of 3 photographs do not say their focal length" in warning
+    known = quick_options("camera={mode: single, model: SIMPLE_PINHOLE, params: [400, 240, 160]}")
+    done = reconstruct(project, known, until="features")
+    assert (done.summary["with_focal_prior"], done.summary["cameras"], done.summary["warnings"]) == (3, 1, [])
+    with pycolmap.Database.open(project / "workspace/database.db") as database:
+        assert database.read_all_cameras()[0].params.tolist() == [400, 240, 160]
