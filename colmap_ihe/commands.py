@@ -143,7 +143,7 @@ def doctor() -> dict[str, Any]:
     return {
         "colmap-ihe": __version__,
         "python": platform.python_version(),
-        "pycolmap": f"{pycolmap.__version__} (COLMAP {pycolmap.COLMAP_version})",
+        "pycolmap": f"{pycolmap.__version__} ({pycolmap.COLMAP_version})",
         **{name: metadata.version(name) for name in packages},
         "cores": local_workers(),
         "memory_gb": round(memory / 1e9, 1),
