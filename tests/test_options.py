@@ -13,7 +13,6 @@ from pydantic import ValidationError
 from colmap_ihe.errors import OptionError
 from colmap_ihe.options import Options, load_options
 
-
 NO_NUMBER = pytest.mark.xfail(
     strict=True, reason="camera.params with anything float() finds no number ends in a TypeError"
 )
@@ -39,7 +38,13 @@ def test_the_defaults_need_no_file(tmp_path: Path) -> None:
 
 def test_the_names_that_are_contracts() -> None:
     options = Options()
-    assert (options.fit.method, options.fit.guard, options.fit.step, options.fit.sample, options.fit.weighting) == (
+    assert (
+        options.fit.method,
+        options.fit.guard,
+        options.fit.step,
+        options.fit.sample,
+        options.fit.weighting,
+    ) == (
         "ihe",
         "none",
         0.01,
@@ -49,12 +54,25 @@ def test_the_names_that_are_contracts() -> None:
     assert (options.convert.tone, options.convert.format) == ("sqrt", "png")
     assert options.features.max_image_size is None
     assert options.matches.strategy == "auto"
-    assert (options.dense.enabled, options.dense.backend, options.dense.max_image_size) == (True, "auto", 1600)
-    assert options.features.colmap == options.matches.colmap == options.sparse.colmap == options.dense.colmap == {}
+    assert (options.dense.enabled, options.dense.backend, options.dense.max_image_size) == (
+        True,
+        "auto",
+        1600,
+    )
+    assert (
+        options.features.colmap
+        == options.matches.colmap
+        == options.sparse.colmap
+        == options.dense.colmap
+        == {}
+    )
 
 
 def test_a_file_changes_what_it_names_and_nothing_else(tmp_path: Path) -> None:
-    file = written(tmp_path, "fit:\n  step: 0.1\n  method: rec709\ncamera:\n  model: PINHOLE\n  params: [500, 501, 320, 240]\n")
+    file = written(
+        tmp_path,
+        "fit:\n  step: 0.1\n  method: rec709\ncamera: {model: PINHOLE, params: [500, 501, 320, 240]}\n",
+    )
     options = load_options(file)
     assert (options.fit.step, options.fit.method) == (0.1, "rec709")
     assert options.camera.params == (500, 501, 320, 240)
@@ -71,10 +89,14 @@ def test_a_file_changes_what_it_names_and_nothing_else(tmp_path: Path) -> None:
         ("dense.enabled=no", "dense", "enabled", False),
         ("dense.max_image_size=2400", "dense", "max_image_size", 2400),
         ("features.max_image_size=null", "features", "max_image_size", None),
-        ("camera={model: SIMPLE_PINHOLE, params: [1, 2.5, 3]}", "camera", "params", (1.0, 2.5, 3.0)),
         (" sparse.seed=7", "sparse", "seed", 7),
         ("features.colmap={use_gpu: false}", "features", "colmap", {"use_gpu": False}),
-        ("features.colmap.sift.max_num_features=99", "features", "colmap", {"sift": {"max_num_features": 99}}),
+        (
+            "features.colmap.sift.max_num_features=99",
+            "features",
+            "colmap",
+            {"sift": {"max_num_features": 99}},
+        ),
         ("matches.pairing.overlap=5", "matches", "pairing", {"overlap": 5}),
     ],
 )
@@ -86,8 +108,16 @@ def test_set_takes_yaml_values(assignment: str, section: str, option: str, value
 
 def test_set_goes_over_the_file_and_the_last_one_wins(tmp_path: Path) -> None:
     file = written(tmp_path, "features:\n  colmap:\n    use_gpu: false\n    sift: {max_num_features: 5}\n")
-    options = load_options(file, ["features.colmap.sift.max_num_features=6", "features.colmap.sift.max_num_features=7"])
+    options = load_options(
+        file, ["features.colmap.sift.max_num_features=6", "features.colmap.sift.max_num_features=7"]
+    )
     assert options.features.colmap == {"use_gpu": False, "sift": {"max_num_features": 7}}
+
+
+def test_camera_parameters_become_numbers() -> None:
+    options = load_options(None, ["camera.model=SIMPLE_PINHOLE", "camera.params=[1, 2.5, 3]"])
+    assert options.camera.params == (1.0, 2.5, 3.0)
+    assert all(type(p) is float for p in options.camera.params)
 
 
 @pytest.mark.parametrize(
@@ -140,7 +170,16 @@ def test_a_folder_called_project_yaml_is_refused(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     "assignment",
     [
-        *("fit.step", "step=0.1", "=1", "fit.=1", ".step=0.1", "fit.step=[", "dense.enabled=1", "dance.on=true"),
+        *(
+            "fit.step",
+            "step=0.1",
+            "=1",
+            "fit.=1",
+            ".step=0.1",
+            "fit.step=[",
+            "dense.enabled=1",
+            "dance.on=true",
+        ),
         *("fit.stepp=0.1", "fit.step.more=1", "fit.step=", "features.colmap=3", "nowhere.deep.er=1"),
     ],
 )
@@ -150,7 +189,7 @@ def test_any_other_assignment_is_refused_and_named(assignment: str) -> None:
 
 def test_options_cannot_be_changed_in_place() -> None:
     with pytest.raises(ValidationError, match="frozen"):
-        Options().fit.step = 0.1
+        Options().fit.step = 0.1  # type: ignore[misc]
 
 
 @given(

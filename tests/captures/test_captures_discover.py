@@ -58,7 +58,8 @@ def test_a_dot_in_the_stem_is_part_of_it(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    "names", [("a.png", "a.tif"), ("a.png", "A.tif"), ("x/a.jpg", "x/a.png"), ("a.nef", "a.dng"), ("Ä.png", "ä.tif")]
+    "names",
+    [("a.png", "a.tif"), ("a.png", "A.tif"), ("x/a.jpg", "x/a.png"), ("a.nef", "a.dng"), ("Ä.png", "ä.tif")],
 )
 def test_captures_that_would_collide_keep_their_extension(tmp_path: Path, names: tuple[str, str]) -> None:
     found = by_name(touched(tmp_path, *names, "other.jpg"))

@@ -27,7 +27,12 @@ def fresh(code: str, folder: Path) -> subprocess.CompletedProcess[str]:
     root = Path(__file__).parents[2]
     path = f"import sys; sys.path.insert(0, {str(root)!r})\n"
     return subprocess.run(
-        [sys.executable, "-c", path + code], cwd=folder, capture_output=True, text=True, timeout=120, check=False
+        [sys.executable, "-c", path + code],
+        cwd=folder,
+        capture_output=True,
+        text=True,
+        timeout=120,
+        check=False,
     )
 
 
@@ -38,7 +43,8 @@ def write(folder: Path, name: str) -> None:
 
 
 @pytest.mark.parametrize(
-    "first", ["import pycolmap", "import colmap_ihe", "import colmap_ihe, pycolmap", "import pycolmap, colmap_ihe"]
+    "first",
+    ["import pycolmap", "import colmap_ihe", "import colmap_ihe, pycolmap", "import pycolmap, colmap_ihe"],
 )
 def test_jpeg_is_converted_to_png_in_either_order(tmp_path: Path, first: str) -> None:
     for name in ("a.jpg", "b.jpg"):

@@ -82,7 +82,9 @@ def test_saturation_is_65535_and_black_is_0(tmp_path: Path) -> None:
 def test_one_exposure_is_developed_alone_and_not_stretched(tmp_path: Path) -> None:
     """No automatic brightness: the darker shot of the same scene stays darker."""
     shoot(tmp_path / "a.dng", 0.1)
-    assert np.median(developed(tmp_path / "a.dng")[..., 1]) == pytest.approx(np.median(light()) * 0.1, rel=0.02)
+    assert np.median(developed(tmp_path / "a.dng")[..., 1]) == pytest.approx(
+        np.median(light()) * 0.1, rel=0.02
+    )
 
 
 @pytest.mark.parametrize("orientation", [3, 6, 8])

@@ -94,7 +94,7 @@ def odd_images(draw: st.DrawFn) -> NDArray[np.uint8]:
     shape = draw(st.tuples(st.integers(1, 6), st.integers(1, 6)))
     picks = draw(st.lists(st.integers(0, len(palette) - 1), min_size=36, max_size=36))
     colours = np.array(palette, np.uint8)[np.array(picks)]
-    return colours[: shape[0] * shape[1]].reshape(*shape, 3)
+    return np.asarray(colours[: shape[0] * shape[1]].reshape(*shape, 3))
 
 
 @settings(max_examples=40)

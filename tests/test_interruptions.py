@@ -1,0 +1,126 @@
+"""Killed in the middle of a stage, the same command goes on: a model as good, nothing finished run again."""
+
+from __future__ import annotations
+
+import json
+import os
+import random
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+from conftest import QUICK
+
+from colmap_ihe.pipeline import NAMES
+
+LONG = 120  # seconds; nothing here takes a tenth of it
+
+
+@contextmanager
+def command(project: Path, *more: str) -> Iterator[subprocess.Popen[str]]:
+    """`colmap-ihe reconstruct PROJECT` in a process of its own, which does not outlive the test."""
+    settings = [part for assignment in QUICK for part in ("--set", assignment)]
+    with subprocess.Popen(
+        [sys.executable, "-m", "colmap_ihe.cli", "reconstruct", str(project), "--json", *settings, *more],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        env=os.environ | {"PYTHONPATH": str(Path(__file__).parents[1])},
+    ) as process:
+        try:
+            yield process
+        finally:
+            process.kill()
+
+
+def wait_until_begun(process: subprocess.Popen[str], project: Path, stage: str) -> None:
+    begun, end = project / "records" / f"{stage}.begun.json", time.monotonic() + LONG
+    while not begun.exists():
+        assert process.poll() is None, f"it ended before {stage}: {process.communicate()}"
+        assert time.monotonic() < end
+        time.sleep(0.002)
+
+
+def kill_in(project: Path, stage: str, delay: float, number: int = signal.SIGKILL) -> tuple[int, str]:
+    """Exit status and stderr of a run that got the signal `delay` seconds into `stage`."""
+    with command(project) as process:
+        wait_until_begun(process, project, stage)
+        time.sleep(delay)
+        process.send_signal(number)
+        _, errors = process.communicate(timeout=LONG)
+        return process.returncode, errors
+
+
+def assert_goes_on(project: Path, stage: str) -> None:
+    """The same command ends well; the stages before `stage` are those of the run that was interrupted."""
+    before = NAMES[: NAMES.index(stage)]
+    times = {name: (project / "records" / f"{name}.json").stat().st_mtime_ns for name in before}
+    with command(project) as process:
+        output, errors = process.communicate(timeout=LONG)
+    assert process.returncode == 0, errors
+    assert {name: (project / "records" / f"{name}.json").stat().st_mtime_ns for name in before} == times
+    for name in before:
+        assert f"{name}  up to date" in errors
+    summary = json.loads(output)
+    assert summary["registered_images"] == 8
+    assert 0.05 < summary["mean_reprojection_error_px"] < 1
+    assert summary["points3D"] > 300
+    assert summary["dense_points"] > 15_000
+
+
+def test_killed_in_a_stage(new_project: Callable[..., Path]) -> None:
+    """One stage, matching: it shares its database with the stage before it."""
+    project = new_project()
+    status, _ = kill_in(project, "matches", 0.1)
+    assert status == -signal.SIGKILL
+    assert_goes_on(project, "matches")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("stage", NAMES)
+@pytest.mark.parametrize("seed", [1, 2])
+def test_killed_in_every_stage(new_project: Callable[..., Path], stage: str, seed: int) -> None:
+    project = new_project()
+    longest = {"fit": 0.3, "features": 0.6, "matches": 0.3, "sparse": 0.3, "dense": 1.5}.get(stage, 0.02)
+    delay = random.Random(f"{stage}{seed}").uniform(0, longest)
+    status, _ = kill_in(project, stage, delay)
+    assert status == -signal.SIGKILL
+    assert_goes_on(project, stage)
+
+
+@pytest.mark.slow
+def test_killed_again_and_again(new_project: Callable[..., Path]) -> None:
+    project = new_project()
+    for stage in ("fit", "features", "matches", "sparse", "dense", "dense"):
+        kill_in(project, stage, 0.15)
+    assert_goes_on(project, "dense")
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_stopped_by_hand(new_project: Callable[..., Path], number: int) -> None:
+    project = new_project()
+    status, errors = kill_in(project, "features", 0.1, number)
+    assert status == 130
+    assert errors.splitlines()[-1] == "colmap-ihe: stopped; the same command goes on from here"
+    assert "Traceback" not in errors
+    assert (project / "records/convert.json").exists()
+    assert not (project / "records/features.json").exists()
+    with command(project, "--until", "features") as process:
+        process.communicate(timeout=LONG)
+    assert process.returncode == 0
+
+
+def test_a_second_command_on_the_same_project_is_refused(new_project: Callable[..., Path]) -> None:
+    project = new_project()
+    with command(project) as first:
+        wait_until_begun(first, project, "features")
+        with command(project) as second:
+            _, errors = second.communicate(timeout=LONG)
+        assert second.returncode == 1
+        assert "another run is working on this project" in errors
+        assert first.poll() is None  # else there was nobody to refuse for
