@@ -8,6 +8,7 @@ import logging
 import os
 import signal
 import sys
+import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import asdict
 from pathlib import Path
@@ -31,25 +32,38 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Runs one command; returns its exit status: 0 done, 1 a known failure, 130 cancelled. Wrong usage
     exits with 2."""
     parsed = _parser().parse_args(arguments)
+    warnings.filterwarnings("ignore", module=r"PIL\b")  # of broken photographs, which we name ourselves
     logging.basicConfig(level=logging.WARNING, format="%(name)s: %(message)s", stream=sys.stderr)
     bars = Bars(quiet=parsed.quiet)
     before = _listen(bars)
     try:
         run: Callable[[argparse.Namespace, Bars], None] = parsed.run
         run(parsed, bars)
+        sys.stdout.flush()
     except KnownError as error:
         hint = f" ({error.hint})" if error.hint else ""
         print(f"colmap-ihe: {error}{hint}", file=sys.stderr)
         return EXIT_FAILED
     except (Cancelled, KeyboardInterrupt):
-        print("colmap-ihe: stopped; the same command goes on from here", file=sys.stderr)
+        same = "without --from, it" if getattr(parsed, "start", None) else "the same command"
+        print(f"colmap-ihe: stopped; {same} goes on from here", file=sys.stderr)
         return EXIT_CANCELLED
     except BrokenPipeError:
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        _drop_stdout()
+    except OSError as error:
+        _drop_stdout()
+        place = f"{error.filename}: " if error.filename else ""
+        print(f"colmap-ihe: {place}{error.strerror or error}", file=sys.stderr)
+        return EXIT_FAILED
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)
     return 0
+
+
+def _drop_stdout() -> None:
+    """What could not be printed is not tried again as the process ends."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 def _listen(bars: Bars) -> dict[int, Any]:
@@ -269,7 +283,6 @@ def _print_json(values: Any) -> None:
 
 def entry_point() -> None:
     status_code = main()
-    sys.stdout.flush()
     sys.stderr.flush()
     # A mapper that cannot be asked to stop may still be on its thread: Python's own exit would wait for it.
     if status_code == EXIT_CANCELLED:

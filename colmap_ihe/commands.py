@@ -12,7 +12,8 @@ from typing import Any
 
 import yaml
 
-from colmap_ihe.captures.discover import Capture, discover
+from colmap_ihe.captures.discover import Capture, captures_of_files, discover
+from colmap_ihe.captures.encode import SUFFIXES
 from colmap_ihe.colmap.dense import pick_backend
 from colmap_ihe.colmap.native import pycolmap
 from colmap_ihe.demo.folder import render_demo
@@ -36,6 +37,10 @@ def project_options(project: Path, assignments: list[str]) -> Options:
 
 def demo(folder: Path, assignments: list[str], audience: Audience) -> Reconstruction:
     """Renders the demo into `folder`, reconstructs it, and adds its error against the truth."""
+    if (folder / "images").exists() and not (folder / "truth").exists():
+        raise ProjectError(
+            f"{folder}: holds photographs that are not the demo's", hint="name another folder for the demo"
+        )
     options = project_options(folder, assignments)
     with audience.stage("render") as watch:
         render_demo(folder, watch=watch)
@@ -54,7 +59,8 @@ def fit_files(
     set mixes RAW and gamma-coded photographs. Raises `KnownError`s."""
     if output is not None and output.suffix.lower() not in (".yaml", ".yml"):
         raise WeightsError(f"{output}: wanted a name that ends in .yaml", hint="as in -o weights.yaml")
-    captures = [capture for path in paths for capture in _captures_of(path)]
+    captures = captures_of_files(p for p in paths if not p.is_dir())
+    captures += [capture for path in paths if path.is_dir() for capture in discover(path).captures]
     found = _fit(captures, options or FitOptions(), audience, strict=strict)
     if len(found.weights) > 1:
         audience.warn(
@@ -97,7 +103,8 @@ def convert_folder(
     usable = [c for c in captures if c.name not in left_out]
     content = [[c.name, c.grey_stem, digest_file(c.path)] for c in usable]
     by_encoding = {e: w.as_dict() for e, w in found.weights.items()}
-    keep = _claim(out, fingerprint_of(__version__, by_encoding, options.model_dump(), content))
+    names = [c.grey_stem + SUFFIXES[options.format] for c in usable]
+    keep = _claim(out, fingerprint_of(__version__, by_encoding, options.model_dump(), content), names)
     with local_executor() as executor, audience.stage("convert") as watch:
         surveyed, unreadable = survey(usable, executor, watch, strict=strict)
         grey, failed = convert_captures(
@@ -109,19 +116,29 @@ def convert_folder(
     return found.main, grey, left_out
 
 
-def _claim(out: Path, fingerprint: str) -> bool:
-    """Makes `out` ours; True if what lies there came from the same input. Raises `ProjectError` if it holds
-    anything that we did not write."""
+def _claim(out: Path, fingerprint: str, names: list[str]) -> bool:
+    """Makes `out` ours for the files `names`; True if what lies there came from the same input. Of an earlier
+    input only what we wrote is removed. Raises `ProjectError` if a file is there that we did not write."""
+    if out.exists() and not out.is_dir():
+        raise ProjectError(f"{out}: is a file, wanted a folder", hint="name an empty or a new folder")
     record = read_json(out / _CONVERT_RECORD)
     if record is None and out.exists() and any(out.iterdir()):
         raise ProjectError(
             f"{out}: is not empty, and not of an earlier convert", hint="name an empty or a new folder"
         )
-    keep = record is not None and record.get("fingerprint") == fingerprint
-    if record is not None and not keep:
-        shutil.rmtree(out)
-    write_json(out / _CONVERT_RECORD, {"fingerprint": fingerprint})
-    return keep
+    if record is not None and record.get("fingerprint") == fingerprint:
+        return True
+    ours = set(record.get("files", [])) if record is not None else set()
+    strangers = [name for name in names if name not in ours and (out / name).exists()]
+    if strangers:
+        raise ProjectError(
+            f"{out / strangers[0]}: is there already and was not written by convert", hint="move it away"
+        )
+    for name in ours:
+        if not Path(name).is_absolute() and ".." not in Path(name).parts:
+            (out / name).unlink(missing_ok=True)
+    write_json(out / _CONVERT_RECORD, {"fingerprint": fingerprint, "files": names})
+    return False
 
 
 def read_weights(file: Path) -> Weights:
@@ -151,15 +168,6 @@ def doctor() -> dict[str, Any]:
         "cuda": bool(pycolmap.has_cuda),
         "dense_backend": pick_backend("auto"),
     }
-
-
-def _captures_of(path: Path) -> list[Capture]:
-    if path.is_dir():
-        return list(discover(path).captures)
-    found = [c for c in discover(path.parent).captures if c.path == path or path.name in c.paired]
-    if not path.exists() or not found:
-        raise ProjectError(f"{path}: no such photograph", hint="name folders or RAW, JPEG, TIFF or PNG files")
-    return found
 
 
 def _fit(captures: list[Capture], options: FitOptions, audience: Audience, *, strict: bool) -> Fit:

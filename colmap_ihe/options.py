@@ -68,7 +68,7 @@ class CameraOptions(_Section):
     @field_validator("params", mode="before")
     @classmethod
     def _tuple_of_list(cls, value: Any) -> Any:
-        return tuple(float(v) for v in value) if isinstance(value, list) else value
+        return tuple(float(v) for v in value) if isinstance(value, list) and None not in value else value
 
     @model_validator(mode="after")
     def _params_of_a_model(self) -> CameraOptions:
@@ -78,7 +78,7 @@ class CameraOptions(_Section):
 
 
 class FeaturesOptions(_Section):
-    max_image_size: Annotated[int, Field(ge=64)] | None = None
+    max_image_size: Annotated[int, Field(ge=64, le=100_000)] | None = None
     """Longer side in pixels above which features are found on a smaller copy; None is COLMAP's default."""
     colmap: ColmapOptions = Field(default_factory=dict)
     """For pycolmap.FeatureExtractionOptions."""
@@ -97,7 +97,7 @@ class MatchesOptions(_Section):
 
 class SparseOptions(_Section):
     mapper: Literal["incremental", "global", "hierarchical"] = "incremental"
-    seed: int = 0
+    seed: Annotated[int, Field(ge=0, lt=2**31)] = 0
     colmap: ColmapOptions = Field(default_factory=dict)
     """For the pipeline options of the mapper in pycolmap, as pycolmap.IncrementalPipelineOptions."""
 
@@ -106,10 +106,12 @@ class DenseOptions(_Section):
     enabled: bool = True
     backend: Literal["auto", "patchmatch", "sgm"] = "auto"
     """`auto`: PatchMatch where pycolmap finds a CUDA device, else semi-global matching on the CPU."""
-    max_image_size: Annotated[int, Field(ge=64)] = 1600
+    max_image_size: Annotated[int, Field(ge=64, le=100_000)] = 1600
     """Longer side in pixels of the images that dense stereo runs on."""
     colmap: ColmapOptions = Field(default_factory=dict)
     """For pycolmap.StereoFusionOptions."""
+    patchmatch: ColmapOptions = Field(default_factory=dict)
+    """For pycolmap.PatchMatchOptions."""
 
 
 class Options(_Section):
@@ -145,7 +147,7 @@ def load_options(path: Path | None, assignments: Iterable[str] = ()) -> Options:
 def _read_yaml(path: Path) -> dict[str, Any]:
     try:
         values = yaml.safe_load(path.read_text(encoding="utf-8"))
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
+    except (OSError, yaml.YAMLError, UnicodeDecodeError) as error:
         problem = str(error).replace("\n", " ")
         raise OptionError(f"{path}: not readable as YAML: {problem}", hint="correct or remove it") from error
     if values is None:

@@ -16,10 +16,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from colmap_ihe import stages
+from colmap_ihe import outputs, preflight, stages
 from colmap_ihe.captures.discover import Discovery, discover
+from colmap_ihe.colmap.dense import pick_backend
 from colmap_ihe.colmap.native import logged_to
-from colmap_ihe.errors import OptionError, ProjectError
+from colmap_ihe.errors import OptionError, PhotographError
 from colmap_ihe.executor import local_executor
 from colmap_ihe.options import Options
 from colmap_ihe.progress import SILENT, Audience, Watch
@@ -49,6 +50,7 @@ ROAD = (
     Stage("dense", stages.dense, ("dense",), ("opencv",)),
 )
 NAMES = tuple(stage.name for stage in ROAD)
+_INPUT_CHANGED = "what it reads changed"
 
 
 @dataclass(frozen=True)
@@ -99,13 +101,19 @@ def reconstruct(
         if name is not None and name not in NAMES:
             raise OptionError(f"no stage is called {name!r}", hint=f"the stages are {', '.join(NAMES)}")
     place = Project.at(Path(project), Path(images) if images else None)
-    _refuse_foreign_folders(place)
+    if start is not None and until is not None and NAMES.index(start) > NAMES.index(until):
+        raise OptionError(f"--from {start} comes after --until {until}", hint="name an earlier --from")
+    if start == "dense" and not options.dense.enabled:
+        raise OptionError("--from dense, and dense is switched off", hint="leave out --no-dense")
+    discovery = discover(place.images)
+    preflight.check_options(options, len(discovery.captures))
     with ExitStack() as stack:
+        stack.enter_context(room_on_disk(place.root))
+        place.claim()
         stack.enter_context(place.locked())
         stack.enter_context(logged_to(place.native_log))
         workers = executor or stack.enter_context(local_executor())
-        stack.enter_context(room_on_disk(place.root))
-        run = Run(place, options, discover(place.images), workers)
+        run = Run(place, options, discovery, workers)
         with audience.stage("content") as watch:
             digests = _digests(place, run.discovery, watch)
             write_json(place.digests_file, digests)
@@ -117,11 +125,18 @@ def reconstruct(
                 continue
             forced = start is not None and number >= NAMES.index(start)
             record = None if forced else place.read_record(stage.name)
-            if record is not None and record["fingerprint"] == prints[stage.name]:
+            if record is not None and not _why_stale(place, stage, record, prints):
+                if options.captures.strict and record.get("left_out"):
+                    raise PhotographError(next(iter(record["left_out"].values())))
                 audience.kept(stage.name)
             else:
                 record = _run_stage(stage, run, prints[stage.name], forced, audience)
                 ran.append(stage.name)
+            run.records[stage.name] = record
+        for stage in ROAD[last + 1 :]:  # not asked for, but still true
+            record = place.read_record(stage.name)
+            if record is None or _why_stale(place, stage, record, prints):
+                break
             run.records[stage.name] = record
         summary = summarise(run.records, options)
         if "fit" in run.records:
@@ -142,20 +157,31 @@ def status(
     stale_before = ""
     for stage in ROAD:
         record = place.read_record(stage.name)
-        if record is None:
+        if stage.name == "dense" and not options.dense.enabled:
+            states.append(StageState(stage.name, "off", "dense.enabled is false", None))
+        elif record is None:
             why = "begun, not finished" if place.begun_file(stage.name).exists() else ""
             states.append(StageState(stage.name, "to do", why, None))
-        elif record["fingerprint"] == prints[stage.name]:
-            states.append(StageState(stage.name, "done", "", record["seconds"]))
-        else:
-            why = _why_stale(record, stage, options, stale_before)
+        elif why := _why_stale(place, stage, record, prints):
+            if why == _INPUT_CHANGED:
+                why = _what_changed(record, stage, options, stale_before)
             states.append(StageState(stage.name, "stale", why, record["seconds"]))
-        if states[-1].state != "done" and not stale_before:
+        else:
+            states.append(StageState(stage.name, "done", "", record["seconds"]))
+        if states[-1].state in ("stale", "to do") and not stale_before:
             stale_before = stage.name
     return states
 
 
-def _why_stale(record: Record, stage: Stage, options: Options, before: str) -> str:
+def _why_stale(project: Project, stage: Stage, record: Record, prints: Mapping[str, str]) -> str:
+    """Why a record does not count, empty if it does."""
+    if record.get("fingerprint") != prints[stage.name]:
+        return _INPUT_CHANGED
+    gone = outputs.missing(stage.name, project, record)
+    return f"{gone[0].name} is gone" if gone else ""
+
+
+def _what_changed(record: Record, stage: Stage, options: Options, before: str) -> str:
     if record["options"] != _options_of(options, stage):
         return "its options changed"
     if record["versions"] != _versions_of(stage):
@@ -168,9 +194,12 @@ def _run_stage(stage: Stage, run: Run, fingerprint: str, forced: bool, audience:
     project = run.project
     for later in NAMES[NAMES.index(stage.name) + 1 :]:
         project.drop_record(later)
-    if forced:
+    project.summary_file.unlink(missing_ok=True)
+    run.resumed = not forced and project.was_begun(stage.name, fingerprint)
+    if not run.resumed:
         project.drop_record(stage.name)
-    run.resumed = project.begin(stage.name, fingerprint)
+        outputs.remove(stage.name, project)
+        project.begin(stage.name, fingerprint)
     began = time.monotonic()
     with audience.stage(stage.name) as watch:
         result = stage.run(run, watch)
@@ -193,7 +222,11 @@ def _run_stage(stage: Stage, run: Run, fingerprint: str, forced: bool, audience:
 
 
 def _options_of(options: Options, stage: Stage) -> dict[str, Any]:
-    return {name: getattr(options, name).model_dump(mode="json") for name in stage.options}
+    chosen = {name: getattr(options, name).model_dump(mode="json") for name in stage.options}
+    if stage.name == "dense":
+        del chosen["dense"]["enabled"]
+        chosen["dense"]["backend"] = pick_backend(options.dense.backend) if options.dense.enabled else "none"
+    return chosen
 
 
 def _versions_of(stage: Stage) -> dict[str, str]:
@@ -209,7 +242,6 @@ def _fingerprints(
     prints: dict[str, str] = {}
     for stage in ROAD:
         chosen = _options_of(options, stage)
-        chosen.get("dense", {}).pop("enabled", None)
         masks = _content_of(project.masks) if stage.name == "features" else []
         before = fingerprint_of(stage.name, chosen, _versions_of(stage), masks, before)
         prints[stage.name] = before
@@ -236,15 +268,3 @@ def _digests(project: Project, discovery: Discovery, watch: Watch) -> dict[str, 
             found[capture.name] = [0, 0, f"unreadable: {error.strerror}"]
         watch.advance()
     return found
-
-
-def _refuse_foreign_folders(project: Project) -> None:
-    """A workspace that we did not make is somebody's work: it is not ours to write into."""
-    if project.records.is_dir():
-        return
-    for folder in (project.workspace, project.colour, project.report):
-        if folder.exists():
-            raise ProjectError(
-                f"{folder}: is there already and was not made by colmap-ihe",
-                hint="move it away, or use another project folder with --images",
-            )

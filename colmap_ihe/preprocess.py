@@ -14,11 +14,13 @@ from typing import Any, TypeVar
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+from PIL import Image
 
 from colmap_ihe.captures.decode import Photograph, read_photograph, read_size
 from colmap_ihe.captures.discover import Capture
 from colmap_ihe.captures.encode import SUFFIXES, encode_image
 from colmap_ihe.captures.metadata import Metadata, read_metadata
+from colmap_ihe.captures.png import encode_png
 from colmap_ihe.errors import PhotographError, ProjectError, WeightsError
 from colmap_ihe.executor import in_order
 from colmap_ihe.grey.boxes import Triplet
@@ -169,6 +171,42 @@ def convert_captures(
     by_name = {s.capture.name: s for s in surveyed}
     pairs = _each(lambda c: convert(by_name[c.name]), names, executor, watch, strict, left_out)
     return dict(pairs), left_out
+
+
+def write_masks(masks: Path, grey_names: Mapping[str, str], grey_folder: Path, out: Path) -> set[str]:
+    """COLMAP's masks for grey images (GREY.png.png, black is left out) from those of the user, who may name a
+    mask after the photograph (IMG.JPG.png) or the grey image; white where there is none.
+
+    `grey_names` by photograph. Returns the masks used. Raises `ProjectError` for one of another size.
+    """
+    used = set()
+    for photograph, grey in grey_names.items():
+        with Image.open(grey_folder / grey) as image:
+            size = image.size
+        mask = np.full(size[::-1], 255, np.uint8)
+        for name in (f"{photograph}.png", f"{grey}.png"):
+            if not (masks / name).is_file():
+                continue
+            mask = _read_mask(masks / name)
+            if mask.shape != size[::-1]:
+                raise ProjectError(
+                    f"{masks / name}: {mask.shape[1]}x{mask.shape[0]} pixels, its photograph has {size[0]}x{size[1]}",
+                    hint="masks have the size of the photograph as stored, not turned upright",
+                )
+            used.add(name)
+            break
+        write_bytes(out / f"{grey}.png", encode_png(mask))
+    return used
+
+
+def _read_mask(path: Path) -> NDArray[np.uint8]:
+    try:
+        with Image.open(path) as image:
+            return np.asarray(image.convert("L"))
+    except (OSError, SyntaxError, ValueError) as error:
+        raise ProjectError(
+            f"{path}: cannot be read as a mask ({error})", hint="save it as a PNG again"
+        ) from error
 
 
 def _weights_for(photograph: Photograph, fit: Fit, capture: Capture) -> Weights:

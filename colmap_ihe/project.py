@@ -20,6 +20,8 @@ from typing import Any
 
 from colmap_ihe.errors import DiskFullError, ProjectError
 
+_MARK = ".made-by-colmap-ihe"
+
 
 @dataclass(frozen=True)
 class Project:
@@ -39,7 +41,34 @@ class Project:
             )
         if root.exists() and not root.is_dir():
             raise ProjectError(f"{root}: is a file, wanted a project folder")
-        return cls(root.absolute(), folder.absolute())
+        project = cls(root.absolute(), folder.absolute())
+        for ours in (*project.made_folders, project.records):
+            if _overlap(folder.resolve(), ours.resolve()):
+                raise ProjectError(
+                    f"{folder}: the photographs and what is made of them in {ours} would lie in one folder",
+                    hint=f"put the photographs into {root / 'images'}, or name another project folder",
+                )
+        return project
+
+    @property
+    def made_folders(self) -> tuple[Path, Path, Path]:
+        """The folders that hold what we make, and nothing of the user's."""
+        return (self.workspace, self.colour, self.report)
+
+    def claim(self) -> None:
+        """Marks the workspace as ours. Raises `ProjectError` where somebody else made one of our folders: a
+        workspace without our mark is somebody's work, and not ours to write into."""
+        mark = self.workspace / _MARK
+        if mark.exists():
+            return
+        for folder in self.made_folders:
+            if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
+                raise ProjectError(
+                    f"{folder}: is there already and was not made by colmap-ihe",
+                    hint="move it away, or use another project folder with --images",
+                )
+        self.workspace.mkdir(parents=True, exist_ok=True)
+        mark.touch()
 
     @property
     def options_file(self) -> Path:
@@ -104,8 +133,9 @@ class Project:
         return self.records / f"{stage}.begun.json"
 
     def read_record(self, stage: str) -> dict[str, Any] | None:
-        """The record of a finished stage, or None. A record that cannot be read is none."""
-        return read_json(self.record_file(stage))
+        """The record of a finished stage, or None. A record that is not whole is none."""
+        record = read_json(self.record_file(stage))
+        return record if record is not None and {"fingerprint", "seconds"} <= set(record) else None
 
     def write_record(self, stage: str, record: dict[str, Any]) -> None:
         write_json(self.record_file(stage), record)
@@ -115,15 +145,14 @@ class Project:
         self.record_file(stage).unlink(missing_ok=True)
         self.begun_file(stage).unlink(missing_ok=True)
 
-    def begin(self, stage: str, fingerprint: str) -> bool:
-        """Notes that `stage` is being made; True if it was begun before with the same fingerprint and not
-        finished, so that what it left under final names may be kept."""
-        begun = read_json(self.begun_file(stage))
-        self.record_file(stage).unlink(missing_ok=True)
-        if begun is not None and begun.get("fingerprint") == fingerprint:
-            return True
+    def was_begun(self, stage: str, fingerprint: str) -> bool:
+        """Whether `stage` was begun with this fingerprint and not finished, so that what it left under final
+        names may be kept."""
+        return (read_json(self.begun_file(stage)) or {}).get("fingerprint") == fingerprint
+
+    def begin(self, stage: str, fingerprint: str) -> None:
+        """Notes that `stage` is being made. To be called when nothing is left of what it made before."""
         write_json(self.begun_file(stage), {"fingerprint": fingerprint})
-        return False
 
     @contextmanager
     def locked(self) -> Iterator[None]:
@@ -134,7 +163,7 @@ class Project:
         with handle:
             try:
                 fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            except OSError as error:
+            except BlockingIOError as error:
                 raise ProjectError(
                     f"{self.root}: another run is working on this project", hint="wait for it, or stop it"
                 ) from error
@@ -160,10 +189,10 @@ def room_on_disk(path: Path) -> Iterator[None]:
 
 def write_bytes(path: Path, content: bytes) -> None:
     """Writes a file that is whole under its name or not there: temporary file, flush, rename."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
+    temporary = path.with_name(f".{fingerprint_of(path.name)}.{os.getpid()}.tmp")  # of a length that fits
     try:
         with room_on_disk(path):
+            path.parent.mkdir(parents=True, exist_ok=True)
             with temporary.open("wb") as handle:
                 handle.write(content)
                 handle.flush()
@@ -187,6 +216,10 @@ def replace_folder(temporary: Path, final: Path) -> None:
         shutil.rmtree(old)
     else:
         temporary.rename(final)
+
+
+def _overlap(one: Path, other: Path) -> bool:
+    return one.is_relative_to(other) or other.is_relative_to(one)
 
 
 def fingerprint_of(*parts: Any) -> str:

@@ -11,6 +11,7 @@ from collections import Counter
 from concurrent.futures import Executor
 from dataclasses import asdict, dataclass, field
 from importlib import metadata
+from pathlib import Path
 from typing import Any
 
 import cv2
@@ -21,13 +22,13 @@ from colmap_ihe.captures.discover import Capture, Discovery
 from colmap_ihe.colmap import dense as dense_stereo
 from colmap_ihe.colmap.features import extract_features
 from colmap_ihe.colmap.mapping import map_images
-from colmap_ihe.colmap.matching import forget_matches, match_features
+from colmap_ihe.colmap.matching import match_features
 from colmap_ihe.colmap.native import pycolmap
 from colmap_ihe.colmap.workspace import database_is_sound, remove_database
 from colmap_ihe.errors import DiskFullError, MappingError
 from colmap_ihe.grey.weights import Weights
 from colmap_ihe.options import Options
-from colmap_ihe.preprocess import Fit, Surveyed, convert_captures, fit_captures, survey
+from colmap_ihe.preprocess import Fit, Surveyed, convert_captures, fit_captures, survey, write_masks
 from colmap_ihe.progress import Watch
 from colmap_ihe.project import Project, write_bytes
 
@@ -73,7 +74,7 @@ def captures(run: Run, watch: Watch) -> Record:
     return {
         "images": len(run.surveyed),
         "raw": sum(s.capture.kind == "raw" for s in run.surveyed),
-        "paired": sum(bool(s.capture.paired) for s in run.surveyed),
+        "paired": {s.capture.name: s.capture.paired for s in run.surveyed if s.capture.paired},
         "with_gps": sum(s.metadata.has_gps for s in run.surveyed),
         "shared_by": _shared_by(run.surveyed),
         "pixels": sum(s.width * s.height for s in run.surveyed),
@@ -102,10 +103,10 @@ def fit(run: Run, watch: Watch) -> Record:
 
 def convert(run: Run, watch: Watch) -> Record:
     project = run.project
+    for half_written in (*project.grey.rglob(".*.tmp"), *project.colour.rglob(".*.tmp")):
+        half_written.unlink()
     if not run.resumed:
-        shutil.rmtree(project.grey, ignore_errors=True)
-        shutil.rmtree(project.colour, ignore_errors=True)
-    _require_room(project, run.records["captures"]["pixels"] * 3)
+        _require_room(project, run.records["captures"]["pixels"] * 3)
     captures_left = {c.name for c in run.captures()}
     surveyed = run.surveyed or survey(run.captures(), run.executor, watch, strict=run.strict)[0]
     grey, left_out = convert_captures(
@@ -124,9 +125,9 @@ def convert(run: Run, watch: Watch) -> Record:
 
 def features(run: Run, watch: Watch) -> Record:
     project = run.project
-    if not run.resumed or not database_is_sound(project.database):
+    if not database_is_sound(project.database):
         remove_database(project.database)
-    masks = project.masks if project.masks.is_dir() else None
+    masks, mask_warnings = _masks(run)
     names = run.grey_names()
     _require_room(project, len(names) * _DATABASE_BYTES)
     counts = extract_features(
@@ -144,7 +145,7 @@ def features(run: Run, watch: Watch) -> Record:
         by_grey[name]: "COLMAP did not take its grey image; with camera.mode single all need the same size"
         for name in counts.missing
     }
-    warnings = []
+    warnings = mask_warnings
     if counts.with_focal_prior < counts.images and run.options.camera.params is None:
         warnings.append(
             f"{counts.images - counts.with_focal_prior} of {counts.images} photographs do not say their focal"
@@ -155,8 +156,6 @@ def features(run: Run, watch: Watch) -> Record:
 
 def matches(run: Run, watch: Watch) -> Record:
     project = run.project
-    if not run.resumed:
-        forget_matches(project.database)
     counts = match_features(
         project.database,
         project.workspace,
@@ -183,7 +182,7 @@ def sparse(run: Run, watch: Watch) -> Record:
             f" goes on, the others ({others} images) are in workspace/sparse/1 and up: more photographs between"
             " the parts would join them"
         )
-    if missing:
+    if missing and len(models) == 1:
         shown = ", ".join(missing[:5]) + (" ..." if len(missing) > 5 else "")
         warnings.append(f"{len(missing)} of {images} photographs have no place in the model: {shown}")
     return {"models": [asdict(m) for m in models], "unregistered": missing, "warnings": warnings}
@@ -192,17 +191,17 @@ def sparse(run: Run, watch: Watch) -> Record:
 def dense(run: Run, watch: Watch) -> Record:
     project, options = run.project, run.options.dense
     backend = dense_stereo.pick_backend(options.backend)
-    if not run.resumed:
-        shutil.rmtree(project.dense.parent, ignore_errors=True)
-    shutil.rmtree(project.dense / "images", ignore_errors=True)
-    shutil.rmtree(project.dense / "grey", ignore_errors=True)
+    for folder in ("images", "sparse", "grey/images", "grey/sparse"):  # quickly made, and not atomically
+        shutil.rmtree(project.dense / folder, ignore_errors=True)
     registered = run.records["sparse"]["models"][0]["registered_images"]
     if registered < 2:
         raise MappingError(
             "dense stereo needs two registered photographs, the model has one",
             hint="look at the warnings of the sparse stage in records/sparse.json",
         )
-    _require_room(project, registered * options.max_image_size**2 * 24)
+    captures = run.records["captures"]
+    pixels = min(options.max_image_size**2, captures["pixels"] // captures["images"])
+    _require_room(project, registered * pixels * 24)
     dense_stereo.undistort(
         project.sparse / "0",
         project.grey,
@@ -223,9 +222,28 @@ def dense(run: Run, watch: Watch) -> Record:
         if counts.empty:
             record["warnings"].append(f"no depth could be found for {', '.join(sorted(counts.empty)[:5])}")
     else:
-        dense_stereo.patchmatch_depth_maps(project.dense, watch=watch)
+        dense_stereo.patchmatch_depth_maps(project.dense, options=options.patchmatch, watch=watch)
     points = dense_stereo.fuse(project.dense, options=options.colmap, watch=watch)
+    if not points:
+        record["warnings"].append("no point of the depth maps was confirmed: the cloud is empty")
     return {**record, "points": points}
+
+
+def _masks(run: Run) -> tuple[Path | None, list[str]]:
+    """COLMAP's mask folder for the grey images, made of the user's masks; None if there are none."""
+    project = run.project
+    if not project.masks.is_dir():
+        return None, []
+    made = project.workspace / "masks"
+    shutil.rmtree(made, ignore_errors=True)
+    used = write_masks(project.masks, run.records["convert"]["grey"], project.grey, made)
+    found = {p.relative_to(project.masks).as_posix() for p in project.masks.rglob("*.png")}
+    unused = sorted(found - used)
+    if not unused:
+        return made, []
+    return made, [
+        f"{len(unused)} masks belong to no photograph, as masks/{unused[0]}: IMG.JPG has IMG.JPG.png"
+    ]
 
 
 def fit_of(record: Record) -> Fit:

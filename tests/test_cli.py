@@ -27,11 +27,6 @@ Make = Callable[..., Path]
 Captured = pytest.CaptureFixture[str]
 SETTINGS = [part for assignment in QUICK for part in ("--set", assignment)]
 
-LATE_FLUSH = pytest.mark.xfail(
-    strict=True,
-    reason="what stdout cannot take is noticed after `main` has ended, or not caught, and is a traceback",
-)
-
 
 def output_of(capsys: Captured, *arguments: str | Path) -> str:
     """stdout of a command that ends well."""
@@ -226,9 +221,6 @@ def test_convert_refuses_a_folder_with_somebodys_files(
     assert [p.name for p in (tmp_path / "thesis").iterdir()] == ["chapter.txt"]
 
 
-@pytest.mark.xfail(
-    strict=True, reason="a changed command removes the whole folder, with what was put there since"
-)
 def test_convert_again_leaves_files_that_somebody_put_beside(
     capsys: Captured, photos: Path, tmp_path: Path
 ) -> None:
@@ -248,7 +240,6 @@ def test_convert_refuses_the_folder_of_photographs(
     assert sorted(p.name for p in photos.rglob("*")) == before
 
 
-@pytest.mark.xfail(strict=True, reason="NotADirectoryError instead of one line")
 def test_convert_refuses_a_file_for_a_folder(capsys: Captured, photos: Path, tmp_path: Path) -> None:
     (tmp_path / "grey").write_text("a file")
     failure_of(capsys, "convert", photos, tmp_path / "grey", "--method", "red")
@@ -402,7 +393,6 @@ def test_the_command_as_a_process(photos: Path, tmp_path: Path) -> None:
     assert run("fit").returncode == 2
 
 
-@pytest.mark.xfail(strict=True, reason="Pillow's own warning of a broken file reaches the terminal")
 def test_a_broken_tiff_leaves_no_warnings_of_libraries(photos: Path) -> None:
     noise = np.random.default_rng(1).integers(0, 256, (80, 80, 3), np.uint8)
     Image.fromarray(noise).save(photos / "half.tif", compression="tiff_lzw")
@@ -415,7 +405,7 @@ def test_a_broken_tiff_leaves_no_warnings_of_libraries(photos: Path) -> None:
     assert "site-packages" not in done.stderr
 
 
-@pytest.mark.parametrize("unbuffered", ["1", pytest.param("", marks=LATE_FLUSH)])
+@pytest.mark.parametrize("unbuffered", ["1", pytest.param("")])
 def test_a_pipe_that_closes_early_is_no_error(unbuffered: str) -> None:
     """As `colmap-ihe doctor | head`. Python writes at once where it is told to, else as it ends."""
     reader = subprocess.Popen(["true"], stdin=subprocess.PIPE)
@@ -437,7 +427,6 @@ def test_a_pipe_that_closes_early_is_no_error(unbuffered: str) -> None:
     assert done.returncode == 0
 
 
-@LATE_FLUSH
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="there is no /dev/full to write to")
 def test_results_that_find_no_room_are_one_line() -> None:
     with Path("/dev/full").open("w") as full:

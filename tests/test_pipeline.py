@@ -34,11 +34,6 @@ SUMMARY_KEYS = {
 }
 
 
-NO_PAIRS = pytest.mark.xfail(
-    strict=True, reason="COLMAP counts pairs without one inlier as verified, and mapping is tried"
-)
-
-
 class Listener(Silent):
     """Notes what a person would be shown."""
 
@@ -168,7 +163,7 @@ def test_until_ends_after_a_stage_and_the_next_call_goes_on(
     done = reconstruct(project, quick_options(), until="fit")
     assert done.stages_run == ("captures", "fit")
     assert done.summary["registered_images"] is None
-    assert not (project / "workspace").exists()
+    assert not (project / "workspace/images").exists()
     assert not (project / "colour").exists()
     done = reconstruct(project, quick_options(), until="convert")
     assert done.stages_run == ("convert",)
@@ -285,7 +280,6 @@ def test_a_record_that_cannot_be_read_counts_for_nothing(finished: Path, quick_o
     assert reconstruct(finished, quick_options(), until="convert").stages_run == ("convert",)
 
 
-@pytest.mark.xfail(strict=True, reason="KeyError: a record that is a mapping is taken to be whole")
 def test_a_record_that_lost_its_fingerprint_counts_for_nothing(
     finished: Path, quick_options: MakeOptions
 ) -> None:
@@ -375,7 +369,9 @@ def test_cancelled_in_a_stage_the_same_call_goes_on_from_there(
     with pytest.raises(Cancelled):
         reconstruct(finished, options, start=stage, audience=Impatient())
     states = {s.name: s for s in status(finished, options)}
-    assert [states[n].state for n in NAMES] == ["done"] * number + ["to do"] * (len(NAMES) - number)
+    assert [states[n].state for n in NAMES] == ["done"] * number + ["to do"] * (len(NAMES) - number - 1) + [
+        "off"
+    ]
     assert states[stage].why == "begun, not finished"
     done = reconstruct(finished, options, until=stage)
     assert done.stages_run == (stage,)
@@ -486,7 +482,6 @@ def noise(folder: Path, count: int) -> Path:
     return folder
 
 
-@NO_PAIRS
 def test_photographs_that_do_not_match(tmp_path: Path, quick_options: MakeOptions) -> None:
     noise(tmp_path, 3)
     with pytest.raises(MappingError, match="no two of the 3 photographs match") as caught:
@@ -502,7 +497,6 @@ def test_one_photograph_alone(new_project: Make, quick_options: MakeOptions) -> 
         reconstruct(new_project(1), quick_options())
 
 
-@NO_PAIRS
 def test_flat_photographs_have_no_features(tmp_path: Path, quick_options: MakeOptions) -> None:
     (tmp_path / "images").mkdir()
     for number in range(3):
@@ -532,7 +526,7 @@ def test_a_camera_that_only_turned_gives_no_model(
     assert "sideways" in caught.value.hint
     assert record(tmp_path, "matches")["pairs_verified"] >= 3
     assert not (tmp_path / "workspace/sparse").exists()
-    assert not list((tmp_path / "workspace").glob(".*"))
+    assert not list((tmp_path / "workspace").glob(".sparse*"))
 
 
 @pytest.mark.parametrize(
@@ -562,9 +556,6 @@ def test_camera_parameters_of_another_number_are_refused(
         reconstruct(new_project(2), quick_options("camera.model=PINHOLE", "camera.params=[1, 2]"))
 
 
-@pytest.mark.xfail(
-    strict=True, reason="`colmap:` options are looked at only when their stage has come, dense last"
-)
 @pytest.mark.parametrize(
     "assignment", ["features.colmap.typo=1", "sparse.colmap.typo=1", "dense.colmap.typo=1"]
 )
@@ -640,7 +631,8 @@ def test_raw_and_jpeg_of_one_shot_are_one_image(new_project: Make, quick_options
     project = new_project(3, (".dng", ".jpg"))
     done = reconstruct(project, quick_options(), until="convert")
     assert done.summary["images"] == 3
-    assert (record(project, "captures")["raw"], record(project, "captures")["paired"]) == (3, 3)
+    assert (record(project, "captures")["raw"], len(record(project, "captures")["paired"])) == (3, 3)
+    assert record(project, "captures")["paired"]["portico_01.dng"] == ["portico_01.jpg"]
     assert list(done.summary["weights_by_encoding"]) == ["linear"]
     with Image.open(project / "workspace/images/portico_02.png") as grey:
         values = np.asarray(grey)

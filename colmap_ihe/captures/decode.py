@@ -8,14 +8,20 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+import tifffile
 from numpy.typing import NDArray
 from PIL import Image, UnidentifiedImageError
+from PIL.Image import Transpose
+from PIL.TiffImagePlugin import TiffImageFile
 
 from colmap_ihe.captures.discover import Capture
 from colmap_ihe.captures.raw import develop, size_of
 from colmap_ihe.errors import CapabilityError, PhotographError
 from colmap_ihe.grey.weights import Encoding
 
+MAX_PIXELS = 500_000_000
+"""Of one photograph, checked before it is decoded: more is a damaged or a hostile header."""
+Image.MAX_IMAGE_PIXELS = MAX_PIXELS
 MIN_SIDE = 64
 """Pixels; a photograph with a shorter side holds nothing that COLMAP could match."""
 
@@ -30,6 +36,18 @@ def _zlib_clashes() -> bool:
 
 
 _ZLIB_CLASHES = _zlib_clashes()
+
+
+_UNTURN = {
+    2: Transpose.FLIP_LEFT_RIGHT,
+    3: Transpose.ROTATE_180,
+    4: Transpose.FLIP_TOP_BOTTOM,
+    5: Transpose.TRANSPOSE,
+    6: Transpose.ROTATE_90,
+    7: Transpose.TRANSVERSE,
+    8: Transpose.ROTATE_270,
+}
+"""By the Orientation tag, what takes back the turn it asks for."""
 
 
 @dataclass(frozen=True)
@@ -64,7 +82,7 @@ def read_size(capture: Capture) -> tuple[int, int]:
     else:
         try:
             with Image.open(capture.path) as image:
-                width, height = image.size
+                width, height = _stored_size(image)
         except (OSError, SyntaxError, ValueError, Image.DecompressionBombError) as error:
             raise _unreadable(capture, error) from error
     check_size(capture, width, height)
@@ -72,6 +90,11 @@ def read_size(capture: Capture) -> tuple[int, int]:
 
 
 def check_size(capture: Capture, width: int, height: int) -> None:
+    if width * height > MAX_PIXELS:
+        raise PhotographError(
+            f"{capture.name}: {width}x{height} pixels, wanted at most {MAX_PIXELS // 10**6} megapixels",
+            hint="take it out of the folder, or cut it up",
+        )
     if min(width, height) < MIN_SIDE:
         raise PhotographError(
             f"{capture.name}: {width}x{height} pixels, wanted at least {MIN_SIDE} on each side",
@@ -86,10 +109,13 @@ def _read_coded(path: Path) -> NDArray[np.uint8]:
         with Image.open(path) as image:
             # Of a PNG's depth Pillow tells only before it decodes: "RGB;16B" is the mode in the file.
             deep = image.format == "PNG" and any("16" in str(tile.args) for tile in image.tile)
+            turned = image.tag_v2.get(274, 1) if isinstance(image, TiffImageFile) else 1
             image.load()
             if deep or _is_deep(image):
-                return _read_deep(path)
+                return _read_deep(path, turned)
             rgb = image if image.mode == "RGB" else image.convert("RGB")
+            if turned in _UNTURN:  # Pillow turns a TIFF upright as it loads it; COLMAP must see it as stored
+                rgb = rgb.transpose(_UNTURN[turned])
             return np.asarray(rgb)
     except (SyntaxError, ValueError, Image.DecompressionBombError) as error:
         raise OSError(str(error)) from error
@@ -105,15 +131,37 @@ def _is_deep(image: Image.Image) -> bool:
     return False
 
 
-def _read_deep(path: Path) -> NDArray[np.uint8]:
+def _stored_size(image: Image.Image) -> tuple[int, int]:
+    """Width and height as stored: Pillow swaps those of a TIFF by its Orientation."""
+    if isinstance(image, TiffImageFile):
+        return int(image.tag_v2[256]), int(image.tag_v2[257])
+    return image.size
+
+
+def _read_deep(path: Path, turned: int) -> NDArray[np.uint8]:
     """A 16-bit TIFF or PNG, coded, rounded to the 8 bits that COLMAP will see."""
-    pixels = cv2.imread(str(path), cv2.IMREAD_ANYDEPTH | cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION)
-    if pixels is None:
-        raise OSError("OpenCV cannot decode it")
+    if turned in (5, 6, 7, 8):  # OpenCV 5 fails on these, whatever it is told of orientation
+        pixels = _read_with_tifffile(path)
+    else:
+        flags = cv2.IMREAD_ANYDEPTH | cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION
+        found = cv2.imread(str(path), flags)
+        if found is None:
+            raise OSError("OpenCV cannot decode it")
+        pixels = np.asarray(found)[..., ::-1]
     if pixels.dtype != np.uint16:
         raise OSError(f"holds {pixels.dtype} pixels; wanted 8 or 16 bit integers")
-    rounded = (pixels[..., ::-1].astype(np.uint32) + 128) // 257  # 65535 = 257 x 255
+    rounded = (pixels.astype(np.uint32) + 128) // 257  # 65535 = 257 x 255
     return np.ascontiguousarray(rounded, np.uint8)
+
+
+def _read_with_tifffile(path: Path) -> NDArray[np.generic]:
+    try:
+        pixels = np.asarray(tifffile.imread(path))
+    except Exception as error:
+        raise OSError(f"{error}; a turned 16-bit TIFF can be read if it is not compressed") from error
+    if pixels.ndim == 2:
+        pixels = np.repeat(pixels[..., None], 3, axis=2)
+    return pixels[..., :3]
 
 
 def _refuse_zlib(path: Path) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections import Counter, defaultdict
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from pathlib import Path, PurePosixPath
 from typing import Literal
@@ -81,6 +82,10 @@ def discover(folder: Path) -> Discovery:
     shots: dict[str, list[str]] = defaultdict(list)
     ignored = []
     for name in _files_below(folder):
+        if not name.isprintable() or name != name.encode("utf-8", "replace").decode():
+            raise ProjectError(
+                f"{folder}: the file name {name!a} is not readable text", hint="rename the file"
+            )
         suffix = PurePosixPath(name).suffix.lower()
         if suffix in RAW_SUFFIXES or suffix in CODED_SUFFIXES:
             shots[str(PurePosixPath(name).with_suffix(""))].append(name)
@@ -93,13 +98,37 @@ def discover(folder: Path) -> Discovery:
             hint="wanted RAW, JPEG, TIFF or PNG files, in subfolders or not",
         )
     members = [member for stem, names in shots.items() for member in _captures_of(stem, names)]
-    # Case-insensitive disks would fold A.png and a.png into one file.
-    taken = Counter(stem.casefold() for _, _, _, stem in members)
-    captures = [
-        Capture(name, folder / name, kind, stem if taken[stem.casefold()] == 1 else name, paired)
-        for name, kind, paired, stem in members
-    ]
+    greys = _grey_stems({name: stem for name, _, _, stem in members})
+    captures = [Capture(name, folder / name, kind, greys[name], paired) for name, kind, paired, _ in members]
     return Discovery(tuple(sorted(captures, key=lambda c: c.name)), tuple(sorted(ignored)))
+
+
+def captures_of_files(paths: Iterable[Path]) -> list[Capture]:
+    """Captures of just these files, RAW and JPEG of one shot as one; for a fit, so names are whole paths."""
+    shots: dict[str, list[str]] = defaultdict(list)
+    for path in dict.fromkeys(p.absolute() for p in paths):
+        suffix = path.suffix.lower()
+        if not path.is_file() or (suffix not in RAW_SUFFIXES and suffix not in CODED_SUFFIXES):
+            raise ProjectError(
+                f"{path}: no such photograph", hint="name folders, or RAW, JPEG, TIFF or PNG files"
+            )
+        shots[path.with_suffix("").as_posix()].append(path.as_posix())
+    return [
+        Capture(name, Path(name), kind, name, paired)
+        for stem, names in shots.items()
+        for name, kind, paired, _ in _captures_of(stem, names)
+    ]
+
+
+def _grey_stems(stems: dict[str, str]) -> dict[str, str]:
+    """The name of each capture's grey image: its stem, or its whole name where another has that stem. Case
+    does not tell names apart, for there are disks that fold it."""
+    while True:
+        taken = Counter(stem.casefold() for stem in stems.values())
+        again = {name: name if taken[stem.casefold()] > 1 else stem for name, stem in stems.items()}
+        if again == stems:
+            return stems
+        stems = again
 
 
 def _captures_of(
@@ -116,7 +145,13 @@ def _captures_of(
 
 def _files_below(folder: Path) -> list[str]:
     names = []
-    for parent, folders, files in os.walk(folder):
+
+    def refuse(error: OSError) -> None:
+        raise ProjectError(
+            f"{error.filename}: cannot be read ({error.strerror})", hint="give read permission"
+        )
+
+    for parent, folders, files in os.walk(folder, onerror=refuse):
         folders[:] = sorted(f for f in folders if not f.startswith("."))
         below = Path(parent).relative_to(folder)
         names += [(below / f).as_posix() for f in files if not f.startswith(".")]

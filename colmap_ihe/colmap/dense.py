@@ -85,8 +85,7 @@ def patchmatch_depth_maps(
 
     `options` goes to pycolmap.PatchMatchOptions.
     """
-    native = pycolmap.PatchMatchOptions()
-    apply_options(native, options or {}, "dense.colmap")
+    native = patchmatch_options(options or {})
     watch.start(1, "runs of PatchMatch")
     called(pycolmap.patch_match_stereo, dense_dir / "grey", options=native, watch=watch)
     # Copied by link, not moved: COLMAP skips the maps that it finds in its own workspace.
@@ -104,8 +103,7 @@ def fuse(dense_dir: Path, *, options: Mapping[str, Any] | None = None, watch: Wa
 
     `options` goes to pycolmap.StereoFusionOptions, over `FUSION_DEFAULTS`.
     """
-    native = pycolmap.StereoFusionOptions(**{**FUSION_DEFAULTS, **_fusion_memory(dense_dir)})
-    apply_options(native, options or {}, "dense.colmap")
+    native = fusion_options({**_fusion_memory(dense_dir), **(options or {})})
     part = dense_dir / "fused.part.ply"
     watch.start(1, "fusions")
     cloud = called(pycolmap.stereo_fusion, part, dense_dir, options=native, output_type="ply", watch=watch)
@@ -113,6 +111,20 @@ def fuse(dense_dir: Path, *, options: Mapping[str, Any] | None = None, watch: Wa
         part.with_name(part.name + suffix).replace(dense_dir / f"fused.ply{suffix}")
     watch.advance()
     return int(cloud.num_points3D())
+
+
+def patchmatch_options(values: Mapping[str, Any]) -> pycolmap.PatchMatchOptions:
+    """Raises `OptionError`."""
+    native = pycolmap.PatchMatchOptions()
+    apply_options(native, values, "dense.patchmatch")
+    return native
+
+
+def fusion_options(values: Mapping[str, Any]) -> pycolmap.StereoFusionOptions:
+    """`FUSION_DEFAULTS` with `values` over them. Raises `OptionError`."""
+    native = pycolmap.StereoFusionOptions(**FUSION_DEFAULTS)
+    apply_options(native, values, "dense.colmap")
+    return native
 
 
 def _fusion_memory(dense_dir: Path) -> dict[str, Any]:

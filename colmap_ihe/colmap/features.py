@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from colmap_ihe.colmap.native import apply_options, called, pycolmap
-from colmap_ihe.colmap.workspace import counting_rows
+from colmap_ihe.colmap.workspace import counting_rows, remove_database
 from colmap_ihe.errors import NativeError, OptionError
 from colmap_ihe.options import CameraOptions, FeaturesOptions
 from colmap_ihe.progress import Watch
@@ -52,12 +52,12 @@ def extract_features(
     would else read whatever lies in the folder, RAW thumbnails included. Raises `OptionError`,
     `NativeError`, `Cancelled`.
     """
-    extraction = pycolmap.FeatureExtractionOptions()
-    if options.max_image_size is not None:
-        extraction.max_image_size = options.max_image_size
-    apply_options(extraction, options.colmap, "features.colmap")
-    model = choose_model(camera, len(names), shared_by)
+    reader, extraction = native_options(camera, options, choose_model(camera, len(names), shared_by))
+    if masks is not None:
+        reader.mask_path = masks
     watch.start(len(names))
+    if not database.exists():
+        _import_images(database, grey, names, camera, reader, watch)
     with counting_rows(database, "keypoints") as rows:
         called(
             pycolmap.extract_features,
@@ -65,7 +65,7 @@ def extract_features(
             grey,
             image_names=list(names),
             camera_mode=_MODES[camera.mode],
-            reader_options=_reader_options(model, camera.params, masks),
+            reader_options=reader,
             extraction_options=extraction,
             watch=watch,
             progress=rows,
@@ -77,6 +77,32 @@ def extract_features(
             hint="records/colmap.log.* says why; with camera.mode single all images need the same size",
         )
     return counts
+
+
+def _import_images(
+    database: Path,
+    grey: Path,
+    names: Sequence[str],
+    camera: CameraOptions,
+    reader: pycolmap.ImageReaderOptions,
+    watch: Watch,
+) -> None:
+    """All images and cameras at once, and the database under its name only then: COLMAP groups cameras within
+    one call, so images that came in after an interruption would get cameras of their own."""
+    unfinished = database.with_name("unfinished.db")
+    remove_database(unfinished)
+    pycolmap.Database.open(unfinished).close()
+    called(
+        pycolmap.import_images,
+        unfinished,
+        grey,
+        camera_mode=_MODES[camera.mode],
+        image_names=list(names),
+        options=reader,
+        watch=watch,
+        cancellable=False,
+    )
+    unfinished.replace(database)
 
 
 def count_features(database: Path, names: Sequence[str]) -> FeatureCounts:
@@ -103,19 +129,22 @@ def choose_model(camera: CameraOptions, images: int, shared_by: int) -> str:
     return "OPENCV" if shared >= SHARED_BY else "SIMPLE_RADIAL"
 
 
-def _reader_options(
-    model: str, params: tuple[float, ...] | None, masks: Path | None
-) -> pycolmap.ImageReaderOptions:
+def native_options(
+    camera: CameraOptions, options: FeaturesOptions, model: str
+) -> tuple[pycolmap.ImageReaderOptions, pycolmap.FeatureExtractionOptions]:
+    """pycolmap's options for reading images with cameras of `model`, and for features. Raises `OptionError`."""
     reader = pycolmap.ImageReaderOptions()
     known = [m for m in pycolmap.CameraModelId.__members__ if m != "INVALID"]
     if model not in known:
         raise OptionError(f"camera.model: unknown model {model!r}", hint=f"COLMAP knows {', '.join(known)}")
     reader.camera_model = model
-    if params is not None:
+    if camera.params is not None:
         wanted = len(pycolmap.Camera.create_from_model_name(1, model, 1.0, 1, 1).params)
-        if len(params) != wanted:
-            raise OptionError(f"camera.params: {len(params)} numbers, {model} has {wanted}")
-        reader.camera_params = ", ".join(repr(p) for p in params)
-    if masks is not None:
-        reader.mask_path = masks
-    return reader
+        if len(camera.params) != wanted:
+            raise OptionError(f"camera.params: {len(camera.params)} numbers, {model} has {wanted}")
+        reader.camera_params = ", ".join(repr(p) for p in camera.params)
+    extraction = pycolmap.FeatureExtractionOptions()
+    if options.max_image_size is not None:
+        extraction.max_image_size = options.max_image_size
+    apply_options(extraction, options.colmap, "features.colmap")
+    return reader, extraction

@@ -63,10 +63,8 @@ def _run(
     database: Path, grey: Path, work: Path, options: SparseOptions, images: int, watch: Watch
 ) -> Mapping[int, pycolmap.Reconstruction]:
     watch.start(images)
+    settings = native_options(options)
     if options.mapper == "incremental":
-        pipeline = pycolmap.IncrementalPipelineOptions()
-        pipeline.random_seed = options.seed
-        apply_options(pipeline, options.colmap, "sparse.colmap")
         registered = [0]
 
         def one_more() -> None:
@@ -77,23 +75,30 @@ def _run(
             database,
             grey,
             work,
-            options=pipeline,
+            options=settings,
             initial_image_pair_callback=one_more,
             next_image_callback=one_more,
             watch=watch,
             progress=lambda: min(registered[0], images),
         )
-    settings: Any
-    function: Any
-    if options.mapper == "global":
-        settings, function = pycolmap.GlobalPipelineOptions(), pycolmap.global_mapping
-    else:
-        settings, function = pycolmap.HierarchicalPipelineOptions(), pycolmap.hierarchical_mapping
-    apply_options(settings, options.colmap, "sparse.colmap")
+    function: Any = pycolmap.global_mapping if options.mapper == "global" else pycolmap.hierarchical_mapping
     models: dict[int, pycolmap.Reconstruction] = called(
         function, database, grey, work, options=settings, watch=watch, cancellable=False
     )
     return models
+
+
+def native_options(options: SparseOptions) -> Any:
+    """The pipeline options of the mapper in pycolmap. Raises `OptionError`."""
+    settings: Any
+    if options.mapper == "incremental":
+        settings = pycolmap.IncrementalPipelineOptions(random_seed=options.seed)
+    elif options.mapper == "global":
+        settings = pycolmap.GlobalPipelineOptions()
+    else:
+        settings = pycolmap.HierarchicalPipelineOptions()
+    apply_options(settings, options.colmap, "sparse.colmap")
+    return settings
 
 
 def describe(model: pycolmap.Reconstruction) -> Model:

@@ -22,6 +22,14 @@ _GPS_SHARE = 0.9
 _WORDS_PER_FEATURE = 1 / 40  # its clustering wants 39 features a word
 
 
+_PAIRING: dict[str, Any] = {
+    "exhaustive": pycolmap.ExhaustivePairingOptions,
+    "sequential": pycolmap.SequentialPairingOptions,
+    "spatial": pycolmap.SpatialPairingOptions,
+    "vocabtree": pycolmap.VocabTreePairingOptions,
+}
+
+
 @dataclass(frozen=True)
 class MatchCounts:
     strategy: str
@@ -53,16 +61,12 @@ def match_features(
     `OptionError`, `NativeError`, `MappingError` if nothing matches, `Cancelled`.
     """
     strategy = choose_strategy(options.strategy, images, with_gps)
-    matching = pycolmap.FeatureMatchingOptions()
-    apply_options(matching, options.colmap, "matches.colmap")
-    verification = pycolmap.TwoViewGeometryOptions()
-    apply_options(verification, options.verification, "matches.verification")
-    pairing, function, pairs = _pairing(strategy, images)
+    matching, pairing, verification = native_options(options, strategy)
+    function, pairs = _function(strategy, images)
     if strategy == "vocabtree" and "vocab_tree_path" not in options.pairing:
         tree = scratch / "vocabulary.bin"
         build_vocabulary(database, tree, watch)
         pairing.vocab_tree_path = tree
-    apply_options(pairing, options.pairing, "matches.pairing")
     watch.start(pairs, "pairs")
     with counting_rows(database, "two_view_geometries") as rows:
         called(
@@ -75,11 +79,10 @@ def match_features(
             progress=lambda: min(pairs, rows()),
         )
     with pycolmap.Database.open(database) as opened:
+        # COLMAP keeps a row for a pair without an inlier too, and counts it as verified.
+        inliers = np.array(opened.read_two_view_geometry_num_inliers()[1], np.int64)
         counts = MatchCounts(
-            strategy,
-            opened.num_matched_image_pairs(),
-            opened.num_verified_image_pairs(),
-            opened.num_inlier_matches(),
+            strategy, opened.num_matched_image_pairs(), int(np.count_nonzero(inliers)), int(inliers.sum())
         )
     if not counts.pairs_verified:
         raise MappingError(
@@ -87,6 +90,19 @@ def match_features(
             hint="they need to overlap by about two thirds; check that they show one object, sharp and not too dark",
         )
     return counts
+
+
+def native_options(
+    options: MatchesOptions, strategy: str
+) -> tuple[pycolmap.FeatureMatchingOptions, Any, pycolmap.TwoViewGeometryOptions]:
+    """pycolmap's options for matching, pairing by `strategy`, and verification. Raises `OptionError`."""
+    matching = pycolmap.FeatureMatchingOptions()
+    apply_options(matching, options.colmap, "matches.colmap")
+    pairing = _PAIRING[strategy]()
+    apply_options(pairing, options.pairing, "matches.pairing")
+    verification = pycolmap.TwoViewGeometryOptions()
+    apply_options(verification, options.verification, "matches.verification")
+    return matching, pairing, verification
 
 
 def forget_matches(database: Path) -> None:
@@ -114,15 +130,12 @@ def build_vocabulary(database: Path, tree: Path, watch: Watch) -> None:
     index.write(tree)
 
 
-def _pairing(strategy: str, images: int) -> tuple[Any, Any, int]:
-    """The pairing options, pycolmap's function and about how many pairs it will look at."""
+def _function(strategy: str, images: int) -> tuple[Any, int]:
+    """pycolmap's function and about how many pairs it will look at."""
     if strategy == "exhaustive":
-        return pycolmap.ExhaustivePairingOptions(), pycolmap.match_exhaustive, images * (images - 1) // 2
+        return pycolmap.match_exhaustive, math.comb(images, 2)
     if strategy == "sequential":
-        sequential = pycolmap.SequentialPairingOptions()
-        return sequential, pycolmap.match_sequential, images * 2 * sequential.overlap
+        return pycolmap.match_sequential, images * 2 * pycolmap.SequentialPairingOptions().overlap
     if strategy == "spatial":
-        spatial = pycolmap.SpatialPairingOptions()
-        return spatial, pycolmap.match_spatial, images * spatial.max_num_neighbors // 2
-    tree = pycolmap.VocabTreePairingOptions()
-    return tree, pycolmap.match_vocabtree, math.comb(min(images, tree.num_images), 2)
+        return pycolmap.match_spatial, images * pycolmap.SpatialPairingOptions().max_num_neighbors // 2
+    return pycolmap.match_vocabtree, math.comb(min(images, pycolmap.VocabTreePairingOptions().num_images), 2)

@@ -110,7 +110,7 @@ def triplets(step: float = 0.01) -> list[tuple[int, int, int]]:
     5,151 of them for step 0.01 and 66 for 0.1. Raises `WeightsError` if 1 is not a multiple of `step`
     or `step` is not a multiple of 0.01.
     """
-    hundredths = round(step * 100)
+    hundredths = round(step * 100) if math.isfinite(step) else 0
     if hundredths < 1 or 100 % hundredths or abs(hundredths / 100 - step) > 1e-9:
         raise WeightsError(f"{step=}, wanted 0.01, 0.02, 0.04, 0.05, 0.1, 0.2, 0.25, 0.5 or 1")
     grid = range(0, 101, hundredths)

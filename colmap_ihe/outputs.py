@@ -1,0 +1,49 @@
+"""What each stage leaves in a project: whether it is still there, and how it is removed.
+
+`remove` is called before a stage is noted as begun, so that a stage that is found begun has never anything of
+an earlier input under its final names.
+"""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from colmap_ihe.colmap.matching import forget_matches
+from colmap_ihe.colmap.workspace import remove_database
+from colmap_ihe.project import Project
+
+
+def remove(stage: str, project: Project) -> None:
+    """Removes what `stage` has made, and what is left of unfinished work."""
+    if stage == "convert":
+        shutil.rmtree(project.grey, ignore_errors=True)
+        shutil.rmtree(project.colour, ignore_errors=True)
+    elif stage == "features":
+        remove_database(project.database)
+    elif stage == "matches" and project.database.exists():
+        forget_matches(project.database)
+    elif stage == "sparse":
+        for folder in (project.sparse, *project.workspace.glob(".sparse.*")):
+            shutil.rmtree(folder, ignore_errors=True)
+    elif stage == "dense":
+        shutil.rmtree(project.dense, ignore_errors=True)
+
+
+def missing(stage: str, project: Project, record: Mapping[str, Any]) -> list[Path]:
+    """The files of a finished stage that are no longer there."""
+    files: list[Path] = []
+    if stage == "convert":
+        files = [
+            folder / name for name in record["grey"].values() for folder in (project.grey, project.colour)
+        ]
+    elif stage in ("features", "matches"):
+        files = [project.database]
+    elif stage == "sparse":
+        names = ("cameras.bin", "images.bin", "points3D.bin")
+        files = [project.sparse / str(n) / name for n in range(len(record["models"])) for name in names]
+    elif stage == "dense":
+        files = [project.dense / "fused.ply"]
+    return [file for file in files if not file.is_file()]

@@ -1,0 +1,22 @@
+"""What can be refused before any work: options that pycolmap does not know, a backend that is not there."""
+
+from __future__ import annotations
+
+from colmap_ihe.colmap import dense, features, mapping, matching
+from colmap_ihe.options import Options
+
+
+def check_options(options: Options, images: int) -> None:
+    """Builds all of pycolmap's options once, so that a slip costs no finished work. `images` is how many there
+    are, on which the matching strategy depends. Raises `OptionError`, `CapabilityError`."""
+    model = features.choose_model(options.camera, images, images)
+    features.native_options(options.camera, options.features, model)
+    with_gps = images  # not known yet: spatial without GPS is refused when its turn comes
+    matching.native_options(
+        options.matches, matching.choose_strategy(options.matches.strategy, images, with_gps)
+    )
+    mapping.native_options(options.sparse)
+    if options.dense.enabled:
+        dense.pick_backend(options.dense.backend)
+        dense.fusion_options(options.dense.colmap)
+        dense.patchmatch_options(options.dense.patchmatch)

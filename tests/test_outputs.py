@@ -1,0 +1,152 @@
+"""What a kill, a lost file or a slip in an option must not do to finished work."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from collections.abc import Callable
+from contextlib import AbstractContextManager, nullcontext
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from colmap_ihe import outputs
+from colmap_ihe.colmap.native import pycolmap
+from colmap_ihe.errors import Cancelled, OptionError, PhotographError, ProjectError
+from colmap_ihe.options import Options
+from colmap_ihe.pipeline import NAMES, reconstruct, status
+from colmap_ihe.progress import Silent, Watch
+from colmap_ihe.project import Project
+
+MakeOptions = Callable[..., Options]
+Make = Callable[..., Path]
+
+
+def cameras_in(project: Path) -> int:
+    with pycolmap.Database.open(project / "workspace/database.db") as database:
+        return database.num_cameras()
+
+
+def test_a_kill_while_old_files_are_removed_does_not_make_them_new(
+    finished: Path, quick_options: MakeOptions, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The grey images of the old weights are there, half removed: the next run must not keep one."""
+
+    def killed(stage: str, _project: object) -> None:
+        if stage == "convert":
+            (finished / "workspace/images/portico_01.png").unlink()
+            raise Cancelled
+
+    old = (finished / "workspace/images/portico_02.png").read_bytes()
+    blue = quick_options("fit.method=blue")
+    with monkeypatch.context() as patch:
+        patch.setattr(outputs, "remove", killed)
+        with pytest.raises(Cancelled):
+            reconstruct(finished, blue, until="convert")
+    reconstruct(finished, blue, until="convert")
+    assert (finished / "workspace/images/portico_02.png").read_bytes() != old
+
+
+def test_cameras_are_the_same_after_a_kill_amid_features(finished: Path, quick_options: MakeOptions) -> None:
+    """COLMAP groups cameras within one call; images that come in later must not get cameras of their own."""
+    options = quick_options()
+    assert cameras_in(finished) == 1
+
+    class StopsAtOnce(Silent):
+        def start(self, total: int, unit: str = "images") -> None:
+            self.cancelled = True
+
+        def stage(self, name: str) -> AbstractContextManager[Watch]:
+            return nullcontext(self if name == "features" else Silent())
+
+    with pytest.raises(Cancelled):
+        reconstruct(finished, options, start="features", until="features", audience=StopsAtOnce())
+    done = reconstruct(finished, options, until="features")
+    assert (cameras_in(finished), done.summary["cameras"]) == (1, 1)
+
+
+@pytest.mark.parametrize(
+    ("gone", "stage"),
+    [
+        ("workspace/images/portico_03.png", "convert"),
+        ("workspace/database.db", "features"),
+        ("workspace/sparse/0/points3D.bin", "sparse"),
+        ("workspace/dense/0/fused.ply", "dense"),
+    ],
+)
+def test_a_stage_whose_files_are_gone_runs_again(
+    finished: Path, quick_options: MakeOptions, gone: str, stage: str
+) -> None:
+    (finished / gone).unlink()
+    state = {s.name: s for s in status(finished, quick_options())}[stage]
+    assert (state.state, state.why) == ("stale", f"{Path(gone).name} is gone")
+    assert stage in reconstruct(finished, quick_options()).stages_run
+    assert (finished / gone).exists()
+
+
+def test_photographs_may_not_lie_where_we_write(tmp_path: Path, small_demo: Path) -> None:
+    root = tmp_path / "set"
+    root.mkdir()
+    shutil.copy(small_demo / "images/portico_01.jpg", root)
+    with pytest.raises(ProjectError, match="would lie in one folder"):
+        reconstruct(root, images=root)
+    assert [p.name for p in root.iterdir()] == ["portico_01.jpg"]
+
+
+def test_strict_is_heard_when_the_record_is_there_already(
+    new_project: Make, quick_options: MakeOptions
+) -> None:
+    project = new_project(3)
+    (project / "images/broken.jpg").write_bytes(b"no photograph")
+    done = reconstruct(project, quick_options(), until="convert")
+    assert list(done.summary["left_out"]) == ["broken.jpg"]
+    with pytest.raises(PhotographError, match=r"broken\.jpg"):
+        reconstruct(project, quick_options("captures.strict=true"), until="convert")
+
+
+def test_a_summary_tells_of_all_that_is_still_true(finished: Path, quick_options: MakeOptions) -> None:
+    before = json.loads((finished / "report/summary.json").read_text())
+    reconstruct(finished, quick_options(), until="fit")
+    assert json.loads((finished / "report/summary.json").read_text()) == before
+
+
+def test_masks_may_be_named_after_the_photograph(finished: Path, quick_options: MakeOptions) -> None:
+    """The upper half of one view is masked: no feature there, and the other views keep theirs."""
+    name = next(p.name for p in sorted((finished / "images").iterdir()) if p.stem == "portico_02")
+    with Image.open(finished / "workspace/images/portico_02.png") as image:
+        width, height = image.size
+    mask = np.full((height, width), 255, np.uint8)
+    mask[: height // 2] = 0
+    (finished / "masks").mkdir()
+    Image.fromarray(mask).save(finished / f"masks/{name}.png")
+    Image.fromarray(mask).save(finished / "masks/nobody.jpg.png")
+    done = reconstruct(finished, quick_options(), until="features")
+    assert not done.summary["left_out"]
+    assert any("masks/nobody.jpg.png" in text for text in done.summary["warnings"])
+    with pycolmap.Database.open(finished / "workspace/database.db") as database:
+        rows = {i.name: database.read_keypoints(i.image_id)[:, 1] for i in database.read_all_images()}
+    assert rows["portico_02.png"].min() > height / 2 - 1
+    assert len(rows["portico_02.png"]) > 20
+    assert rows["portico_03.png"].min() < height / 4
+    Image.fromarray(mask[:50]).save(finished / f"masks/{name}.png")
+    with pytest.raises(ProjectError, match="its photograph has"):
+        reconstruct(finished, quick_options(), until="features")
+
+
+@pytest.mark.parametrize("words", [("dense", "fit"), ("dense", None)])
+def test_from_and_until_that_cannot_be(
+    finished: Path, quick_options: MakeOptions, words: tuple[str, str | None]
+) -> None:
+    options = quick_options() if words[1] else quick_options("dense.enabled=false")
+    with pytest.raises(OptionError, match="--from dense"):
+        reconstruct(finished, options, start=words[0], until=words[1])
+
+
+def test_every_stage_of_the_road_is_known_to_outputs(finished: Path) -> None:
+    place = Project.at(finished)
+    for stage in NAMES:
+        record = place.read_record(stage)
+        assert record is not None
+        assert outputs.missing(stage, place, record) == []
