@@ -27,7 +27,7 @@ from colmap_ihe.progress import SILENT, Audience, Watch
 from colmap_ihe.project import Project, digest_file, fingerprint_of, read_json, room_on_disk, write_json
 from colmap_ihe.report.summary import summarise
 from colmap_ihe.stages import Record, Run
-from colmap_ihe.version import __version__
+from colmap_ihe.version import __version__, library_versions
 
 
 @dataclass(frozen=True)
@@ -230,7 +230,7 @@ def _options_of(options: Options, stage: Stage) -> dict[str, Any]:
 
 
 def _versions_of(stage: Stage) -> dict[str, str]:
-    return {"colmap-ihe": __version__, **stages.versions(*stage.libraries)}
+    return {"colmap-ihe": __version__, **library_versions(*stage.libraries)}
 
 
 def _fingerprints(

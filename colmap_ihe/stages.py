@@ -10,12 +10,9 @@ import shutil
 from collections import Counter
 from concurrent.futures import Executor
 from dataclasses import asdict, dataclass, field
-from importlib import metadata
 from pathlib import Path
 from typing import Any
 
-import cv2
-import rawpy
 import yaml
 
 from colmap_ihe.captures.discover import Capture, Discovery
@@ -23,7 +20,6 @@ from colmap_ihe.colmap import dense as dense_stereo
 from colmap_ihe.colmap.features import extract_features
 from colmap_ihe.colmap.mapping import map_images
 from colmap_ihe.colmap.matching import match_features
-from colmap_ihe.colmap.native import pycolmap
 from colmap_ihe.colmap.workspace import database_is_sound, remove_database
 from colmap_ihe.errors import DiskFullError, MappingError
 from colmap_ihe.grey.weights import Weights
@@ -250,17 +246,6 @@ def fit_of(record: Record) -> Fit:
     """The fit that a record of the stage holds."""
     weights = [Weights.from_dict(w, "records/fit.json") for w in record["weights"].values()]
     return Fit({w.encoding: w for w in weights}, record["colour_white"])
-
-
-def versions(*modules: str) -> dict[str, str]:
-    """Versions of the libraries that a stage's result depends on."""
-    known = {
-        "pycolmap": pycolmap.__version__,
-        "opencv": cv2.__version__,
-        "rawpy": metadata.version("rawpy"),
-        "libraw": ".".join(map(str, rawpy.libraw_version)),
-    }
-    return {name: known[name] for name in modules}
 
 
 def write_weights(run: Run) -> None:
