@@ -30,6 +30,9 @@ from colmap_ihe.project import Project, write_bytes
 
 Record = dict[str, Any]
 
+_UNREAD = frozenset(
+    [".heic", ".heif", ".avif", ".webp", ".jp2", ".jxl", ".bmp", ".gif", ".exr", ".hdr", ".psd"]
+)
 _DATABASE_BYTES = 4_000_000  # features and matches of one image, roughly
 
 
@@ -76,7 +79,11 @@ def captures(run: Run, watch: Watch) -> Record:
         "pixels": sum(s.width * s.height for s in run.surveyed),
         "ignored": list(run.discovery.ignored),
         "left_out": left_out,
-        "warnings": _odd_sizes(run.surveyed, sizes) + _exif_warnings(run.surveyed),
+        "warnings": [
+            *_odd_sizes(run.surveyed, sizes),
+            *_exif_warnings(run.surveyed),
+            *_unread_pictures(run.discovery.ignored),
+        ],
     }
 
 
@@ -285,6 +292,16 @@ def _odd_sizes(surveyed: list[Surveyed], sizes: Counter[tuple[str, str, int, int
                 " it gets a camera of its own; use the uncropped original if there is one"
             )
     return warnings
+
+
+def _unread_pictures(ignored: tuple[str, ...]) -> list[str]:
+    """Pictures of kinds that are not read are no photographs to us; their owner may think otherwise."""
+    unread = [name for name in ignored if Path(name).suffix.lower() in _UNREAD]
+    if not unread:
+        return []
+    return [
+        f"{len(unread)} pictures are of a kind that is not read, as {unread[0]}: save them as JPEG or TIFF"
+    ]
 
 
 def _exif_warnings(surveyed: list[Surveyed]) -> list[str]:
