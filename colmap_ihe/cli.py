@@ -164,6 +164,7 @@ def _add_fit(command: _Command) -> None:
     parser.add_argument("-o", "--output", type=Path, metavar="FILE", help="write the weights, for convert")
     parser.add_argument("--method", choices=METHODS, default="ihe")
     parser.add_argument("--step", type=float, default=0.01, help="of the grid of weights (0.01)")
+    parser.add_argument("--exact", action="store_true", help="RAW: count every triplet in full; slow")
     parser.add_argument("--sample", type=float, default=1.0, help="of each side of a photograph (1)")
     parser.add_argument(
         "--weighting", choices=("pixel", "image"), default="pixel", help="what counts equally"
@@ -222,7 +223,8 @@ def _demo(parsed: argparse.Namespace, bars: Bars) -> None:
 
 def _fit(parsed: argparse.Namespace, bars: Bars) -> None:
     names = ("method", "step", "sample", "weighting")
-    options = load_options(None, [f"fit.{name}={getattr(parsed, name)}" for name in names]).fit
+    assignments = [f"fit.{name}={getattr(parsed, name)}" for name in names]
+    options = load_options(None, [*assignments, f"fit.exact={str(parsed.exact).lower()}"]).fit
     weights, left_out = commands.fit_files(
         parsed.images, options, output=parsed.output, strict=parsed.strict, audience=bars
     )

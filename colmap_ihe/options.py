@@ -36,6 +36,8 @@ class FitOptions(_Section):
     """`none` is the paper to the letter."""
     step: float = 0.01
     """Of the grid of weights: 0.01 is 5,151 triplets, 0.1 is 66."""
+    exact: bool = False
+    """RAW: count every triplet in full instead of the most promising ones; minutes for some 20 megapixels."""
     sample: Annotated[float, Field(gt=0, le=1)] = 1.0
     """Of each side of a photograph, nearest neighbour; 0.25 reproduces the paper."""
     weighting: Literal["pixel", "image"] = "pixel"

@@ -124,9 +124,8 @@ def fit_captures(
             return total
 
         watch.start(len(triplets(options.step)), "triplets")
-        return fit_histogram(
-            histogram, options.step, recount if encoding == "linear" else None, advance=watch.advance
-        )
+        recount_if_linear = recount if encoding == "linear" else None
+        return fit_histogram(histogram, options.step, recount_if_linear, watch.advance, exact=options.exact)
 
     weights = {encoding: weights_of(encoding, histogram) for encoding, histogram in histograms.items()}
     linear = histograms.get("linear")

@@ -75,13 +75,15 @@ def fit_histogram(
     step: float = 0.01,
     recount: Recount | None = None,
     advance: Callable[[int], None] = lambda _count: None,
+    *,
+    exact: bool = False,
 ) -> Weights:
     """The IHE weights of a set, as by a loop over every triplet and every pixel.
 
-    Coded sets need nothing but their histogram. Linear sets need `recount` too, which is called two or three times.
-    Ties go to more occupied tones, then to the nearest to Rec.709, then to the first. `advance(n)` is
-    told of every n triplets settled. Raises ValueError for an empty histogram, or a linear one without
-    `recount`.
+    Coded sets need nothing but their histogram. Linear sets need `recount` too; `exact` has it count every
+    triplet, else the most promising ones, which on large sets may miss a winner of nearly the same S.
+    Ties go to more occupied tones, then to the nearest to Rec.709, then to the first. `advance(n)` is told
+    of every n triplets settled. Raises ValueError for an empty histogram, or a linear one without `recount`.
     """
     if not histogram.pixels:
         raise ValueError("the histogram is empty, expected at least one pixel")
@@ -92,7 +94,7 @@ def fit_histogram(
         raise ValueError("a linear histogram needs `recount`: its cells are wider than one value")
     boxes = merge(histogram.cells(), _WHITE_SIDE)
     white = {t: _white_of(boxes, t) for t in grid}
-    return _best(histogram, _search_linear(histogram, grid, white, recount, advance), white)
+    return _best(histogram, _search_linear(histogram, grid, white, recount, advance, exact), white)
 
 
 def _search_coded(histogram: Histogram, grid: list[Triplet], advance: Callable[[int], None]) -> _Counted:
@@ -122,6 +124,7 @@ def _search_linear(
     white: dict[Triplet, int],
     recount: Recount,
     advance: Callable[[int], None],
+    exact: bool,
 ) -> _Counted:
     cells = histogram.cells()
     counted: _Counted = {}
@@ -132,7 +135,7 @@ def _search_linear(
             counted.update(zip(fresh, recount(fresh, [white[t] for t in fresh]), strict=True))
         return {t: float(_squares(counted[t])) for t in chosen}
 
-    if histogram.pixels <= _SMALL:
+    if exact or histogram.pixels <= _SMALL:
         in_full(grid)
         return counted
     coarse = merge(cells, 4)

@@ -181,6 +181,9 @@ def test_linear_sets(monkeypatch: pytest.MonkeyPatch) -> None:
     assert fit_histogram(histogram, 0.01, recount_of(images, counted)) == weights
     assert 1 <= len(counted) < 1500
     assert counted.items() <= whites.items()
+    every: dict[Triplet, int] = {}
+    assert fit_histogram(histogram, 0.01, recount_of(images, every), exact=True) == weights
+    assert every == whites
 
 
 @pytest.mark.parametrize("triplet", [(0, 100, 0), (100, 0, 0), (30, 30, 40), (3, 0, 97)])
