@@ -120,7 +120,7 @@ def test_camera_parameters_become_numbers() -> None:
     ("text", "words"),
     [
         ("dance:\n  enabled: true\n", ["unknown option 'dance'", "dense"]),
-        ("fit:\n  stepp: 0.1\n", ["unknown option 'fit.stepp'", "step, sample"]),
+        ("fit:\n  stepp: 0.1\n", ["unknown option 'fit.stepp'", "step, exact, sample"]),
         ("fit:\n  step: fine\n", ["fit.step is 'fine'"]),
         ("fit:\n  step: 0.03\n", ["fit.step is 0.03"]),
         ("fit:\n  sample: 0\n", ["fit.sample is 0", "greater than 0"]),
