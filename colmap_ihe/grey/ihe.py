@@ -45,6 +45,7 @@ _SLACK = 1 - 1e-9  # bounds are floating point, Q is not
 _SMALL = 600_000  # pixels for which counting all triplets takes seconds
 _PROBES, _LAST, _MARGIN = 32, 128, 2.0
 _SATURATION = 65535
+_CORNER = 97
 _BAND = 1 << 16
 _WHITE_SHIFT = 6
 _WHITE_SIDE = 4
@@ -141,16 +142,19 @@ def _search_linear(
     coarse = merge(cells, 4)
     value = {t: estimate(coarse, t, white[t]) for t in grid}
     alive = grid
+    # Where one channel is nearly all of the grey, a box's levels hang together and the even spread is most
+    # wrong: on the demo the winner, pure green, was estimated 0.4 % too high. These are always counted.
+    corners = [t for t in grid if max(t) >= _CORNER]
     for side, least in ((2, 1024), (1, 512)):
         boxes = merge(cells, side)
         alive = sorted(alive, key=value.__getitem__)
         probed = {t: estimate(boxes, t, white[t]) for t in _probes(alive)}
-        survivors = alive[:least] + _promising(alive[least:], value, probed)
+        survivors = list(dict.fromkeys(alive[:least] + _promising(alive[least:], value, probed) + corners))
         advance(len(alive) - len(survivors))
         value = {t: probed[t] if t in probed else estimate(boxes, t, white[t]) for t in survivors}
         alive = survivors
     alive = sorted(alive, key=value.__getitem__)
-    known = in_full(list(dict.fromkeys(alive[:_LAST] + _probes(alive))))
+    known = in_full(list(dict.fromkeys(alive[:_LAST] + _probes(alive) + corners)))
     while True:  # until no triplet that is not counted could win, by what the counted ones have shown
         missing = [t for t in _promising(alive, value, known) if t not in known]
         if not missing:
