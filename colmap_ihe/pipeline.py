@@ -97,14 +97,8 @@ def reconstruct(
     `Cancelled`; the records then say how far it came, and the same call goes on from there.
     """
     options = options or Options()
-    for name in (start, until):
-        if name is not None and name not in NAMES:
-            raise OptionError(f"no stage is called {name!r}", hint=f"the stages are {', '.join(NAMES)}")
+    _check_range(start, until, options)
     place = Project.at(Path(project), Path(images) if images else None)
-    if start is not None and until is not None and NAMES.index(start) > NAMES.index(until):
-        raise OptionError(f"--from {start} comes after --until {until}", hint="name an earlier --from")
-    if start == "dense" and not options.dense.enabled:
-        raise OptionError("--from dense, and dense is switched off", hint="leave out --no-dense")
     discovery = discover(place.images)
     preflight.check_options(options, len(discovery.captures))
     with ExitStack() as stack:
@@ -143,6 +137,16 @@ def reconstruct(
             stages.write_weights(run)
         write_json(place.summary_file, summary)
     return Reconstruction(place, summary, tuple(ran))
+
+
+def _check_range(start: str | None, until: str | None, options: Options) -> None:
+    for name in (start, until):
+        if name is not None and name not in NAMES:
+            raise OptionError(f"no stage is called {name!r}", hint=f"the stages are {', '.join(NAMES)}")
+    if start is not None and until is not None and NAMES.index(start) > NAMES.index(until):
+        raise OptionError(f"--from {start} comes after --until {until}", hint="name an earlier --from")
+    if start == "dense" and not options.dense.enabled:
+        raise OptionError("--from dense, and dense is switched off", hint="leave out --no-dense")
 
 
 def status(

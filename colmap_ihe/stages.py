@@ -15,6 +15,7 @@ from typing import Any
 
 import yaml
 
+from colmap_ihe import oddities
 from colmap_ihe.captures.discover import Capture, Discovery
 from colmap_ihe.colmap import dense as dense_stereo
 from colmap_ihe.colmap.features import extract_features
@@ -30,9 +31,6 @@ from colmap_ihe.project import Project, write_bytes
 
 Record = dict[str, Any]
 
-_UNREAD = frozenset(
-    [".heic", ".heif", ".avif", ".webp", ".jp2", ".jxl", ".bmp", ".gif", ".exr", ".hdr", ".psd"]
-)
 _DATABASE_BYTES = 4_000_000  # features and matches of one image, roughly
 
 
@@ -75,14 +73,14 @@ def captures(run: Run, watch: Watch) -> Record:
         "raw": sum(s.capture.kind == "raw" for s in run.surveyed),
         "paired": {s.capture.name: s.capture.paired for s in run.surveyed if s.capture.paired},
         "with_gps": sum(s.metadata.has_gps for s in run.surveyed),
-        "shared_by": _shared_by(run.surveyed),
+        "shared_by": oddities.shared_by(run.surveyed),
         "pixels": sum(s.width * s.height for s in run.surveyed),
         "ignored": list(run.discovery.ignored),
         "left_out": left_out,
         "warnings": [
-            *_odd_sizes(run.surveyed, sizes),
-            *_exif_warnings(run.surveyed),
-            *_unread_pictures(run.discovery.ignored),
+            *oddities.odd_sizes(run.surveyed, sizes),
+            *oddities.exif_warnings(run.surveyed),
+            *oddities.unread_pictures(run.discovery.ignored),
         ],
     }
 
@@ -269,41 +267,3 @@ def _require_room(project: Project, needed: int) -> None:
             f"{project.root}: {free / 1e9:.1f} GB free on this disk, about {needed / 1e9:.1f} GB needed",
             hint="make room; the same command goes on from here",
         )
-
-
-def _shared_by(surveyed: list[Surveyed]) -> int:
-    """The least number of photographs that one camera took, as COLMAP tells cameras apart by EXIF."""
-    groups = Counter(
-        (s.metadata.make, s.metadata.model, s.metadata.focal_mm, s.width, s.height) for s in surveyed
-    )
-    known = all(s.metadata.model and s.metadata.focal_mm for s in surveyed)
-    return min(groups.values()) if known else 1
-
-
-def _odd_sizes(surveyed: list[Surveyed], sizes: Counter[tuple[str, str, int, int]]) -> list[str]:
-    """A lone size from a camera that else took another, upright or not, is usually a crop or an export."""
-    warnings = []
-    for one in surveyed:
-        key = (one.metadata.make, one.metadata.model, one.width, one.height)
-        usual = max((k for k in sizes if k[:2] == key[:2]), key=sizes.__getitem__)
-        if sizes[usual] >= 3 * sizes[key] and sorted(usual[2:]) != sorted(key[2:]) and one.metadata.model:
-            warnings.append(
-                f"{one.capture.name} is {one.width}x{one.height}, the others of this camera {usual[2]}x{usual[3]}:"
-                " it gets a camera of its own; use the uncropped original if there is one"
-            )
-    return warnings
-
-
-def _unread_pictures(ignored: tuple[str, ...]) -> list[str]:
-    """Pictures of kinds that are not read are no photographs to us; their owner may think otherwise."""
-    unread = [name for name in ignored if Path(name).suffix.lower() in _UNREAD]
-    if not unread:
-        return []
-    return [
-        f"{len(unread)} pictures are of a kind that is not read, as {unread[0]}: save them as JPEG or TIFF"
-    ]
-
-
-def _exif_warnings(surveyed: list[Surveyed]) -> list[str]:
-    broken = [f"{s.capture.name} ({s.metadata.problem})" for s in surveyed if s.metadata.problem]
-    return [f"EXIF could not be read in full: {', '.join(broken[:5])}"] if broken else []
