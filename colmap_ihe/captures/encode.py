@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from colmap_ihe.captures.metadata import with_size
+from colmap_ihe.captures.metadata import slimmed, with_size
 from colmap_ihe.captures.png import encode_png
 
 Format = Literal["png", "tiff", "jpeg"]
@@ -19,22 +19,30 @@ _JPEG_QUALITY = 95
 _JPEG_EXIF_LIMIT = 65_000  # a JPEG segment; a maker note may be larger
 
 
-def encode_image(pixels: NDArray[np.uint8], exif: bytes, file_format: Format) -> bytes:
-    """The bytes of an image file: pixels (H, W) grey or (H, W, 3) RGB uint8; `exif` a TIFF structure or empty.
+def encode_image(pixels: NDArray[np.uint8], exif: bytes, file_format: Format, profile: bytes = b"") -> bytes:
+    """The bytes of an image file: pixels (H, W) grey or (H, W, 3) RGB uint8; `exif` a TIFF structure or empty;
+    `profile` the ICC profile of RGB pixels or empty.
 
-    Pixel dimensions in EXIF become those of the image. TIFF is not compressed, JPEG is of quality 95.
+    Pixel dimensions in EXIF become those of the image. TIFF is not compressed, JPEG is of quality 95; where a
+    JPEG has no room for a maker note, it goes without.
     """
     exif = with_size(exif, pixels.shape[1], pixels.shape[0])
     if file_format == "png":
-        return encode_png(pixels, exif)
+        return encode_png(pixels, exif, profile)
     buffer = BytesIO()
     image = Image.fromarray(pixels)
     if file_format == "tiff":
         found = Image.Exif()
         if exif:
             found.load(b"Exif\x00\x00" + exif)
-        image.save(buffer, "TIFF", exif=found)
+        image.save(buffer, "TIFF", exif=found, icc_profile=profile or None)
     else:
-        kept = exif if len(exif) < _JPEG_EXIF_LIMIT else b""
-        image.save(buffer, "JPEG", quality=_JPEG_QUALITY, exif=b"Exif\x00\x00" + kept if kept else b"")
+        kept = slimmed(exif, _JPEG_EXIF_LIMIT)
+        image.save(
+            buffer,
+            "JPEG",
+            quality=_JPEG_QUALITY,
+            exif=b"Exif\x00\x00" + kept if kept else b"",
+            icc_profile=profile or None,
+        )
     return buffer.getvalue()

@@ -9,7 +9,7 @@ from __future__ import annotations
 import logging
 import struct
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from io import BytesIO
 from pathlib import Path
 from typing import Any
@@ -20,6 +20,7 @@ from exifread.utils import Ratio
 from PIL import Image, UnidentifiedImageError
 from PIL.TiffImagePlugin import IFDRational
 
+from colmap_ihe.captures.profile import name_of_profile
 from colmap_ihe.captures.raw import preview_of
 from colmap_ihe.errors import PhotographError
 
@@ -53,7 +54,8 @@ _Tags = dict[int, Any]
 @dataclass(frozen=True)
 class Metadata:
     """What a photograph says of itself. `exif` is a TIFF structure to write into another file, or empty;
-    lengths are in millimetres, 0 where unknown; `problem` says in a few words what could not be read."""
+    lengths are in millimetres, 0 where unknown; `profile` names the colours of its RGB numbers; `problem` says
+    in a few words what could not be read."""
 
     exif: bytes = b""
     make: str = ""
@@ -62,6 +64,8 @@ class Metadata:
     focal_35mm: float = 0.0
     orientation: int = 1
     has_gps: bool = False
+    profile: str = "sRGB"
+    pages: int = 1
     problem: str = ""
 
 
@@ -88,10 +92,26 @@ def _read_coded(source: Path | BytesIO) -> Metadata:
         tags = dict(found)
         exif, problem = _directory(found, EXIF_IFD)
         gps, gps_problem = _directory(found, GPS_IFD)
+        profile, pages = _profile(image), _pages(image)
     problem = problem or gps_problem
     if not blob or problem:  # rebuilt from what could be read; else carried over to the letter
         blob = build_exif({t: v for t, v in tags.items() if t in _IMAGE_TAGS}, exif, gps)
-    return _describe(blob, tags, exif, gps, problem)
+    return replace(_describe(blob, tags, exif, gps, problem), profile=profile, pages=pages)
+
+
+def _profile(image: Image.Image) -> str:
+    try:
+        return name_of_profile(image)
+    except _UNREADABLE:
+        return "sRGB"  # EXIF is broken where it could say more, and `problem` says so
+
+
+def _pages(image: Image.Image) -> int:
+    """Of a TIFF; the second picture of a JPEG is its preview. A page that is broken is none."""
+    try:
+        return int(getattr(image, "n_frames", 1)) if image.format == "TIFF" else 1
+    except _UNREADABLE:
+        return 1
 
 
 def _directory(found: Image.Exif, tag: int) -> tuple[_Tags, str]:
@@ -159,6 +179,25 @@ def _writable(tag: int, value: Any) -> bool:
     except (*_UNREADABLE, AttributeError):
         return False
     return True
+
+
+def slimmed(blob: bytes, limit: int) -> bytes:
+    """The same EXIF in fewer than `limit` bytes, where there is no room for more: without maker note and, if
+    that is not enough, without values of more than 1 kB. Small EXIF stays as it is to the letter."""
+    if len(blob) < limit:
+        return blob
+    exif = Image.Exif()
+    exif.load(_PREFIX + blob)
+    directories = [dict(exif), dict(exif.get_ifd(EXIF_IFD)), dict(exif.get_ifd(GPS_IFD))]
+    image, inner, gps = ({t: v for t, v in d.items() if t not in (EXIF_IFD, GPS_IFD)} for d in directories)
+    slim = build_exif(image, inner, gps)
+    if len(slim) < limit:
+        return slim
+    return build_exif(*({t: v for t, v in d.items() if _is_short(v)} for d in (image, inner, gps)))
+
+
+def _is_short(value: Any) -> bool:
+    return not isinstance(value, str | bytes | tuple) or len(value) <= 1024
 
 
 def with_size(blob: bytes, width: int, height: int) -> bytes:

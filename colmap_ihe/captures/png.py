@@ -18,8 +18,9 @@ _GREY, _RGB = 0, 2
 _FILTER_UP = 2
 
 
-def encode_png(pixels: NDArray[np.uint8], exif: bytes = b"") -> bytes:
-    """An 8-bit PNG file: pixels (H, W) grey or (H, W, 3) RGB; `exif` is a TIFF structure, or empty.
+def encode_png(pixels: NDArray[np.uint8], exif: bytes = b"", profile: bytes = b"") -> bytes:
+    """An 8-bit PNG file: pixels (H, W) grey or (H, W, 3) RGB; `exif` is a TIFF structure, `profile` an ICC
+    profile, either may be empty.
 
     After the PNG specification (third edition): rows filtered by "up", EXIF in an eXIf chunk. Raises
     ValueError on another shape or dtype.
@@ -34,6 +35,8 @@ def encode_png(pixels: NDArray[np.uint8], exif: bytes = b"") -> bytes:
     np.subtract(rows[1:], rows[:-1], out=filtered[1:, 1:])
     header = struct.pack(">IIBBBBB", width, height, 8, _GREY if pixels.ndim == 2 else _RGB, 0, 0, 0)
     chunks = [_chunk(b"IHDR", header)]
+    if profile:
+        chunks.append(_chunk(b"iCCP", b"ICC profile\x00\x00" + isal_zlib.compress(profile, 1)))
     if exif:
         chunks.append(_chunk(b"eXIf", exif))
     chunks += [_chunk(b"IDAT", isal_zlib.compress(filtered, 1)), _chunk(b"IEND", b"")]
