@@ -18,6 +18,7 @@ from colmap_ihe import commands
 from colmap_ihe.captures.encode import SUFFIXES
 from colmap_ihe.errors import Cancelled, KnownError
 from colmap_ihe.grey.weights import FIXED
+from colmap_ihe.grey_folder import convert_folder
 from colmap_ihe.options import ConvertOptions, FitOptions, load_options
 from colmap_ihe.pipeline import NAMES, reconstruct, status
 from colmap_ihe.report.summary import weights_in_words
@@ -177,10 +178,17 @@ def _add_convert(command: _Command) -> None:
         "convert",
         _convert,
         "Grey images of a folder of photographs, with their EXIF, for any photogrammetry program. Subfolders "
-        "are kept; files that are there are not overwritten unless they came from the same command.",
+        "are kept. Run again, it writes only what a change makes stale; a file that it did not write is never "
+        "overwritten. See docs/use-with.",
     )
     parser.add_argument("images", type=Path, metavar="IMAGES", help="a folder of photographs")
     parser.add_argument("out", type=Path, metavar="OUT", help="the folder for the grey images")
+    parser.add_argument(
+        "--colour",
+        type=Path,
+        metavar="DIR",
+        help="also a colour twin of each grey image, same name and pixels, for texture",
+    )
     chosen = parser.add_mutually_exclusive_group()
     chosen.add_argument("--method", choices=METHODS, default="ihe")
     chosen.add_argument(
@@ -244,9 +252,10 @@ def _fit(parsed: argparse.Namespace, bars: Bars) -> None:
 
 
 def _convert(parsed: argparse.Namespace, bars: Bars) -> None:
-    weights, grey, left_out = commands.convert_folder(
+    weights, grey, left_out = convert_folder(
         parsed.images,
         parsed.out,
+        colour=parsed.colour,
         fit=FitOptions(method=parsed.method),
         weights=commands.read_weights(parsed.weights) if parsed.weights else None,
         options=ConvertOptions(tone=parsed.tone, format=parsed.format),

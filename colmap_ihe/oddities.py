@@ -3,8 +3,13 @@
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 
+from colmap_ihe.captures.decode import read_photograph
+from colmap_ihe.captures.discover import Capture
+from colmap_ihe.errors import PhotographError
+from colmap_ihe.grey.weights import Weights
 from colmap_ihe.preprocess import Surveyed
 
 _UNREAD = frozenset(
@@ -45,6 +50,56 @@ def unread_pictures(ignored: tuple[str, ...]) -> list[str]:
     ]
 
 
-def exif_warnings(surveyed: list[Surveyed]) -> list[str]:
+def warnings_of(surveyed: Sequence[Surveyed], ignored: tuple[str, ...] = ()) -> list[str]:
+    """What headers say that its owner should know, whatever is done with the set."""
+    return [
+        *exif_warnings(surveyed),
+        *profile_warnings(surveyed),
+        *page_warnings(surveyed),
+        *unread_pictures(ignored),
+    ]
+
+
+def exif_warnings(surveyed: Sequence[Surveyed]) -> list[str]:
     broken = [f"{s.capture.name} ({s.metadata.problem})" for s in surveyed if s.metadata.problem]
     return [f"EXIF could not be read in full: {', '.join(broken[:5])}"] if broken else []
+
+
+def profile_warnings(surveyed: Sequence[Surveyed]) -> list[str]:
+    """Numbers are taken as stored, so one colour in two profiles is two colours to us."""
+    profiles = Counter(s.metadata.profile for s in surveyed if s.capture.kind == "coded")
+    if len(profiles) < 2:
+        return []
+    counts = ", ".join(f"{count} in {name}" for name, count in profiles.most_common())
+    return [
+        f"the photographs are in different colour profiles ({counts}): the same colour has different values in"
+        " them, and so different greys; export all of them in one"
+    ]
+
+
+def page_warnings(surveyed: Sequence[Surveyed]) -> list[str]:
+    several = [f"{s.capture.name} ({s.metadata.pages})" for s in surveyed if s.metadata.pages > 1]
+    if not several:
+        return []
+    return [f"of TIFF files with several pages the first one is used: {', '.join(several[:5])}"]
+
+
+def no_colour_warnings(captures: Sequence[Capture], weights: Iterable[Weights]) -> list[str]:
+    """Says so where a fit had nothing to fit to. Reads photographs up to the first one with colour in it, which
+    mostly is the first."""
+    fitted = [w for w in weights if w.method == "ihe"]
+    if not fitted:
+        return []
+    if all(w.tones == 1 for w in fitted):
+        return ["the photographs hold a single tone, as if all were black: nothing can be found in them"]
+    for capture in captures:
+        try:
+            rgb = read_photograph(capture).rgb
+        except PhotographError:
+            continue
+        if (rgb[..., 0] != rgb[..., 1]).any() or (rgb[..., 1] != rgb[..., 2]).any():
+            return []
+    return [
+        "the photographs are greyscale (R = G = B): every triplet of weights gives the same grey, so none was"
+        " found to be better"
+    ]

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from colmap_ihe.captures.decode import Photograph, read_photograph, read_size
+from colmap_ihe.captures.decode import Photograph, encoding_of, read_photograph, read_size
 from colmap_ihe.captures.discover import Capture
 from colmap_ihe.captures.encode import SUFFIXES, encode_image
 from colmap_ihe.captures.metadata import Metadata, read_metadata
@@ -154,16 +154,19 @@ def convert_captures(
 
     def convert(one: Surveyed) -> tuple[str, str]:
         name = one.capture.grey_stem + SUFFIXES[options.format]
-        targets = [grey_folder / name] + ([colour_folder / name] if colour_folder else [])
-        if keep_finished and all(t.exists() for t in targets):
+        grey_file, colour_file = grey_folder / name, colour_folder / name if colour_folder else None
+        grey_due = not (keep_finished and grey_file.exists())
+        colour_due = colour_file is not None and not (keep_finished and colour_file.exists())
+        if not grey_due and not colour_due:
             return one.capture.name, name
         photograph = read_photograph(one.capture)
-        weights = _weights_for(photograph, fit, one.capture)
-        grey = to_grey(photograph.rgb, weights, options.tone)
-        write_bytes(targets[0], encode_image(grey, one.metadata.exif, options.format))
-        if colour_folder:
+        exif, weights = one.metadata.exif, weights_for(one.capture, fit)
+        if grey_due:
+            grey = to_grey(photograph.rgb, weights, options.tone)
+            write_bytes(grey_file, encode_image(grey, exif, options.format))
+        if colour_file is not None and colour_due:
             colour = _colour_twin(photograph, fit.colour_white)
-            write_bytes(targets[1], encode_image(colour, one.metadata.exif, options.format))
+            write_bytes(colour_file, encode_image(colour, exif, options.format, photograph.profile))
         return one.capture.name, name
 
     names = [s.capture for s in surveyed]
@@ -208,11 +211,13 @@ def _read_mask(path: Path) -> NDArray[np.uint8]:
         ) from error
 
 
-def _weights_for(photograph: Photograph, fit: Fit, capture: Capture) -> Weights:
-    weights = fit.weights.get(photograph.encoding)
+def weights_for(capture: Capture, fit: Fit) -> Weights:
+    """The weights that this photograph is converted with. Raises `WeightsError` if there are none."""
+    encoding = encoding_of(capture)
+    weights = fit.weights.get(encoding)
     if weights is None:
         raise WeightsError(
-            f"{capture.name}: a {photograph.encoding} photograph, and the weights are for "
+            f"{capture.name}: a {encoding} photograph, and the weights are for "
             f"{' and '.join(fit.weights)} ones",
             hint="fit weights on photographs of this kind; RAW is linear, JPEG is gamma-coded",
         )

@@ -79,8 +79,7 @@ def captures(run: Run, watch: Watch) -> Record:
         "left_out": left_out,
         "warnings": [
             *oddities.odd_sizes(run.surveyed, sizes),
-            *oddities.exif_warnings(run.surveyed),
-            *oddities.unread_pictures(run.discovery.ignored),
+            *oddities.warnings_of(run.surveyed, run.discovery.ignored),
         ],
     }
 
@@ -108,11 +107,12 @@ def convert(run: Run, watch: Watch) -> Record:
         half_written.unlink()
     if not run.resumed:
         _require_room(project, run.records["captures"]["pixels"] * 3)
+    found = fit_of(run.records["fit"])
     captures_left = {c.name for c in run.captures()}
     surveyed = run.surveyed or survey(run.captures(), run.executor, watch, strict=run.strict)[0]
     grey, left_out = convert_captures(
         [s for s in surveyed if s.capture.name in captures_left],
-        fit_of(run.records["fit"]),
+        found,
         run.options.convert,
         project.grey,
         project.colour,
@@ -121,7 +121,8 @@ def convert(run: Run, watch: Watch) -> Record:
         strict=run.strict,
         keep_finished=run.resumed,
     )
-    return {"grey": grey, "left_out": left_out, "warnings": []}
+    warnings = oddities.no_colour_warnings(run.captures(), found.weights.values())
+    return {"grey": grey, "left_out": left_out, "warnings": warnings}
 
 
 def features(run: Run, watch: Watch) -> Record:

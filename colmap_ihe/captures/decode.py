@@ -31,6 +31,11 @@ class Photograph:
     profile: bytes = b""
 
 
+def encoding_of(capture: Capture) -> Encoding:
+    """Known before it is read."""
+    return "linear" if capture.kind == "raw" else "coded"
+
+
 def read_photograph(capture: Capture) -> Photograph:
     """Decodes a capture, pixels in the sensor's own orientation. Raises `PhotographError`."""
     try:
