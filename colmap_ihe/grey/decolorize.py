@@ -116,13 +116,13 @@ def _contrast_lost(rgb: Float32) -> tuple[int, int]:
     height, width = rgb.shape[:2]
     p = q = 0
     for rows, there in _partners(height, width):
-        difference = rgb[rows].reshape(-1, 3) - rgb.reshape(-1, 3)[there]
+        difference = rgb[rows].reshape(-1, 3) - np.take(rgb.reshape(-1, 3), there, axis=0)
         red, green, blue = np.ascontiguousarray(difference.T, np.float64)
         dy, dp, dq = (row[0] * red + row[1] * green + row[2] * blue for row in _YPQ)
         contrast = np.sqrt(red * red + green * green + blue * blue) + _TINY
         weight = (1 - np.abs(dy) / _LEAST_CONTRAST / contrast) * np.sign(dy)
-        p += round(float(weight @ dp) * _UNIT)
-        q += round(float(weight @ dq) * _UNIT)
+        p += round(float((weight * dp).sum()) * _UNIT)
+        q += round(float((weight * dq).sum()) * _UNIT)
     return p, q
 
 
