@@ -88,10 +88,11 @@ def read_weights(file: Path) -> Weights:
     except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
         reason = error.strerror if isinstance(error, OSError) else str(error).splitlines()[0]
         raise WeightsError(f"{file}: cannot be read ({reason})", hint=hint) from error
-    triplet = values.get("weights") if isinstance(values, dict) else values
+    triplet = values.get("weights") if isinstance(values, dict) else None
     if not isinstance(triplet, list) or len(triplet) != 3 or {type(w) for w in triplet} - {int, float}:
+        came = triplet if isinstance(values, dict) else values
         raise WeightsError(
-            f"{file}: not a weights file, it holds {triplet!r:.60}; wanted `weights: [r, g, b]`, three numbers",
+            f"{file}: not a weights file, it holds {came!r:.60}; wanted `weights: [r, g, b]`, three numbers",
             hint=hint,
         )
     try:

@@ -62,6 +62,7 @@ def convert_folder(
         executor = stack.enter_context(local_executor())
         with audience.stage("captures") as watch:
             surveyed, left_out = survey(discovery.captures, executor, watch, strict=strict)
+        with audience.stage("content") as watch:
             watch.start(len(surveyed))
             digests = {}
             for one in surveyed:

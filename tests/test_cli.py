@@ -261,11 +261,23 @@ def test_weights_go_from_one_campaign_to_another(capsys: Captured, photos: Path,
     ("text", "words"),
     [
         ("weights: [0.5, 0.5, 0.5]\n", "sum to 1.5"),
-        ("weights: [0.5, 0.5]\n", "not a weights file"),
+        ("weights: [.nan, 0.5, 0.5]\n", "sum to nan"),
+        ("weights: [.inf, 0, 0]\n", "sum to inf"),
+        ("weights: [-0.5, 1, 0.5]\n", "wanted three numbers in 0..1"),
+        ("weights: [0.5, 0.5]\n", "it holds [0.5, 0.5]"),
+        ("weights: [0.2, 0.2, 0.2, 0.4]\n", "it holds [0.2, 0.2, 0.2, 0.4]"),
+        ("weights: ['0.2', '0.3', '0.5']\n", "it holds ['0.2', '0.3', '0.5']"),
+        ("weights: '100'\n", "it holds '100'"),
+        ("weights: [true, 0, 0]\n", "it holds [True, 0, 0]"),
+        ("weights: [1, 0, 0]\nscore: high\n", "not a weights file"),
+        ("weights: [1, 0, 0]\nencoding: gamma\n", "encoding 'gamma'"),
+        ("weights: [1, 0, 0]\nencoding: linear\nwhite: .nan\n", "with white nan"),
+        ("[1, 0, 0]\n", "it holds [1, 0, 0]"),
         ("nothing: here\n", "not a weights file"),
         ("weights: [0.5\n", "cannot be read"),
+        ("\x00", "cannot be read"),
         ("", "not a weights file"),
-        (None, "cannot be read"),
+        (None, "No such file"),
     ],
 )
 def test_weights_files_that_are_none(
@@ -274,8 +286,15 @@ def test_weights_files_that_are_none(
     file = tmp_path / "weights.yaml"
     if text is not None:
         file.write_text(text)
-    assert words in failure_of(capsys, "convert", photos, tmp_path / "grey", "--weights", file)
+    line = failure_of(capsys, "convert", photos, tmp_path / "grey", "--weights", file)
+    assert words in line
+    assert str(file) in line
     assert not (tmp_path / "grey").exists()
+
+
+def test_a_folder_is_no_weights_file(capsys: Captured, photos: Path, tmp_path: Path) -> None:
+    line = failure_of(capsys, "convert", photos, tmp_path / "grey", "--weights", photos)
+    assert "Is a directory" in line
 
 
 def test_weights_for_raw_are_not_for_jpeg(capsys: Captured, photos: Path, tmp_path: Path) -> None:

@@ -14,6 +14,7 @@ from PIL import Image
 
 from colmap_ihe.captures.decode import read_photograph, read_size
 from colmap_ihe.captures.discover import discover
+from colmap_ihe.captures.metadata import read_metadata
 from colmap_ihe.captures.png import encode_png
 from colmap_ihe.errors import PhotographError
 
@@ -244,9 +245,83 @@ def test_64_pixels_are_enough(tmp_path: Path) -> None:
     assert read(tmp_path / "a.png").tolist() == [[[1, 2, 3]] * 64] * 64
 
 
-def test_floating_point_pixels_are_refused(tmp_path: Path) -> None:
-    write_tiff(tmp_path / "a.tif", np.zeros((80, 80, 3), np.float32), photometric="rgb")
-    refused(tmp_path / "a.tif")
+@pytest.mark.parametrize("value", [0.5, 200.0, np.nan, np.inf])
+@pytest.mark.parametrize("shape", [(80, 80, 3), (80, 80)])
+@pytest.mark.parametrize("dtype", [np.float16, np.float32, np.float64])
+def test_floating_point_pixels_are_refused(
+    tmp_path: Path, shape: tuple[int, ...], dtype: type, value: float
+) -> None:
+    """Also those in 0..1: nothing says whether they are linear or coded."""
+    photometric = "rgb" if len(shape) == 3 else "minisblack"
+    write_tiff(tmp_path / "a.tif", np.full(shape, value, dtype), photometric=photometric)
+    assert "wanted 8 or 16 bit integers" in refused(tmp_path / "a.tif")
+
+
+@pytest.mark.parametrize("dtype", [np.int16, np.int32, np.uint32])
+@pytest.mark.parametrize("shape", [(80, 80, 3), (80, 80)])
+def test_signed_and_32_bit_pixels_are_refused(tmp_path: Path, shape: tuple[int, ...], dtype: type) -> None:
+    photometric = "rgb" if len(shape) == 3 else "minisblack"
+    write_tiff(tmp_path / "a.tif", np.ones(shape, dtype), photometric=photometric)
+    assert "wanted 8 or 16 bit integers" in refused(tmp_path / "a.tif")
+
+
+@pytest.mark.parametrize("name", ["a.png", "a.tif"])
+def test_1_bit_is_black_and_white(tmp_path: Path, name: str) -> None:
+    image = Image.fromarray(smooth()).convert("1")
+    image.save(tmp_path / name)
+    expected = np.repeat(np.asarray(image)[..., None] * np.uint8(255), 3, axis=2)
+    np.testing.assert_array_equal(read(tmp_path / name), expected)
+    assert set(np.unique(expected)) == {0, 255}
+
+
+@pytest.mark.parametrize("name", ["a.png", "a.tif"])
+@pytest.mark.parametrize("mode", ["LA", "RGBA"])
+def test_alpha_is_ignored(tmp_path: Path, name: str, mode: str) -> None:
+    """Colours under a transparent pixel are as stored: masks are what leaves a part out."""
+    image = Image.fromarray(smooth())
+    image = as_grey(image) if mode == "LA" else image
+    expected = np.asarray(image.convert("RGB"))
+    image.putalpha(Image.fromarray((np.arange(WIDTH) * 2 % 256 * np.ones((HEIGHT, 1))).astype(np.uint8)))
+    assert image.mode == mode
+    image.save(tmp_path / name)
+    np.testing.assert_array_equal(read(tmp_path / name), expected)
+
+
+def test_alpha_of_16_bits_is_ignored(tmp_path: Path) -> None:
+    with_alpha = np.dstack([deep(), deep()[..., :1] // 2])
+    write_tiff(tmp_path / "a.tif", with_alpha, photometric="rgb", extrasamples=["unassalpha"])
+    np.testing.assert_array_equal(read(tmp_path / "a.tif"), np.rint(deep() / 257).astype(np.uint8))
+
+
+def test_a_palette_with_a_transparent_colour(tmp_path: Path) -> None:
+    image = Image.fromarray(smooth()).quantize(16)
+    image.save(tmp_path / "a.png", transparency=3)
+    expected = np.array(image.getpalette(), np.uint8).reshape(-1, 3)[np.asarray(image)]
+    np.testing.assert_array_equal(read(tmp_path / "a.png"), expected)
+
+
+@pytest.mark.parametrize("depth", [8, 16])
+def test_separate_planes(tmp_path: Path, depth: int) -> None:
+    pixels = smooth() if depth == 8 else deep()
+    write_tiff(tmp_path / "a.tif", np.moveaxis(pixels, 2, 0), photometric="rgb", planarconfig="separate")
+    np.testing.assert_array_equal(read(tmp_path / "a.tif"), np.rint(deep() / 257).astype(np.uint8))
+
+
+@pytest.mark.parametrize("depth", [8, 16])
+def test_a_tiff_whose_zero_is_white(tmp_path: Path, depth: int) -> None:
+    grey = smooth()[..., 1] if depth == 8 else smooth()[..., 1].astype(np.uint16) * 257
+    write_tiff(tmp_path / "a.tif", grey, photometric="miniswhite")
+    np.testing.assert_array_equal(read(tmp_path / "a.tif")[..., 0], 255 - smooth()[..., 1])
+
+
+@pytest.mark.parametrize("depth", [8, 16])
+@pytest.mark.parametrize("orientation", [1, 6])
+def test_of_several_pages_the_first_is_read(tmp_path: Path, depth: int, orientation: int) -> None:
+    pixels = smooth() if depth == 8 else deep()
+    tags = [(274, 3, 1, orientation, True)]
+    write_tiff(tmp_path / "a.tif", np.stack([pixels, pixels[::-1]]), photometric="rgb", extratags=tags)
+    np.testing.assert_array_equal(read(tmp_path / "a.tif"), np.rint(deep() / 257).astype(np.uint8))
+    assert read_metadata(tmp_path / "a.tif", "coded").pages == 2
 
 
 def test_a_file_that_may_not_be_read_is_refused(tmp_path: Path) -> None:

@@ -121,6 +121,33 @@ def test_exif_has_the_size_of_the_image_it_goes_into(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("file_format", FORMATS)
+def test_exif_too_large_for_a_jpeg_goes_without_its_maker_note(tmp_path: Path, file_format: Format) -> None:
+    exif = jpeg_exif(PhotoExif(make="Canon", model="Canon EOS 40D"), *SIZE)
+    exif.get_ifd(ExifTags.IFD.Exif)[0x927C] = bytes(66_000)
+    block = Image.Exif()
+    block.load(exif.tobytes())
+    Image.new("RGB", SIZE).save(tmp_path / "a.png", exif=block)
+    metadata = read_metadata(tmp_path / "a.png", "coded")
+    assert len(metadata.exif) > 66_000
+    grey = grey_of(tmp_path / "a.png", metadata, tmp_path, file_format)
+    assert camera(grey) == camera(tmp_path / "a.png")
+    assert camera(grey)[0]
+    with Image.open(grey) as image:
+        inner = image.getexif().get_ifd(ExifTags.IFD.Exif)
+        assert (0x927C in inner) == (file_format != "jpeg")
+
+
+def test_other_exif_too_large_for_a_jpeg_goes_without_its_long_texts(tmp_path: Path) -> None:
+    exif = jpeg_exif(PhotoExif(make="Canon", model="Canon EOS 40D"), *SIZE)
+    exif[ExifTags.Base.ImageDescription] = "a very long story " * 4000
+    Image.new("RGB", SIZE).save(tmp_path / "a.png", exif=exif)
+    metadata = read_metadata(tmp_path / "a.png", "coded")
+    grey = grey_of(tmp_path / "a.png", metadata, tmp_path, "jpeg")
+    assert camera(grey) == camera(tmp_path / "a.png")
+    assert camera(grey)[0]
+
+
+@pytest.mark.parametrize("file_format", FORMATS)
 def test_a_photograph_without_exif_gives_a_grey_image_without(tmp_path: Path, file_format: Format) -> None:
     Image.new("RGB", SIZE).save(tmp_path / "a.png")
     metadata = read_metadata(tmp_path / "a.png", "coded")

@@ -1,0 +1,114 @@
+"""Colour profiles: numbers stay as stored, CMYK becomes sRGB, and a profile goes where its colours go."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any, get_args
+
+import numpy as np
+import pytest
+import tifffile
+from icc import grey_profile, red_cyan_profile, rgb_profile
+from PIL import Image, ImageCms
+
+from colmap_ihe.captures.decode import Photograph, read_photograph
+from colmap_ihe.captures.discover import discover
+from colmap_ihe.captures.encode import SUFFIXES, Format, encode_image
+from colmap_ihe.captures.metadata import read_metadata
+from colmap_ihe.errors import PhotographError
+
+ADOBE = rgb_profile("Adobe RGB (1998)")
+PINK = np.full((70, 80, 3), (200, 100, 120), np.uint8)
+
+
+def read(file: Path) -> Photograph:
+    (capture,) = [c for c in discover(file.parent).captures if c.path == file]
+    return read_photograph(capture)
+
+
+def cyan(mode_depth: int = 8) -> Any:
+    inks = np.zeros((70, 80, 4), np.uint8)
+    inks[..., 0] = 255
+    return Image.fromarray(inks, "CMYK") if mode_depth == 8 else inks.astype(np.uint16) * 257
+
+
+@pytest.mark.parametrize("name", ["a.jpg", "a.png", "a.tif"])
+def test_rgb_numbers_are_taken_as_stored_and_keep_their_profile(tmp_path: Path, name: str) -> None:
+    Image.fromarray(PINK).save(tmp_path / name, icc_profile=ADOBE)
+    found = read(tmp_path / name)
+    assert np.abs(found.rgb.astype(int) - PINK).max() <= 1  # JPEG; the profile would change green by 1 to 30
+    assert found.profile == ADOBE
+    assert read_metadata(tmp_path / name, "coded").profile == "Adobe RGB"
+
+
+def test_a_16_bit_tiff_keeps_its_profile(tmp_path: Path) -> None:
+    tifffile.imwrite(tmp_path / "a.tif", PINK.astype(np.uint16) * 257, photometric="rgb", iccprofile=ADOBE)
+    found = read(tmp_path / "a.tif")
+    np.testing.assert_array_equal(found.rgb, PINK)
+    assert found.profile == ADOBE
+
+
+@pytest.mark.parametrize(
+    ("profile", "name"),
+    [
+        (None, "sRGB"),
+        (ImageCms.ImageCmsProfile(ImageCms.createProfile("sRGB")).tobytes(), "sRGB"),
+        (rgb_profile("sRGB IEC61966-2.1"), "sRGB"),
+        (ADOBE, "Adobe RGB"),
+        (rgb_profile("ProPhoto"), "ProPhoto"),
+        (rgb_profile(""), "a profile without a name"),
+        (grey_profile(), "sRGB"),  # a grey image says nothing of RGB
+        (ADOBE[:140], "a profile that cannot be read"),
+    ],
+)
+def test_profiles_have_names(tmp_path: Path, profile: bytes | None, name: str) -> None:
+    Image.fromarray(PINK).save(tmp_path / "a.png", icc_profile=profile)
+    assert read_metadata(tmp_path / "a.png", "coded").profile == name
+
+
+def test_a_camera_says_adobe_rgb_by_exif_alone(tmp_path: Path) -> None:
+    exif = Image.Exif()
+    exif.get_ifd(0x8769)[0xA001] = 0xFFFF
+    exif.get_ifd(0x8769)[0xA005] = {1: "R03"}
+    Image.fromarray(PINK).save(tmp_path / "a.jpg", exif=exif)
+    assert read_metadata(tmp_path / "a.jpg", "coded").profile == "Adobe RGB"
+
+
+@pytest.mark.parametrize("name", ["a.jpg", "a.tif"])
+def test_cmyk_goes_through_its_profile(tmp_path: Path, name: str) -> None:
+    """Its cyan is red; without the profile it would be cyan."""
+    cyan().save(tmp_path / name, icc_profile=red_cyan_profile())
+    found = read(tmp_path / name)
+    assert found.profile == b""
+    assert np.abs(found.rgb.astype(int) - (255, 0, 0)).max() <= 25
+
+
+def test_cmyk_of_16_bits_too(tmp_path: Path) -> None:
+    tifffile.imwrite(tmp_path / "a.tif", cyan(16), photometric="separated", iccprofile=red_cyan_profile())
+    assert np.abs(read(tmp_path / "a.tif").rgb.astype(int) - (255, 0, 0)).max() <= 25
+    tifffile.imwrite(tmp_path / "b.tif", cyan(16), photometric="separated")
+    assert np.abs(read(tmp_path / "b.tif").rgb.astype(int) - (0, 255, 255)).max() <= 1
+
+
+@pytest.mark.parametrize("name", ["a.jpg", "a.tif"])
+def test_cmyk_without_a_profile_is_plain(tmp_path: Path, name: str) -> None:
+    cyan().save(tmp_path / name)
+    assert np.abs(read(tmp_path / name).rgb.astype(int) - (0, 255, 255)).max() <= 2
+
+
+@pytest.mark.parametrize("profile", [b"no profile", ADOBE])
+def test_cmyk_with_a_profile_that_cannot_be_used_is_refused(tmp_path: Path, profile: bytes) -> None:
+    cyan().save(tmp_path / "a.jpg", icc_profile=profile)
+    with pytest.raises(PhotographError, match=r"a\.jpg: a CMYK photograph whose ICC profile cannot be used"):
+        read(tmp_path / "a.jpg")
+
+
+@pytest.mark.parametrize("file_format", get_args(Format))
+def test_a_colour_twin_carries_the_profile_and_a_grey_image_none(tmp_path: Path, file_format: Format) -> None:
+    for name, pixels, profile in (("colour", PINK, ADOBE), ("grey", PINK[..., 0], b"")):
+        file = tmp_path / f"{name}{SUFFIXES[file_format]}"
+        file.write_bytes(encode_image(np.ascontiguousarray(pixels), b"", file_format, profile))
+        with Image.open(file) as image:
+            image.load()
+            assert image.info.get("icc_profile", b"") == profile
+            assert np.abs(np.asarray(image).astype(int) - pixels).max() <= 1

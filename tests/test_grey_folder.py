@@ -1,0 +1,396 @@
+"""convert: what is up to date is not written again, and what is not ours is never written over."""
+
+from __future__ import annotations
+
+import fcntl
+import json
+import os
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from icc import rgb_profile
+from PIL import Image
+
+import colmap_ihe.grey_folder
+from colmap_ihe import Weights, convert_folder
+from colmap_ihe.captures.encode import Format
+from colmap_ihe.colmap.native import pycolmap
+from colmap_ihe.errors import Cancelled, KnownError, PhotographError, ProjectError, WeightsError
+from colmap_ihe.ledger import RECORD
+from colmap_ihe.options import ConvertOptions, FitOptions
+from colmap_ihe.progress import Silent
+
+GREEN, BLUE = Weights(0, 1, 0, method="file"), Weights(0, 0, 1, method="file")
+QUICK = FitOptions(step=0.1)
+Noted = dict[str, tuple[int, bytes]]
+
+
+class Told(Silent):
+    """Keeps what it is told."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.warnings: list[str] = []
+        self.up_to_date: list[str] = []
+
+    def warn(self, text: str) -> None:
+        self.warnings.append(text)
+
+    def kept(self, name: str) -> None:
+        self.up_to_date.append(name)
+
+
+@pytest.fixture
+def photos(tmp_path: Path) -> Path:
+    folder = tmp_path / "photos"
+    (folder / "north").mkdir(parents=True)
+    for seed, name in enumerate(["a.png", "b.jpg", "north/c.tif"]):
+        draw(folder / name, seed)
+    return folder
+
+
+def draw(file: Path, seed: int) -> None:
+    pixels = np.random.default_rng(seed).integers(0, 256, (70, 90, 3), np.uint8)
+    Image.fromarray(pixels).save(file)
+
+
+def noted(folder: Path) -> Noted:
+    files = [p for p in folder.rglob("*") if p.is_file() and p.name != RECORD]
+    return {p.relative_to(folder).as_posix(): (p.stat().st_mtime_ns, p.read_bytes()) for p in files}
+
+
+def rewritten(before: Noted, folder: Path) -> set[str]:
+    return {
+        name for name, (time, _) in noted(folder).items() if name not in before or before[name][0] != time
+    }
+
+
+def test_subfolders_are_kept(photos: Path, tmp_path: Path) -> None:
+    _, grey, left_out = convert_folder(photos, tmp_path / "grey", weights=GREEN)
+    assert grey == {"a.png": "a.png", "b.jpg": "b.png", "north/c.tif": "north/c.png"}
+    assert left_out == {}
+    assert set(noted(tmp_path / "grey")) == set(grey.values())
+
+
+def test_only_what_a_changed_photograph_makes_stale_is_written_again(photos: Path, tmp_path: Path) -> None:
+    out = tmp_path / "grey"
+    convert_folder(photos, out, weights=GREEN)
+    before = noted(out)
+    for file in photos.rglob("*.*"):
+        os.utime(file, (1, 1))  # a copy, or a checkout: the content is the same
+    told = Told()
+    convert_folder(photos, out, weights=GREEN, audience=told)
+    assert (rewritten(before, out), told.up_to_date) == (set(), ["convert"])
+    draw(photos / "b.jpg", 7)
+    draw(photos / "d.png", 8)
+    _, grey, _ = convert_folder(photos, out, weights=GREEN)
+    assert rewritten(before, out) == {"b.png", "d.png"}
+    assert noted(out)["b.png"][1] != before["b.png"][1]
+    assert len(grey) == 4
+
+
+@pytest.mark.parametrize(
+    "change", [{"weights": BLUE}, {"options": ConvertOptions(format="jpeg")}, {"version": "9.9"}]
+)
+def test_other_weights_format_and_version_make_all_stale(
+    photos: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, change: dict[str, Any]
+) -> None:
+    out = tmp_path / "grey"
+    convert_folder(photos, out, weights=GREEN)
+    before = noted(out)
+    if version := change.pop("version", ""):
+        monkeypatch.setattr(colmap_ihe.grey_folder, "__version__", version)
+    _, grey, _ = convert_folder(photos, out, **{"weights": GREEN, **change})
+    assert set(noted(out)) == set(grey.values())
+    assert rewritten(before, out) == set(grey.values())
+
+
+def test_tone_makes_raw_stale_and_nothing_else(small_demo: Path, tmp_path: Path) -> None:
+    (tmp_path / "photos").mkdir()
+    shutil.copy(small_demo / "images/portico_01.dng", tmp_path / "photos/raw.dng")
+    shutil.copy(small_demo / "images/portico_02.jpg", tmp_path / "photos/coded.jpg")
+    out, told = tmp_path / "grey", Told()
+    convert_folder(tmp_path / "photos", out, fit=QUICK, audience=told)
+    assert any("mixes RAW and gamma-coded" in text for text in told.warnings)
+    before = noted(out)
+    convert_folder(tmp_path / "photos", out, fit=QUICK, options=ConvertOptions(tone="linear"))
+    assert rewritten(before, out) == {"raw.png"}
+
+
+def test_the_fit_is_kept_while_the_set_and_its_options_are_the_same(photos: Path, tmp_path: Path) -> None:
+    out, told = tmp_path / "grey", Told()
+    first, _, _ = convert_folder(photos, out, fit=QUICK)
+    again, _, _ = convert_folder(photos, out, fit=QUICK, audience=told)
+    assert again == first
+    assert told.up_to_date == ["fit", "convert"]
+    draw(photos / "b.jpg", 7)
+    told = Told()
+    other, _, _ = convert_folder(photos, out, fit=QUICK, audience=told)
+    assert told.up_to_date == []
+    assert other.images == 3
+    told = Told()
+    convert_folder(photos, out, fit=FitOptions(step=0.2), audience=told)
+    assert "fit" not in told.up_to_date
+
+
+def test_a_grey_image_that_is_gone_is_written_again(photos: Path, tmp_path: Path) -> None:
+    out = tmp_path / "grey"
+    convert_folder(photos, out, weights=GREEN)
+    before = noted(out)
+    (out / "b.png").unlink()
+    convert_folder(photos, out, weights=GREEN)
+    assert rewritten(before, out) == {"b.png"}
+    assert noted(out)["b.png"][1] == before["b.png"][1]
+
+
+def test_what_an_interrupted_run_has_written_is_kept(
+    photos: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    out = tmp_path / "grey"
+    written: list[Path] = []
+
+    def stop_after_one(path: Path, content: bytes) -> None:
+        if written:
+            raise Cancelled
+        written.append(path)
+        path.write_bytes(content)
+
+    with monkeypatch.context() as patch, pytest.raises(Cancelled):
+        patch.setattr("colmap_ihe.preprocess.write_bytes", stop_after_one)
+        convert_folder(photos, out, weights=GREEN)
+    before = noted(out)
+    assert len(before) == 1
+    convert_folder(photos, out, weights=GREEN)
+    assert len(rewritten(before, out)) == 2
+    assert len(noted(out)) == 3
+
+
+def test_a_killed_run_leaves_files_that_are_known_to_be_ours(photos: Path, tmp_path: Path) -> None:
+    """As after SIGKILL: the record says what was to be written, and not that it was."""
+    out = tmp_path / "grey"
+    convert_folder(photos, out, weights=GREEN)
+    before = noted(out)
+    record = json.loads((out / RECORD).read_text())
+    for file in record["files"].values():
+        file["digest"] = ""
+    (out / RECORD).write_text(json.dumps(record))
+    (out / "b.png").unlink()
+    (out / ".0123456789abcdef01234567.99.tmp").write_bytes(b"half a file")
+    (out / ".mine.tmp").write_bytes(b"somebody's")
+    convert_folder(photos, out, weights=GREEN)
+    assert rewritten(before, out) == {"b.png", ".mine.tmp"}
+    convert_folder(photos, out, weights=BLUE)
+    assert len(rewritten(before, out)) == 4
+
+
+def test_a_file_that_somebody_changed_is_kept_and_never_written_over(photos: Path, tmp_path: Path) -> None:
+    out, told = tmp_path / "grey", Told()
+    convert_folder(photos, out, weights=GREEN)
+    (out / "a.png").write_bytes(b"retouched")
+    convert_folder(photos, out, weights=GREEN, audience=told)
+    assert any("a.png was changed since" in text for text in told.warnings)
+    with pytest.raises(ProjectError, match=r"a\.png: is to be written again and was changed since"):
+        convert_folder(photos, out, weights=BLUE)
+    (photos / "a.png").unlink()
+    convert_folder(photos, out, weights=BLUE)
+    assert (out / "a.png").read_bytes() == b"retouched"
+
+
+def test_a_strangers_file_in_the_way_is_refused(photos: Path, tmp_path: Path) -> None:
+    out = tmp_path / "grey"
+    convert_folder(photos, out, weights=GREEN)
+    (out / "d.png").write_bytes(b"somebody's")
+    draw(photos / "d.png", 3)
+    before = noted(out)
+    with pytest.raises(ProjectError, match=r"d\.png: is there already and was not written by convert"):
+        convert_folder(photos, out, weights=GREEN)
+    assert noted(out) == before
+
+
+def test_the_grey_images_of_another_set_are_not_thrown_away(photos: Path, tmp_path: Path) -> None:
+    out = tmp_path / "grey"
+    convert_folder(photos, out, weights=GREEN)
+    (tmp_path / "second").mkdir()
+    draw(tmp_path / "second/x.png", 9)
+    before = noted(out)
+    with pytest.raises(ProjectError, match="holds grey images of other photographs, as a"):
+        convert_folder(tmp_path / "second", out, weights=GREEN)
+    assert noted(out) == before
+
+
+@pytest.mark.parametrize(
+    "record", ["{}", '{"files": ["a.png"], "notes": {}}', '{"files": {"a": 1}, "notes": {}}']
+)
+def test_a_record_that_is_none_is_refused(photos: Path, tmp_path: Path, record: str) -> None:
+    out = tmp_path / "grey"
+    out.mkdir()
+    (out / RECORD).write_text(record)
+    with pytest.raises(ProjectError, match="is not a record of this version"):
+        convert_folder(photos, out, weights=GREEN)
+    (out / RECORD).write_text(record + "broken")
+    with pytest.raises(ProjectError, match="is not empty, and not of an earlier convert"):
+        convert_folder(photos, out, weights=GREEN)
+
+
+def test_a_record_cannot_name_files_elsewhere(photos: Path, tmp_path: Path) -> None:
+    out = tmp_path / "grey"
+    convert_folder(photos, out, weights=GREEN)
+    record = json.loads((out / RECORD).read_text())
+    record["files"] |= {
+        "../precious": record["files"]["a.png"],
+        str(tmp_path / "precious"): record["files"]["a.png"],
+    }
+    (out / RECORD).write_text(json.dumps(record))
+    (tmp_path / "precious").write_text("mine")
+    convert_folder(photos, out, weights=BLUE)
+    assert (tmp_path / "precious").read_text() == "mine"
+
+
+@pytest.mark.parametrize("place", [".", "grey", "../photos/grey", "../link/grey", ".."])
+def test_photographs_and_grey_images_lie_apart(photos: Path, tmp_path: Path, place: str) -> None:
+    (tmp_path / "link").symlink_to(photos)
+    before = noted(photos)
+    for out, colour in ((photos / place, None), (tmp_path / "grey", photos / place)):
+        with pytest.raises(ProjectError, match="lies in the folder of photographs or holds it"):
+            convert_folder(photos, out, colour=colour, weights=GREEN)
+    assert noted(photos) == before
+    assert not (tmp_path / "grey").exists()
+
+
+def test_two_runs_do_not_write_into_one_folder(photos: Path, tmp_path: Path) -> None:
+    (tmp_path / "grey").mkdir()
+    handle = os.open(tmp_path / "grey", os.O_RDONLY)
+    fcntl.flock(handle, fcntl.LOCK_EX)
+    with pytest.raises(ProjectError, match="another convert is writing into it"):
+        convert_folder(photos, tmp_path / "grey", weights=GREEN)
+    os.close(handle)
+    convert_folder(photos, tmp_path / "grey", weights=GREEN)
+
+
+@pytest.mark.parametrize(
+    "spoil",
+    [
+        lambda photos: (photos / "broken.jpg").write_text("no photograph"),
+        lambda photos: (photos / "gone.jpg").symlink_to(photos / "nowhere"),
+    ],
+)
+def test_a_photograph_that_cannot_be_used(
+    photos: Path, tmp_path: Path, spoil: Callable[[Path], object]
+) -> None:
+    spoil(photos)
+    for _ in range(2):
+        _, grey, left_out = convert_folder(photos, tmp_path / "grey", fit=QUICK)
+        assert (len(grey), len(left_out)) == (3, 1)
+    with pytest.raises(PhotographError, match="cannot be read"):
+        convert_folder(photos, tmp_path / "strict", fit=QUICK, strict=True)
+    assert not (tmp_path / "strict").exists()
+
+
+def test_a_photograph_found_broken_while_fitting_stays_left_out(photos: Path, tmp_path: Path) -> None:
+    whole = (photos / "b.jpg").read_bytes()
+    (photos / "b.jpg").write_bytes(whole[: len(whole) // 2])
+    for _ in range(2):
+        _, grey, left_out = convert_folder(photos, tmp_path / "grey", fit=QUICK)
+        assert (set(grey), set(left_out)) == ({"a.png", "north/c.tif"}, {"b.jpg"})
+    with pytest.raises(PhotographError, match=r"b\.jpg"):
+        convert_folder(photos, tmp_path / "grey", fit=QUICK, strict=True)
+
+
+def test_weights_of_the_other_kind_are_refused_before_anything_is_written(
+    photos: Path, small_demo: Path, tmp_path: Path
+) -> None:
+    shutil.copy(small_demo / "images/portico_01.dng", photos / "z.dng")
+    with pytest.raises(
+        WeightsError, match=r"z\.dng: a linear photograph, and the weights are for coded ones"
+    ):
+        convert_folder(photos, tmp_path / "grey", weights=GREEN)
+    assert not (tmp_path / "grey").exists()
+
+
+# Colour twins
+
+
+def test_colour_twins_have_the_names_pixels_exif_and_profile_of_their_photographs(
+    photos: Path, tmp_path: Path
+) -> None:
+    adobe, exif = rgb_profile("Adobe RGB (1998)"), Image.Exif()
+    exif[0x0110] = "A camera"
+    with Image.open(photos / "a.png") as image:
+        pixels = np.asarray(image)
+    Image.fromarray(pixels).save(photos / "a.png", icc_profile=adobe, exif=exif)
+    told = Told()
+    _, grey, _ = convert_folder(
+        photos, tmp_path / "grey", colour=tmp_path / "colour", weights=GREEN, audience=told
+    )
+    assert set(noted(tmp_path / "colour")) == set(noted(tmp_path / "grey")) == set(grey.values())
+    with Image.open(tmp_path / "colour/a.png") as twin, Image.open(tmp_path / "grey/a.png") as image:
+        np.testing.assert_array_equal(np.asarray(twin), pixels)
+        np.testing.assert_array_equal(np.asarray(image), pixels[..., 1])
+        assert twin.info["icc_profile"] == adobe
+        assert "icc_profile" not in image.info
+        assert twin.getexif()[0x0110] == image.getexif()[0x0110] == "A camera"
+    assert any("1 in Adobe RGB" in text and "2 in sRGB" in text for text in told.warnings)
+
+
+def test_other_weights_leave_colour_twins_as_they_are(photos: Path, tmp_path: Path) -> None:
+    grey, colour = tmp_path / "grey", tmp_path / "colour"
+    convert_folder(photos, grey, weights=GREEN)
+    convert_folder(photos, grey, colour=colour, weights=GREEN)
+    before = {folder: noted(folder) for folder in (grey, colour)}
+    convert_folder(photos, grey, colour=colour, weights=BLUE)
+    assert rewritten(before[colour], colour) == set()
+    assert len(rewritten(before[grey], grey)) == 3
+
+
+def test_colour_twins_of_raw_are_as_bright_with_given_weights(small_demo: Path, tmp_path: Path) -> None:
+    (tmp_path / "photos").mkdir()
+    shutil.copy(small_demo / "images/portico_01.dng", tmp_path / "photos/a.dng")
+    fitted, _, _ = convert_folder(
+        tmp_path / "photos", tmp_path / "g1", colour=tmp_path / "c1", fit=FitOptions(method="mean")
+    )
+    convert_folder(tmp_path / "photos", tmp_path / "g2", colour=tmp_path / "c2", weights=fitted)
+    assert (tmp_path / "c1/a.png").read_bytes() == (tmp_path / "c2/a.png").read_bytes()
+    assert (tmp_path / "g1/a.png").read_bytes() == (tmp_path / "g2/a.png").read_bytes()
+
+
+@pytest.mark.parametrize("colour", ["grey", "grey/colour", "."])
+def test_colour_twins_lie_in_a_folder_of_their_own(photos: Path, tmp_path: Path, colour: str) -> None:
+    shutil.move(photos, tmp_path / "in/photos")
+    (tmp_path / "out").mkdir()
+    with pytest.raises(KnownError, match="holds it"):
+        convert_folder(
+            tmp_path / "in/photos", tmp_path / "out/grey", colour=tmp_path / "out" / colour, weights=GREEN
+        )
+
+
+# The same camera
+
+
+def camera(file: Path) -> tuple[Any, ...]:
+    found = pycolmap.infer_camera_from_image(file)
+    return (found.width, found.height, found.model, found.params.tolist(), found.has_prior_focal_length)
+
+
+@pytest.mark.data
+@pytest.mark.filterwarnings("ignore::UserWarning")  # Pillow's words on broken EXIF
+@pytest.mark.parametrize("file_format", ["png", "tiff", "jpeg"])
+def test_colmap_sees_the_same_camera_in_real_grey_images(
+    photographs: Path, tmp_path: Path, file_format: Format
+) -> None:
+    (tmp_path / "photos").mkdir()
+    for source in [*(photographs / "exif").glob("*.jpg"), photographs / "sceaux/100_7100.JPG"]:
+        shutil.copy(source, tmp_path / "photos" / source.name)
+    options = ConvertOptions(format=file_format)
+    _, grey, _ = convert_folder(
+        tmp_path / "photos", tmp_path / "out", colour=tmp_path / "colour", weights=GREEN, options=options
+    )
+    assert len(grey) == 10
+    for source_name, name in grey.items():
+        expected = camera(tmp_path / "photos" / source_name)
+        assert camera(tmp_path / "out" / name) == camera(tmp_path / "colour" / name) == expected
+        with Image.open(tmp_path / "out" / name) as image:
+            assert image.mode == "L"

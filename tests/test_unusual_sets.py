@@ -1,0 +1,207 @@
+"""Sets that no survey should hold and some do: each ends with a sentence, none with a traceback or a wrong grey."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import tifffile
+from icc import rgb_profile
+from PIL import Image
+
+from colmap_ihe.captures.png import encode_png
+from colmap_ihe.cli import main
+from colmap_ihe.demo.dng import write_dng
+from colmap_ihe.demo.exif import PhotoExif
+
+SIZE = (90, 70)
+Captured = pytest.CaptureFixture[str]
+REC709 = [0.21, 0.72, 0.07]  # the tie goes to the triplet of the grid that is nearest to it
+
+
+@pytest.fixture
+def photos(tmp_path: Path) -> Path:
+    (tmp_path / "photos").mkdir()
+    return tmp_path / "photos"
+
+
+def colour(file: Path, seed: int = 0, **more: Any) -> None:
+    pixels = np.random.default_rng(seed).integers(0, 256, (*SIZE[::-1], 3), np.uint8)
+    Image.fromarray(pixels).save(file, **more)
+
+
+def grey(file: Path, mode: str = "L", seed: int = 0) -> None:
+    pixels = np.random.default_rng(seed).integers(0, 256, SIZE[::-1], np.uint8)
+    Image.fromarray(pixels).convert(mode).save(file)
+
+
+def run(capsys: Captured, *arguments: str | Path) -> tuple[Any, str]:
+    """The JSON of a command that ends well, and its warnings."""
+    status = main([*map(str, arguments), "--json", "-q"])
+    captured = capsys.readouterr()
+    assert status == 0, captured.err
+    return json.loads(captured.out), captured.err
+
+
+def failure(capsys: Captured, *arguments: str | Path) -> str:
+    assert main([*map(str, arguments), "-q"]) == 1
+    captured = capsys.readouterr()
+    assert captured.err.count("colmap-ihe: ") == 1
+    return captured.err
+
+
+@pytest.mark.parametrize("mode", ["L", "LA", "1", "RGB"])
+def test_greyscale_photographs_only(capsys: Captured, photos: Path, tmp_path: Path, mode: str) -> None:
+    for seed in range(2):
+        grey(photos / f"{seed}.png", mode, seed)
+    for found, warnings in (
+        run(capsys, "fit", photos),
+        run(capsys, "convert", photos, tmp_path / "grey"),
+        run(capsys, "convert", photos, tmp_path / "grey"),  # the fit that was kept says it again
+    ):
+        assert found["weights"] == REC709
+        assert "the photographs are greyscale (R = G = B)" in warnings
+    with Image.open(photos / "0.png") as source, Image.open(tmp_path / "grey/0.png") as image:
+        np.testing.assert_array_equal(np.asarray(image), np.asarray(source.convert("RGB"))[..., 0])
+
+
+def test_one_colour_photograph_among_greyscale_ones_is_enough(capsys: Captured, photos: Path) -> None:
+    grey(photos / "a.png")
+    colour(photos / "b.png")
+    _, warnings = run(capsys, "fit", photos, "--step", "0.1")
+    assert warnings == ""
+
+
+def test_fixed_weights_of_greyscale_photographs_need_no_warning(
+    capsys: Captured, photos: Path, tmp_path: Path
+) -> None:
+    grey(photos / "a.png")
+    _, warnings = run(capsys, "convert", photos, tmp_path / "grey", "--method", "mean")
+    assert warnings == ""
+
+
+def test_all_photographs_are_black(capsys: Captured, photos: Path, tmp_path: Path) -> None:
+    for name in ("a.png", "b.jpg"):
+        Image.new("RGB", SIZE).save(photos / name)
+    for command in (("fit", photos), ("convert", photos, tmp_path / "grey")):
+        found, warnings = run(capsys, *command)
+        assert (found["weights"], found["tones"]) == (REC709, 1)
+        assert "hold a single tone, as if all were black" in warnings
+    with Image.open(tmp_path / "grey/a.png") as image:
+        assert np.asarray(image).max() == 0
+
+
+def test_all_raw_photographs_are_black(capsys: Captured, photos: Path, tmp_path: Path) -> None:
+    write_dng(
+        photos / "a.dng",
+        np.full(SIZE[::-1], 512, np.uint16),
+        black=512,
+        white=16383,
+        as_shot_neutral=(0.5, 1, 0.6),
+        colour_matrix=np.eye(3),
+        exif=PhotoExif(),
+        orientation=1,
+    )
+    for command in (("fit", photos), ("convert", photos, tmp_path / "grey")):
+        _, warnings = run(capsys, *command)
+        assert "hold a single tone" in warnings
+
+
+def test_one_black_photograph_in_a_set(capsys: Captured, photos: Path, tmp_path: Path) -> None:
+    colour(photos / "a.png")
+    Image.new("RGB", SIZE).save(photos / "b.png")
+    found, warnings = run(capsys, "convert", photos, tmp_path / "grey")
+    assert (warnings, found["left_out"]) == ("", {})
+
+
+def test_one_pixel(capsys: Captured, photos: Path, tmp_path: Path) -> None:
+    Image.new("RGB", (1, 1)).save(photos / "pixel.png")
+    for command in (("fit", photos), ("convert", photos, tmp_path / "grey")):
+        assert "pixel.png: 1x1 pixels, wanted at least 64 on each side" in failure(capsys, *command)
+    colour(photos / "a.png")
+    found, _ = run(capsys, "convert", photos, tmp_path / "grey", "--method", "red")
+    assert list(found["left_out"]) == ["pixel.png"]
+
+
+def test_a_mixed_set(capsys: Captured, photos: Path, tmp_path: Path, small_demo: Path) -> None:
+    """Two RAW and a JPEG of others: fitted apart, and said."""
+    for number in (1, 2):
+        shutil.copy(small_demo / f"images/portico_0{number}.dng", photos)
+    shutil.copy(small_demo / "images/portico_03.jpg", photos)
+    found, warnings = run(capsys, "fit", photos, "--step", "0.1")
+    assert (found["encoding"], found["images"]) == ("linear", 2)
+    assert "these are the weights of the larger part" in warnings
+    found, warnings = run(capsys, "convert", photos, tmp_path / "grey")
+    assert "each kind has weights of its own" in warnings
+    assert len(found["grey"]) == 3
+    with (
+        Image.open(tmp_path / "grey/portico_01.png") as raw,
+        Image.open(tmp_path / "grey/portico_03.png") as jpeg,
+    ):
+        assert raw.mode == jpeg.mode == "L"
+        assert np.asarray(raw).std() > 10
+
+
+@pytest.mark.parametrize("command", ["fit", "convert"])
+def test_several_profiles(capsys: Captured, photos: Path, tmp_path: Path, command: str) -> None:
+    colour(photos / "a.png", 1)
+    colour(photos / "b.png", 2, icc_profile=rgb_profile("sRGB IEC61966-2.1"))
+    more = [tmp_path / "grey"] if command == "convert" else []
+    assert run(capsys, command, photos, *more)[1] == ""
+    colour(photos / "c.png", 3, icc_profile=rgb_profile("Adobe RGB (1998)"))
+    _, warnings = run(capsys, command, photos, *more)
+    assert "in different colour profiles (2 in sRGB, 1 in Adobe RGB)" in warnings
+
+
+def test_several_pages(capsys: Captured, photos: Path, tmp_path: Path) -> None:
+    pages = np.random.default_rng(1).integers(0, 256, (3, *SIZE[::-1], 3), np.uint8)
+    tifffile.imwrite(photos / "a.tif", pages, photometric="rgb")
+    _, warnings = run(capsys, "convert", photos, tmp_path / "grey", "--method", "red")
+    assert "the first one is used: a.tif (3)" in warnings
+    with Image.open(tmp_path / "grey/a.png") as image:
+        np.testing.assert_array_equal(np.asarray(image), pages[0, ..., 0])
+
+
+@pytest.mark.parametrize("value", [0.5, np.nan, np.inf])
+def test_floating_point(capsys: Captured, photos: Path, tmp_path: Path, value: float) -> None:
+    tifffile.imwrite(photos / "float.tif", np.full((70, 90, 3), value, np.float32), photometric="rgb")
+    for command in (("fit", photos), ("convert", photos, tmp_path / "grey")):
+        assert "float.tif: holds float32 pixels" in failure(capsys, *command)
+    assert not (tmp_path / "grey").exists()
+
+
+def test_pictures_of_kinds_that_are_not_read_are_named(
+    capsys: Captured, photos: Path, tmp_path: Path
+) -> None:
+    colour(photos / "a.png")
+    (photos / "b.heic").touch()
+    for command in (("fit", photos), ("convert", photos, tmp_path / "grey")):
+        assert "1 pictures are of a kind that is not read, as b.heic" in run(capsys, *command)[1]
+
+
+@pytest.mark.parametrize("kind", ["cmyk.jpg", "cmyk.tif", "palette.png", "rgba.png", "deep.tif", "1-bit.tif"])
+def test_every_other_kind_gives_8_bit_grey(capsys: Captured, photos: Path, tmp_path: Path, kind: str) -> None:
+    pixels = np.dstack(
+        [np.tile(np.arange(90, dtype=np.uint8) * 2, (70, 1)), *np.full((2, 70, 90), 40, np.uint8)]
+    )
+    image = Image.fromarray(pixels)
+    save: dict[str, Callable[[], Any]] = {
+        "cmyk": lambda: image.convert("CMYK").save(photos / kind),
+        "palette": lambda: image.quantize(64).save(photos / kind),
+        "rgba": lambda: image.convert("RGBA").save(photos / kind),
+        "deep": lambda: tifffile.imwrite(photos / kind, pixels.astype(np.uint16) * 257, photometric="rgb"),
+        "1-bit": lambda: image.convert("1").save(photos / kind),
+    }
+    save[kind.partition(".")[0]]()
+    (photos / "other.png").write_bytes(encode_png(pixels))
+    found, warnings = run(capsys, "convert", photos, tmp_path / "grey", "--method", "red")
+    assert (len(found["grey"]), warnings) == (2, "")
+    with Image.open(tmp_path / "grey" / found["grey"][kind]) as grey_image:
+        assert (grey_image.mode, grey_image.size) == ("L", SIZE)
+        if "1-bit" not in kind:
+            assert np.abs(np.asarray(grey_image).astype(int) - pixels[..., 0]).mean() < 5
