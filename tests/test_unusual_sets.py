@@ -205,3 +205,20 @@ def test_every_other_kind_gives_8_bit_grey(capsys: Captured, photos: Path, tmp_p
         assert (grey_image.mode, grey_image.size) == ("L", SIZE)
         if "1-bit" not in kind:
             assert np.abs(np.asarray(grey_image).astype(int) - pixels[..., 0]).mean() < 5
+
+
+def test_a_project_of_unusual_photographs(capsys: Captured, tmp_path: Path) -> None:
+    """The same sentences from reconstruct, and colour twins that keep their profile."""
+    images = tmp_path / "project/images"
+    images.mkdir(parents=True)
+    adobe = rgb_profile("Adobe RGB (1998)")
+    pixels = np.random.default_rng(1).integers(0, 256, (*SIZE[::-1], 1), np.uint8).repeat(3, axis=2)
+    Image.fromarray(pixels).save(images / "a.png", icc_profile=adobe)
+    tifffile.imwrite(images / "b.tif", np.stack([pixels, pixels]), photometric="rgb")
+    found, _ = run(capsys, "reconstruct", tmp_path / "project", "--until", "convert")
+    for words in ("are greyscale (R = G = B)", "different colour profiles", "the first one is used: b.tif (2)"):
+        assert sum(words in text for text in found["warnings"]) == 1
+    with Image.open(tmp_path / "project/colour/a.png") as twin:
+        assert twin.info["icc_profile"] == adobe
+    with Image.open(tmp_path / "project/workspace/images/a.png") as grey_image:
+        assert "icc_profile" not in grey_image.info
