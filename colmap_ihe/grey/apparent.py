@@ -48,8 +48,9 @@ _LEFT, _RIGHT, _BELOW, _ABOVE = 160, 540, 640, 200  # nodes around white that ta
 def apparent(rgb: Float32) -> Float32:
     """Grey of one photograph. Where nothing is near, R = G = B = v gives v; beside an edge it does not.
 
-    rgb: (H, W, 3) float32 in [0, 1], coded. Returns (H, W) float32 in [0, 1]. Raises ValueError for
-    another shape or dtype, `CapabilityError` where colour-science is not installed.
+    rgb: (H, W, 3) float32 in [0, 1], coded. Returns (H, W) float32 in [0, 1]. Takes about 45 bytes a pixel
+    beside them, 1 GB for 24 megapixels. Raises ValueError for another shape or dtype, `CapabilityError`
+    where colour-science is not installed.
     """
     seen = apparent_lightness(checked(rgb))
     star, red, yellow = (np.empty(rgb.shape[:2], np.float32) for _ in range(3))

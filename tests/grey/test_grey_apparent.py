@@ -47,7 +47,7 @@ def test_masking_is_the_sum_of_the_papers_gains_times_bands() -> None:
     grey = room.apparent_lightness(image)
     planes = [grey, *np.moveaxis(srgb.lab(image), -1, 0)]
     expected = grey.astype(np.float64)
-    sizes = []
+    sizes: list[Any] = []
     for _ in range(4):
         bands, smaller = [], []
         for plane in planes:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -45,11 +47,7 @@ def objective(images: list[NDArray[np.float32]]) -> NDArray[np.float64]:
             a - flat[n] for a, n in zip(flat, np.random.default_rng(2012).permutation(len(flat)), strict=True)
         ]
         chosen += [row[x + 1] - row[x] for row in half for x in range(len(row) - 1)]
-        chosen += [
-            b - a
-            for above, below in zip(half[:-1], half[1:], strict=True)
-            for a, b in zip(above, below, strict=True)
-        ]
+        chosen += [b - a for above, below in pairwise(half) for a, b in zip(above, below, strict=True)]
         for difference in chosen:
             d = np.linalg.norm(difference) / 1.41
             if d < 0.05:
