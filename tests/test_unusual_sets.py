@@ -216,7 +216,11 @@ def test_a_project_of_unusual_photographs(capsys: Captured, tmp_path: Path) -> N
     Image.fromarray(pixels).save(images / "a.png", icc_profile=adobe)
     tifffile.imwrite(images / "b.tif", np.stack([pixels, pixels]), photometric="rgb")
     found, _ = run(capsys, "reconstruct", tmp_path / "project", "--until", "convert")
-    for words in ("are greyscale (R = G = B)", "different colour profiles", "the first one is used: b.tif (2)"):
+    for words in (
+        "are greyscale (R = G = B)",
+        "different colour profiles",
+        "the first one is used: b.tif (2)",
+    ):
         assert sum(words in text for text in found["warnings"]) == 1
     with Image.open(tmp_path / "project/colour/a.png") as twin:
         assert twin.info["icc_profile"] == adobe
