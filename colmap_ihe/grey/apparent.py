@@ -2,8 +2,8 @@
 
 After Smith, Landes, Thollot and Myszkowski, "Apparent greyscale: a simple and fast conversion to
 perceptually accurate images and video", Eurographics 2008. First a fixed function of the colour: L* with the
-Helmholtz-Kohlrausch effect (Nayatani 1997; his VAC method: VCC is so strong that many bright colours end
-in white), as the package colour-science computes it. Then chromatic unsharp masking: each band of a Laplacian
+Helmholtz-Kohlrausch effect (Nayatani 1997, his VCC method: by VAC the brightest colours end above white), as
+the package colour-science computes it. Then chromatic unsharp masking: each band of a Laplacian
 pyramid is raised by how much the colour contrast in it exceeds the grey contrast.
 
 Local: a pixel's grey depends on its neighbours, so the same colour is not the same grey.
@@ -33,15 +33,16 @@ from colmap_ihe.grey.srgb import (
 
 LEVELS = 4
 GAIN = 0.5
-"""k of the paper, for every band: the share of the contrast that is given back."""
+"""k of the formula, one for every band: the share of the contrast that is given back."""
 
 POWER = 0.5
-"""p of the paper: below 1 weak contrasts are raised more than strong ones."""
+"""p of the formula: below 1 weak contrasts are raised more than strong ones."""
 
 ADAPTING = 20.0
 """Luminance in cd/m2 that the eye is adapted to."""
 
 _STEP = 0.0005
+_WIDEST = 1 << 14
 _LEFT, _RIGHT, _BELOW, _ABOVE = 160, 540, 640, 200  # nodes around white that take in all of sRGB
 
 
@@ -63,7 +64,7 @@ def apparent(rgb: Float32) -> Float32:
 
 
 def apparent_lightness(rgb: Float32) -> Float32:
-    """L* raised by the Helmholtz-Kohlrausch effect, the global half of the method; may exceed 100.
+    """L* raised by the Helmholtz-Kohlrausch effect, the global half of the method: 0 to 100.
 
     rgb: (H, W, 3) float32 in [0, 1], coded. Returns (H, W) float32. The effect is read from a table by u'
     and v', 0.0005 apart, which is off by less than 0.02 of L* (a test compares it with the package).
@@ -77,8 +78,7 @@ def apparent_lightness(rgb: Float32) -> Float32:
         total = np.maximum(x + 15 * y + 3 * z, np.float32(1e-9))  # black has no hue, and L* = 0
         column = (4 * x / total - np.float32(u_white)) / np.float32(_STEP) + _LEFT
         row = (9 * y / total - np.float32(v_white)) / np.float32(_STEP) + _BELOW
-        effect = cv2.remap(table, column, row, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-        seen[rows] = lightness(y) * np.asarray(effect, np.float32)
+        seen[rows] = lightness(y) * _interpolated(table, column, row)
     return seen
 
 
@@ -103,9 +103,20 @@ def _effect() -> Float32:
     white = np.array(chromaticity_of_white())
     v, u = np.mgrid[-_BELOW : _ABOVE + 1, -_LEFT : _RIGHT + 1] * _STEP
     effect: Any = colour.HelmholtzKohlrausch_effect_object_Nayatani1997(
-        np.stack([u, v], axis=-1) + white, white, ADAPTING, method="VAC"
+        np.stack([u, v], axis=-1) + white, white, ADAPTING, method="VCC"
     )
     return np.asarray(effect, np.float32)
+
+
+def _interpolated(table: Float32, column: Float32, row: Float32) -> Float32:
+    """table at (row, column), both (h, w); in pieces, for cv2.remap takes no more than 32766 columns."""
+    found = np.empty_like(column)
+    for left in range(0, column.shape[1], _WIDEST):
+        part = slice(left, left + _WIDEST)
+        found[:, part] = cv2.remap(
+            table, column[:, part], row[:, part], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
+        )
+    return found
 
 
 def _unsharp(grey: Float32, colour_planes: list[Float32]) -> Float32:
