@@ -17,7 +17,8 @@ from typing import Any
 from colmap_ihe import commands
 from colmap_ihe.captures.encode import SUFFIXES
 from colmap_ihe.errors import Cancelled, KnownError
-from colmap_ihe.grey.weights import FIXED
+from colmap_ihe.grey.conversions import CONVERSIONS
+from colmap_ihe.grey.weights import Weights
 from colmap_ihe.grey_folder import convert_folder
 from colmap_ihe.options import ConvertOptions, FitOptions, load_options
 from colmap_ihe.pipeline import NAMES, reconstruct, status
@@ -25,7 +26,7 @@ from colmap_ihe.report.summary import weights_in_words
 from colmap_ihe.terminal import Bars, print_summary, print_table
 from colmap_ihe.version import __version__
 
-METHODS = ("ihe", *FIXED)
+METHODS = tuple(CONVERSIONS)
 EXIT_FAILED, EXIT_CANCELLED = 1, 130
 
 
@@ -165,7 +166,6 @@ def _add_fit(command: _Command) -> None:
     parser.add_argument("-o", "--output", type=Path, metavar="FILE", help="write the weights, for convert")
     parser.add_argument("--method", choices=METHODS, default="ihe")
     parser.add_argument("--step", type=float, default=0.01, help="of the grid of weights (0.01)")
-    parser.add_argument("--exact", action="store_true", help="RAW: count every triplet in full; slow")
     parser.add_argument("--sample", type=float, default=1.0, help="of each side of a photograph (1)")
     parser.add_argument(
         "--weighting", choices=("pixel", "image"), default="pixel", help="what counts equally"
@@ -232,7 +232,7 @@ def _demo(parsed: argparse.Namespace, bars: Bars) -> None:
 def _fit(parsed: argparse.Namespace, bars: Bars) -> None:
     names = ("method", "step", "sample", "weighting")
     assignments = [f"fit.{name}={getattr(parsed, name)}" for name in names]
-    options = load_options(None, [*assignments, f"fit.exact={str(parsed.exact).lower()}"]).fit
+    options = load_options(None, assignments).fit
     weights, left_out = commands.fit_files(
         parsed.images, options, output=parsed.output, strict=parsed.strict, audience=bars
     )
@@ -265,9 +265,8 @@ def _convert(parsed: argparse.Namespace, bars: Bars) -> None:
     if parsed.json:
         _print_json({**weights.as_dict(), "grey": grey, "left_out": left_out})
     else:
-        print(
-            f"{len(grey)} grey images in {parsed.out} ({weights.method}: {weights_in_words(weights.triplet)})"
-        )
+        words = f": {weights_in_words(weights.triplet)}" if isinstance(weights, Weights) else ""
+        print(f"{len(grey)} grey images in {parsed.out} ({weights.method}{words})")
 
 
 def _status(parsed: argparse.Namespace, _bars: Bars) -> None:

@@ -20,10 +20,12 @@ from colmap_ihe.demo.folder import render_demo
 from colmap_ihe.demo.truth import add_truth
 from colmap_ihe.errors import ProjectError, WeightsError
 from colmap_ihe.executor import local_executor, local_workers
-from colmap_ihe.grey.weights import Weights
+from colmap_ihe.fitting import fit_captures
+from colmap_ihe.grey.weights import Grey, grey_from_dict
 from colmap_ihe.options import FitOptions, Options, load_options
+from colmap_ihe.per_image import LeftOut
 from colmap_ihe.pipeline import Reconstruction, reconstruct
-from colmap_ihe.preprocess import LeftOut, fit_captures, survey
+from colmap_ihe.preprocess import survey
 from colmap_ihe.progress import SILENT, Audience
 from colmap_ihe.project import write_bytes
 from colmap_ihe.version import __version__
@@ -52,7 +54,7 @@ def fit_files(
     output: Path | None = None,
     strict: bool = False,
     audience: Audience = SILENT,
-) -> tuple[Weights, LeftOut]:
+) -> tuple[Grey, LeftOut]:
     """The weights of a set of folders and files, written to `output` if given; of the larger part where the
     set mixes RAW and gamma-coded photographs. Returns them and what was left out. Raises `KnownError`s."""
     if output is not None and output.suffix.lower() not in (".yaml", ".yml"):
@@ -80,7 +82,7 @@ def fit_files(
     return found.main, unreadable | found.left_out
 
 
-def read_weights(file: Path) -> Weights:
+def read_weights(file: Path) -> Grey:
     """A weights file, as `fit -o` writes it. Raises `WeightsError`."""
     hint = "write one with `colmap-ihe fit IMAGES -o weights.yaml`"
     try:
@@ -96,7 +98,7 @@ def read_weights(file: Path) -> Weights:
             hint=hint,
         )
     try:
-        return Weights.from_dict(values, str(file))
+        return grey_from_dict(values, str(file))
     except WeightsError as error:
         if str(file) in str(error):
             raise

@@ -15,18 +15,12 @@ from colmap_ihe.captures.discover import discover
 from colmap_ihe.captures.encode import SUFFIXES
 from colmap_ihe.errors import KnownError, ProjectError, WeightsError
 from colmap_ihe.executor import local_executor
-from colmap_ihe.grey.weights import Weights
+from colmap_ihe.fitting import Fit, fit_captures
+from colmap_ihe.grey.weights import Grey, grey_from_dict
 from colmap_ihe.ledger import Ledger, opened
 from colmap_ihe.options import ConvertOptions, FitOptions
-from colmap_ihe.preprocess import (
-    Fit,
-    LeftOut,
-    Surveyed,
-    convert_captures,
-    fit_captures,
-    survey,
-    weights_for,
-)
+from colmap_ihe.per_image import LeftOut
+from colmap_ihe.preprocess import Surveyed, convert_captures, survey, weights_for
 from colmap_ihe.progress import SILENT, Audience
 from colmap_ihe.project import digest_file, fingerprint_of
 from colmap_ihe.version import __version__, library_versions
@@ -41,11 +35,11 @@ def convert_folder(
     *,
     colour: Path | None = None,
     fit: FitOptions | None = None,
-    weights: Weights | None = None,
+    weights: Grey | None = None,
     options: ConvertOptions | None = None,
     strict: bool = False,
     audience: Audience = SILENT,
-) -> tuple[Weights, dict[str, str], LeftOut]:
+) -> tuple[Grey, dict[str, str], LeftOut]:
     """Grey images of the folder `images`, with their EXIF, in the folder `out`; with `colour`, also an 8-bit
     colour twin of each in that folder, with the same name and the same pixels.
 
@@ -187,14 +181,14 @@ def _kept_fit(note: Any, key: str) -> Fit | None:
     if not isinstance(note, dict) or note.get("fingerprint") != key:
         return None
     try:
-        weights = [Weights.from_dict(w) for w in note["weights"]]
+        weights = [grey_from_dict(w) for w in note["weights"]]
         return Fit({w.encoding: w for w in weights}, float(note["colour_white"]), dict(note["left_out"]))
     except (KeyError, TypeError, ValueError, WeightsError):
         return None
 
 
 def _fit_of(
-    weights: Weights,
+    weights: Grey,
     surveyed: Sequence[Surveyed],
     digests: _Digests,
     ledgers: Sequence[Ledger],

@@ -9,7 +9,7 @@ from pathlib import Path
 from colmap_ihe.captures.decode import read_photograph
 from colmap_ihe.captures.discover import Capture
 from colmap_ihe.errors import PhotographError
-from colmap_ihe.grey.weights import Weights
+from colmap_ihe.grey.weights import Grey, Weights
 from colmap_ihe.preprocess import Surveyed
 
 _UNREAD = frozenset(
@@ -84,10 +84,10 @@ def page_warnings(surveyed: Sequence[Surveyed]) -> list[str]:
     return [f"of TIFF files with several pages the first one is used: {', '.join(several[:5])}"]
 
 
-def no_colour_warnings(captures: Sequence[Capture], weights: Iterable[Weights]) -> list[str]:
+def no_colour_warnings(captures: Sequence[Capture], weights: Iterable[Grey]) -> list[str]:
     """Says so where a fit had nothing to fit to. Reads photographs up to the first one with colour in it, which
     mostly is the first."""
-    fitted = [w for w in weights if w.method == "ihe"]
+    fitted = [w for w in weights if isinstance(w, Weights) and w.score is not None]
     if not fitted:
         return []
     if all(w.tones == 1 for w in fitted):

@@ -15,9 +15,9 @@ import yaml
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
 
 from colmap_ihe.errors import OptionError, WeightsError
+from colmap_ihe.grey.conversions import CONVERSIONS
 from colmap_ihe.grey.weights import triplets
 
-Method = Literal["ihe", "rec709", "rgb2gray", "photoshop", "mean", "red", "green", "blue"]
 ColmapOptions = dict[str, Any]
 
 
@@ -31,16 +31,22 @@ class CapturesOptions(_Section):
 
 
 class FitOptions(_Section):
-    method: Method = "ihe"
+    method: str = "ihe"
+    """A name of docs/conversions.md: `ihe`, a fixed triplet, or one of the conversions of other papers."""
     guard: Literal["none"] = "none"
     """`none` is the paper to the letter."""
     step: float = 0.01
     """Of the grid of weights: 0.01 is 5,151 triplets, 0.1 is 66."""
-    exact: bool = False
-    """RAW: count every triplet in full instead of the most promising ones; minutes for some 20 megapixels."""
     sample: Annotated[float, Field(gt=0, le=1)] = 1.0
     """Of each side of a photograph, nearest neighbour; 0.25 reproduces the paper."""
     weighting: Literal["pixel", "image"] = "pixel"
+
+    @field_validator("method")
+    @classmethod
+    def _method_is_known(cls, method: str) -> str:
+        if method not in CONVERSIONS:
+            raise ValueError(f"wanted one of {', '.join(CONVERSIONS)}")
+        return method
 
     @field_validator("step")
     @classmethod
@@ -193,9 +199,14 @@ def _validate(values: Mapping[str, Any], source: str) -> Options:
                 f"{source}: unknown option {place!r}", hint=f"known there: {_known(first['loc'])}"
             ) from error
         raise OptionError(
-            f"{source}: {place} is {first['input']!r}; {first['msg'][:1].lower()}{first['msg'][1:]}",
+            f"{source}: {place} is {first['input']!r}; {_worded(first['msg'])}",
             hint="see docs/options.md",
         ) from error
+
+
+def _worded(message: str) -> str:
+    message = message.removeprefix("Value error, ")
+    return message[:1].lower() + message[1:]
 
 
 def _known(location: tuple[int | str, ...]) -> str:

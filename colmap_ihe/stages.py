@@ -23,9 +23,10 @@ from colmap_ihe.colmap.mapping import map_images
 from colmap_ihe.colmap.matching import match_features
 from colmap_ihe.colmap.workspace import database_is_sound, remove_database
 from colmap_ihe.errors import DiskFullError, MappingError
-from colmap_ihe.grey.weights import Weights
+from colmap_ihe.fitting import Fit, fit_captures
+from colmap_ihe.grey.weights import grey_from_dict
 from colmap_ihe.options import Options
-from colmap_ihe.preprocess import Fit, Surveyed, convert_captures, fit_captures, survey, write_masks
+from colmap_ihe.preprocess import Surveyed, convert_captures, survey, write_masks
 from colmap_ihe.progress import Watch
 from colmap_ihe.project import Project, write_bytes
 
@@ -250,7 +251,7 @@ def _masks(run: Run) -> tuple[Path | None, list[str]]:
 
 def fit_of(record: Record) -> Fit:
     """The fit that a record of the stage holds."""
-    weights = [Weights.from_dict(w, "records/fit.json") for w in record["weights"].values()]
+    weights = [grey_from_dict(w, "records/fit.json") for w in record["weights"].values()]
     return Fit({w.encoding: w for w in weights}, record["colour_white"])
 
 

@@ -19,7 +19,7 @@ from PIL import Image
 from colmap_ihe.captures.discover import discover
 from colmap_ihe.colmap.native import pycolmap
 from colmap_ihe.errors import Cancelled, MappingError, OptionError, PhotographError, ProjectError
-from colmap_ihe.grey.weights import Weights
+from colmap_ihe.grey.weights import Weights, grey_from_dict
 from colmap_ihe.options import Options
 from colmap_ihe.pipeline import NAMES, reconstruct, status
 from colmap_ihe.progress import Silent
@@ -131,7 +131,8 @@ def test_records_say_how_each_stage_came_about(finished: Path) -> None:
 def test_the_weights_file_is_that_of_the_fit(finished: Path, finished_summary: dict[str, Any]) -> None:
     import yaml
 
-    weights = Weights.from_dict(yaml.safe_load((finished / "report/weights.yaml").read_text()))
+    weights = grey_from_dict(yaml.safe_load((finished / "report/weights.yaml").read_text()))
+    assert isinstance(weights, Weights)
     assert list(weights.triplet) == finished_summary["weights"]
     assert (weights.images, weights.pixels) == (8, 8 * 480 * 320)
 

@@ -1,126 +1,115 @@
-"""Colours gathered into boxes, and what grey levels a box reaches under one triplet.
+"""Colours gathered into boxes, and what is known of a grey histogram when only the boxes are.
 
-A box reaches a short run of grey levels; where in the run its pixels fall is not known. Spread evenly
-they give an estimate of Q, the sum of squared counts. And they give a bound: for any prices p >= 0 of the
-levels, Q = sum n^2 >= sum (2 p n - p^2), and the sum of n p is at least each box's mass times the least
-price in its run. With the even spread for prices the bound is close.
+A box reaches a short run of grey levels; where in the run its pixels fall is not known. That gives a bound
+below the sum of squared counts, which leaves triplets out without counting them (`kernels.bound_boxes`).
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from colmap_ihe.grey.histogram import LINEAR_EDGES, Cells
+from colmap_ihe.executor import local_workers
+from colmap_ihe.grey import kernels
+from colmap_ihe.grey.histogram import LINEAR_EDGES, Histogram
 
-LEVELS = 256
 Triplet = tuple[int, int, int]
 """Weights of red, green and blue in hundredths."""
 
-_Integers = NDArray[Any]
-"""uint16 for coded input, which holds 100 x 255; uint32 for linear, which holds 256 x 100 x 65535."""
+WHITE_PERCENTILE = 99.8
+"""Of a linear grey; the share of pixels at or below the white point of the set, in percent."""
+WHITE_STEP = 1024
+"""White points are multiples of it, in units of i R + j G + k B: 6,400 of them up to saturation."""
 
-_ALONE = 4096
+_CHUNK = 64
 
 
 @dataclass(frozen=True)
 class Boxes:
-    """M boxes: planes of their least and greatest R, G, B, each (M,), and their mass (M,) float64."""
+    """M boxes: their least and greatest R, G, B, planes (3, M) float32 of whole numbers, and their mass (M,)."""
 
-    low: list[_Integers]
-    high: list[_Integers]
-    mass: NDArray[np.float64]
+    low: NDArray[np.float32]
+    high: NDArray[np.float32]
+    mass: NDArray[np.uint64]
+
+    def __len__(self) -> int:
+        return len(self.mass)
 
 
-def merge(cells: Cells, side: int) -> Boxes:
-    """Cells gathered in cubes of `side` codes. The heaviest stay alone: a spike such as a burnt-out sky is
-    most of Q, and a bound that spreads it over two levels is worth nothing."""
-    linear = not np.array_equal(cells.low, cells.high)
-    codes = (np.searchsorted(LINEAR_EDGES, cells.high, side="right") - 1 if linear else cells.low) // side
-    key = (codes[:, 0] * LEVELS + codes[:, 1]) * LEVELS + codes[:, 2]
-    alone = np.argsort(cells.mass, kind="stable")[-_ALONE:]
-    key[alone] = -1 - np.arange(len(alone))
-    order = np.argsort(key, kind="stable")
-    starts = np.flatnonzero(np.diff(key[order], prepend=key.min() - 1))
-    wide = np.uint32 if linear else np.uint16
-    low = np.minimum.reduceat(cells.low[order], starts, axis=0).astype(wide)
-    high = np.maximum.reduceat(cells.high[order], starts, axis=0).astype(wide)
-    return Boxes(
-        [low[:, c].copy() for c in range(3)],
-        [high[:, c].copy() for c in range(3)],
-        np.add.reduceat(cells.mass[order], starts).astype(np.float64),
+NO_BOXES = Boxes(np.zeros((3, 0), np.float32), np.zeros((3, 0), np.float32), np.zeros(0, np.uint64))
+
+
+class Pyramid:
+    """The occupied cells of a histogram, in boxes of any power of two codes a side."""
+
+    def __init__(self, histogram: Histogram) -> None:
+        self._linear = histogram.encoding == "linear"
+        self._keys, self._masses = histogram.occupied()
+        self._total = int(self._masses.sum())
+
+    def boxes(self, bits: int) -> Boxes:
+        """All cells, in cubes of 2^bits codes; with 0 bits coded boxes are of one colour."""
+        _, together = kernels.gather(self._keys, self._masses, bits, self._total)
+        return self._boxes(together)
+
+    def adaptive(self, bits: int, heavy: int) -> tuple[Boxes, Boxes]:
+        """Cells of more than 2^-heavy of the mass, and the others in cubes: what a bound loses goes with the
+        mass that it spreads, and a burnt-out sky alone would be most of it."""
+        alone, together = kernels.gather(self._keys, self._masses, bits, self._total >> heavy)
+        return self._boxes(alone), self._boxes(together)
+
+    def _boxes(self, gathered: kernels.Gathered) -> Boxes:
+        low, high, mass = gathered
+        if self._linear:
+            upper = LINEAR_EDGES[high.astype(np.intp) + 1] - 1
+            return Boxes(_plane(LINEAR_EDGES[low]), _plane(upper), mass.copy())
+        return Boxes(_plane(low), _plane(high), mass.copy())
+
+
+def _plane(values: NDArray[Any]) -> NDArray[np.float32]:
+    return np.ascontiguousarray(values, np.float32)
+
+
+def bounds_of(
+    alone: Boxes, together: Boxes, rules: kernels.Rules
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """A lower bound of the sum of squared counts by each rule, and its estimate: (m,) each. The boxes of `alone`
+    are of one colour."""
+
+    def bound(some: kernels.Rules) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        known = kernels.count_boxes(alone.low, alone.mass, some)
+        return kernels.bound_boxes(together.low, together.high, together.mass, some, known)
+
+    parts = _in_chunks(rules, bound)
+    return np.concatenate([p[0] for p in parts]), np.concatenate([p[1] for p in parts])
+
+
+def counts_of(boxes: Boxes, rules: kernels.Rules) -> NDArray[np.uint64]:
+    """Grey histograms (m, 256) of coded boxes of one colour each."""
+    return np.concatenate(_in_chunks(rules, lambda some: kernels.count_boxes(boxes.low, boxes.mass, some)))
+
+
+def whites_of(boxes: Boxes, triplets: Sequence[Triplet]) -> list[int]:
+    """The white point of each linear grey in units of i R + j G + k B. Each box counts with its middle: the
+    definition, not an approximation of one, for it has to be the same however the set is split."""
+    rules = np.zeros((len(triplets), 6), np.float32)
+    rules[:, :3] = triplets
+    total = int(boxes.mass.sum())
+    needed = total * round(10 * WHITE_PERCENTILE) // 1000
+    middles = boxes.low + boxes.high  # twice the middle
+    parts = _in_chunks(
+        rules, lambda some: kernels.quantile_boxes(middles, boxes.mass, some, 2 * WHITE_STEP, needed)
     )
+    return [(int(place) + 1) * WHITE_STEP for place in np.concatenate(parts)]
 
 
-def weighted_sums(planes: list[_Integers], triplet: Triplet) -> _Integers:
-    """i R + j G + k B of three planes, in their own dtype."""
-    kind = planes[0].dtype.type
-    total: _Integers = planes[0] * kind(triplet[0])
-    scratch = np.empty_like(total)
-    for plane, weight in zip(planes[1:], triplet[1:], strict=True):
-        np.multiply(plane, kind(weight), out=scratch)
-        total += scratch
-    return total
-
-
-def levels_of(sums: _Integers, white: int | None) -> _Integers:
-    """Grey levels 0..255 of weighted sums, which are overwritten.
-
-    Coded (`white` None): (sum + 50) // 100, which keeps R = G = B = v at v. Linear: 256 even levels up
-    to `white`, everything above in the last.
-    """
-    kind = sums.dtype.type
-    if white is None:
-        sums += kind(50)
-        sums //= kind(100)
-        return sums
-    sums *= kind(LEVELS)
-    sums //= kind(white)
-    return np.asarray(np.minimum(sums, kind(LEVELS - 1), out=sums))
-
-
-def counts_of(boxes: Boxes, triplet: Triplet) -> NDArray[np.int64]:
-    """Grey histogram (256,) of coded boxes of one colour each; exact below a mass of 2^53."""
-    levels = levels_of(weighted_sums(boxes.low, triplet), None)
-    return np.bincount(levels, weights=boxes.mass, minlength=LEVELS).astype(np.int64)
-
-
-def estimate(boxes: Boxes, triplet: Triplet, white: int | None) -> float:
-    """Q with every box spread evenly over the levels it reaches."""
-    price = _spread(_runs(boxes, triplet, white))
-    return float(price @ price)
-
-
-def bound(boxes: Boxes, triplet: Triplet, white: int | None) -> float:
-    """A lower bound of Q over all ways in which the pixels of each box may fall in its run."""
-    runs = _runs(boxes, triplet, white)
-    price = _spread(runs)
-    least, value = price.copy(), 0.0
-    for extra, mass in enumerate(runs):
-        if extra:
-            least[:-extra] = np.minimum(least[:-extra], price[extra:])
-        value += float(mass @ least)
-    return 2 * value - float(price @ price)
-
-
-def _runs(boxes: Boxes, triplet: Triplet, white: int | None) -> NDArray[np.float64]:
-    """(longest, 256): mass of the boxes by the length of their run less one, and its first level."""
-    first = levels_of(weighted_sums(boxes.low, triplet), white)
-    place = levels_of(weighted_sums(boxes.high, triplet), white)
-    place -= first
-    longest = int(place.max()) + 1
-    place *= place.dtype.type(LEVELS)
-    place += first
-    mass = np.bincount(place, weights=boxes.mass, minlength=longest * LEVELS)
-    return np.asarray(mass.reshape(longest, LEVELS), np.float64)
-
-
-def _spread(runs: NDArray[np.float64]) -> NDArray[np.float64]:
-    price = np.zeros(LEVELS)
-    for extra, mass in enumerate(runs):
-        for step in range(extra + 1):
-            price[step:] += mass[: LEVELS - step] / (extra + 1)
-    return price
+def _in_chunks(rules: kernels.Rules, function: Callable[[kernels.Rules], Any]) -> list[Any]:
+    """`function` of some rules at a time, on all cores, in order."""
+    chunks = [np.ascontiguousarray(rules[i : i + _CHUNK]) for i in range(0, len(rules), _CHUNK)]
+    with ThreadPoolExecutor(local_workers()) as pool:
+        return list(pool.map(function, chunks))

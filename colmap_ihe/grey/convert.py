@@ -7,39 +7,66 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from colmap_ihe.grey.weights import Weights
+from colmap_ihe.grey import kernels
+from colmap_ihe.grey.conversions import CONVERSIONS
+from colmap_ihe.grey.weights import Formula, Grey
 
 Tone = Literal["sqrt", "linear"]
 _DEPTH = 65536
+_PARTS = (100, 3, 10_000, 9_999)
+"""What weights are whole parts of: those of a fit, of the mean, of Rec.709, and MATLAB's, which sum to .9999."""
 
 
 def to_grey(
-    rgb: NDArray[np.uint8] | NDArray[np.uint16], weights: Weights, tone: Tone = "sqrt"
+    rgb: NDArray[np.uint8] | NDArray[np.uint16], grey: Grey, tone: Tone = "sqrt"
 ) -> NDArray[np.uint8]:
     """8-bit grey of one photograph, (H, W) uint8.
 
     Coded: rgb (H, W, 3) uint8 gives `(i R + j G + k B + 50) // 100` for weights in hundredths, exactly;
-    other weights are rounded to the nearest level. R = G = B = v gives v. Linear: rgb (H, W, 3) uint16,
-    65535 at saturation, is weighed at full depth, scaled by the set's white point and coded once by
-    `tone`: "sqrt" makes photon noise even over the range, "linear" is the paper's "no gamma". Raises
-    ValueError where the dtype does not fit the weights' encoding.
+    other weights are rounded to the nearest level, halves up. R = G = B = v gives v. Linear: rgb (H, W, 3)
+    uint16, 65535 at saturation, is weighed at full depth, scaled by the set's white point and coded once by
+    `tone`: "sqrt" makes photon noise even over the range, "linear" is the paper's "no gamma". A `Formula`
+    takes coded values: of a linear photograph those that `tone` gives each channel. Raises ValueError where
+    the dtype does not fit the encoding.
     """
-    expected = np.uint8 if weights.encoding == "coded" else np.uint16
+    expected = np.uint8 if grey.encoding == "coded" else np.uint16
     if rgb.ndim != 3 or rgb.shape[2] != 3 or rgb.dtype != expected:
         raise ValueError(
-            f"{rgb.shape=} {rgb.dtype=}, expected (H, W, 3) {np.dtype(expected)} for {weights.encoding=}"
+            f"{rgb.shape=} {rgb.dtype=}, expected (H, W, 3) {np.dtype(expected)} for {grey.encoding=}"
         )
-    hundredths = [round(w * 100) for w in weights.triplet]
-    exact = all(abs(w * 100 - h) < 1e-9 for w, h in zip(weights.triplet, hundredths, strict=True))
-    if weights.encoding == "coded" and exact:
-        wide = rgb.astype(np.uint16)
-        total = sum(wide[..., c] * np.uint16(h) for c, h in enumerate(hundredths)) + np.uint16(50)
-        return np.asarray(total // np.uint16(100)).astype(np.uint8)
-    triplet = np.array(weights.triplet, np.float32) / np.float32(sum(weights.triplet))
-    grey = rgb.astype(np.float32) @ triplet + np.float32(0.5)
-    if weights.encoding == "coded":
-        return np.asarray(grey, np.uint8)
-    return np.asarray(tone_table(weights.white, tone)[grey.astype(np.uint16)], np.uint8)
+    if isinstance(grey, Formula):
+        return _by_formula(coded_share(rgb, grey.white, tone), grey)
+    triplet = np.array(grey.triplet) / sum(grey.triplet)
+    if grey.encoding == "linear":
+        sums = rgb.astype(np.float32) @ triplet.astype(np.float32) + np.float32(0.5)
+        return np.asarray(tone_table(grey.white, tone)[sums.astype(np.uint16)], np.uint8)
+    for parts in _PARTS:
+        rule = kernels.parts_rule(triplet * parts, parts)
+        if rule is not None:
+            return kernels.weigh(np.asarray(rgb, np.uint8), rule)
+    return np.asarray(rgb.astype(np.float32) @ triplet.astype(np.float32) + np.float32(0.5), np.uint8)
+
+
+def coded_share(
+    rgb: NDArray[np.uint8] | NDArray[np.uint16], white: float = 1.0, tone: Tone = "sqrt"
+) -> NDArray[np.float32]:
+    """Coded values in [0, 1], (H, W, 3) float32: of a coded photograph its own, of a linear one those that
+    `tone` gives each channel with `white` (share of saturation) at 1."""
+    if rgb.dtype == np.uint8:
+        return np.multiply(rgb, np.float32(1 / 255), dtype=np.float32)
+    share = np.minimum(np.arange(_DEPTH) / (white * (_DEPTH - 1)), 1.0)
+    return np.asarray(np.sqrt(share) if tone == "sqrt" else share, np.float32)[rgb]
+
+
+def _by_formula(rgb: NDArray[np.float32], formula: Formula) -> NDArray[np.uint8]:
+    conversion = CONVERSIONS[formula.method]
+    if conversion.apply is not None:
+        grey = conversion.apply(rgb, formula.parameters)
+    elif conversion.convert is not None:
+        grey = conversion.convert(rgb)
+    else:
+        raise ValueError(f"{formula.method=}, expected a conversion that is no triplet")
+    return np.asarray(np.clip(grey, 0, 1) * np.float32(255) + np.float32(0.5), np.uint8)
 
 
 def tone_table(white: float, tone: Tone) -> NDArray[np.uint8]:

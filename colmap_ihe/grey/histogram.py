@@ -2,18 +2,28 @@
 
 from __future__ import annotations
 
+import json
+import math
 from dataclasses import dataclass
+from typing import Any, Literal
 
 import numpy as np
+from isal import isal_zlib
 from numpy.typing import NDArray
 
+from colmap_ihe.errors import WeightsError
+from colmap_ihe.grey import kernels
 from colmap_ihe.grey.weights import Encoding
+
+Weighting = Literal["pixel", "image"]
 
 _CODES = 256
 _CELLS = _CODES**3
 _IMAGE_MASS = 1 << 36
 """The mass of one image under `weighting: image`: rounding per pixel shows in the 4th digit at most, and 2^53
 holds 131,072 images."""
+_MOST = 2**32 - 1  # what a cell of uint32 holds
+_MAGIC = b"colmap-ihe histogram 1\n"
 
 LINEAR_EDGES: NDArray[np.int64] = np.ceil(65535 * (np.arange(_CODES + 1) / _CODES) ** 2).astype(np.int64)
 """Cell c of linear 16-bit input holds the values LINEAR_EDGES[c] <= v < LINEAR_EDGES[c + 1]: even steps
@@ -42,62 +52,142 @@ class Histogram:
     Coded 8-bit input is counted exactly, one cell a colour. Linear 16-bit input is counted in 256
     cells a channel, even in the square root; `Cells` says what range of values each holds, so that a
     search over it can bound what the rounding hides. Counts are integers: order and grouping of the
-    images cannot change them.
+    images cannot change them. `weighting="image"` gives every photograph the same mass.
     """
 
-    def __init__(self, encoding: Encoding = "coded") -> None:
+    def __init__(self, encoding: Encoding = "coded", weighting: Weighting = "pixel") -> None:
         self.encoding: Encoding = encoding
-        self.counts: NDArray[np.int64] = np.zeros(_CELLS, np.int64)
+        self.weighting: Weighting = weighting
         self.images = 0
         self.pixels = 0
+        # Counting in uint32 is faster; `_settled` takes over before a cell could overflow.
+        self._recent: NDArray[np.uint32] = np.zeros(_CELLS, np.uint32)
+        self._recent_pixels = 0
+        self._settled: NDArray[np.uint64] | None = None
 
-    def add(self, rgb: NDArray[np.uint8] | NDArray[np.uint16], *, weighting: str = "pixel") -> None:
+    def add(self, rgb: NDArray[np.uint8] | NDArray[np.uint16]) -> None:
         """Counts one photograph.
 
         rgb: (H, W, 3); uint8 gamma-coded for `coded`, uint16 linear with 65535 at sensor saturation
-        for `linear`. `weighting="image"` gives every photograph the same mass. Raises ValueError on
-        another shape or dtype.
+        for `linear`. Raises ValueError on another shape or dtype.
         """
         expected = np.uint8 if self.encoding == "coded" else np.uint16
         if rgb.ndim != 3 or rgb.shape[2] != 3 or rgb.dtype != expected or not rgb.size:
             raise ValueError(f"{rgb.shape=} {rgb.dtype=}, expected (H, W, 3) {np.dtype(expected)}")
         pixels = rgb.shape[0] * rgb.shape[1]
-        mass = self.mass_of(rgb, weighting)
-        # Bands of rows keep the index array small beside the image itself.
-        band = max(1, (1 << 20) // rgb.shape[1])
-        for top in range(0, rgb.shape[0], band):
-            codes = rgb[top : top + band]
-            if self.encoding == "linear":
-                codes = _LINEAR_CODE[codes]
-            index = codes[..., 0].astype(np.int32)
-            index <<= 8
-            index |= codes[..., 1]
-            index <<= 8
-            index |= codes[..., 2]
-            np.add.at(self.counts, index.reshape(-1), mass)
+        if self._recent_pixels + pixels > _MOST:
+            self._settle(1)
+        kernels.count_colours(rgb, self._recent, _LINEAR_CODE)
+        self._recent_pixels += pixels
+        if self.weighting == "image":
+            self._settle(mass_of(rgb, "image"))
         self.images += 1
         self.pixels += pixels
 
-    @staticmethod
-    def mass_of(rgb: NDArray[np.uint8] | NDArray[np.uint16], weighting: str) -> int:
-        """What one pixel of this photograph counts."""
-        return 1 if weighting == "pixel" else _IMAGE_MASS // (rgb.shape[0] * rgb.shape[1])
+    def _settle(self, mass: int) -> None:
+        recent = self._recent.astype(np.uint64) * np.uint64(mass)
+        self._settled = recent if self._settled is None else self._settled + recent
+        self._recent[:] = 0
+        self._recent_pixels = 0
+
+    def table(self) -> NDArray[np.uint64]:
+        """The mass of every cell, (2^24,), at `kernels.place_of` its codes."""
+        recent = self._recent.astype(np.uint64)
+        return recent if self._settled is None else recent + self._settled
+
+    def occupied(self) -> tuple[NDArray[np.uint64], NDArray[np.uint64]]:
+        """Keys and masses of the occupied cells, (M,) each, in the order of `kernels.occupied`."""
+        if self._settled is None:
+            keys = kernels.occupied(self._recent)
+            return keys, self._recent[keys & np.uint64(_CELLS - 1)].astype(np.uint64)
+        table = self.table()
+        keys = kernels.occupied((table > 0).astype(np.uint32))
+        return keys, table[keys & np.uint64(_CELLS - 1)]
 
     def __add__(self, other: Histogram) -> Histogram:
-        if self.encoding != other.encoding:
+        if (self.encoding, self.weighting) != (other.encoding, other.weighting):
             raise ValueError(
-                f"{self.encoding=} and {other.encoding=} do not add: their values differ in kind"
+                f"{self.encoding=} {self.weighting=} and {other.encoding=} {other.weighting=} do not add: "
+                "their values differ in kind"
             )
-        total = Histogram(self.encoding)
-        total.counts = self.counts + other.counts
+        total = Histogram(self.encoding, self.weighting)
         total.images = self.images + other.images
         total.pixels = self.pixels + other.pixels
+        if self._settled is None and other._settled is None and total.pixels <= _MOST:
+            np.add(self._recent, other._recent, out=total._recent)
+            total._recent_pixels = total.pixels
+        else:
+            total._settled = self.table() + other.table()
         return total
 
     def cells(self) -> Cells:
         """The occupied cells, ordered by colour."""
-        index = np.flatnonzero(self.counts)
-        codes = np.stack([index >> 16, (index >> 8) & 255, index & 255], axis=1)
+        table = self.table()
+        place = np.flatnonzero(table)
+        codes = kernels.codes_at(place).astype(np.int64)
+        order = np.lexsort(codes.T[::-1])
+        codes, mass = codes[order], table[place[order]].astype(np.int64)
         if self.encoding == "coded":
-            return Cells(codes, codes, self.counts[index])
-        return Cells(LINEAR_EDGES[codes], LINEAR_EDGES[codes + 1] - 1, self.counts[index])
+            return Cells(codes, codes, mass)
+        return Cells(LINEAR_EDGES[codes], LINEAR_EDGES[codes + 1] - 1, mass)
+
+    def to_bytes(self) -> bytes:
+        """The histogram as a file: a line of JSON, then places and masses of the occupied cells, deflated."""
+        table = self.table()
+        place = np.flatnonzero(table)
+        head = {
+            "encoding": self.encoding,
+            "weighting": self.weighting,
+            "images": self.images,
+            "pixels": self.pixels,
+            "cells": len(place),
+        }
+        body = place.astype("<u4").tobytes() + table[place].astype("<u8").tobytes()
+        return _MAGIC + json.dumps(head).encode() + b"\n" + bytes(isal_zlib.compress(body, 1))
+
+    @classmethod
+    def from_bytes(cls, data: bytes, source: str = "histogram") -> Histogram:
+        """Reads what `to_bytes` wrote. Raises `WeightsError`, naming `source`, for anything else."""
+        try:
+            if not data.startswith(_MAGIC):
+                raise ValueError(f"it does not begin with {_MAGIC.decode().strip()!r}")
+            line, _, packed = data[len(_MAGIC) :].partition(b"\n")
+            return cls._of(json.loads(line), packed)
+        except (ValueError, KeyError, TypeError, RecursionError, isal_zlib.IsalError) as error:  # type: ignore[misc]
+            raise WeightsError(
+                f"{source}: not a colour histogram ({error})",
+                hint="write one with `colmap-ihe fit IMAGES --histogram FILE`",
+            ) from error
+
+    @classmethod
+    def _of(cls, head: dict[str, Any], packed: bytes) -> Histogram:
+        encoding, weighting, n = head["encoding"], head["weighting"], head["cells"]
+        numbers = (n, head["images"], head["pixels"])
+        if encoding not in ("coded", "linear") or weighting not in ("pixel", "image"):
+            raise ValueError(f"{encoding=} {weighting=}")
+        if any(type(v) is not int or v < 0 for v in numbers) or n > _CELLS:
+            raise ValueError("counts are not whole numbers")
+        unpack = isal_zlib.decompressobj()
+        body = unpack.decompress(packed, 12 * n + 1)
+        if len(body) != 12 * n or not unpack.eof:
+            raise ValueError(f"{len(body)} bytes of cells, expected {12 * n}")
+        place, mass = np.frombuffer(body, "<u4", n), np.frombuffer(body, "<u8", n, offset=4 * n)
+        if n and (place.max() >= _CELLS or (np.diff(place.astype(np.int64)) <= 0).any()):
+            raise ValueError("its cells are not in order")
+        total = sum(int(v) for v in mass)
+        if total >= 2**63 or (weighting == "pixel" and total != head["pixels"]):
+            raise ValueError(f"its cells hold {total} pixels, its head says {head['pixels']}")
+        found = cls(encoding, weighting)
+        found.images, found.pixels = head["images"], head["pixels"]
+        if total <= _MOST:
+            found._recent[place] = mass
+            found._recent_pixels = total
+        else:
+            found._settled = np.zeros(_CELLS, np.uint64)
+            found._settled[place] = mass
+        return found
+
+
+def mass_of(rgb: NDArray[Any], weighting: Weighting) -> int:
+    """What one pixel of this photograph counts."""
+    return 1 if weighting == "pixel" else _IMAGE_MASS // math.prod(rgb.shape[:2])

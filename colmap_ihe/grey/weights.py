@@ -23,6 +23,7 @@ FIXED: Mapping[str, tuple[float, float, float]] = {
 }
 """Conversions with fixed weights, by the name they have on the command line."""
 
+_HINT = "write one with `colmap-ihe fit IMAGES -o weights.yaml`"
 _SUM_TOLERANCE = 2e-3  # MATLAB's rgb2gray is published as .2989 .5870 .1140, which is .9999
 
 
@@ -68,7 +69,7 @@ class Weights:
         return (self.red, self.green, self.blue)
 
     def as_dict(self) -> dict[str, Any]:
-        """Plain values for JSON and YAML; `from_dict` reads them back."""
+        """Plain values for JSON and YAML; `grey_from_dict` reads them back."""
         return {
             "method": self.method,
             "weights": list(self.triplet),
@@ -80,28 +81,64 @@ class Weights:
             "white": self.white,
         }
 
-    @classmethod
-    def from_dict(cls, values: Any, source: str = "weights") -> Weights:
-        """Raises `WeightsError`, naming `source`, for anything `as_dict` could not have written."""
-        try:
-            red, green, blue = (float(w) for w in values["weights"])
-            return cls(
-                red=red,
-                green=green,
-                blue=blue,
-                method=str(values.get("method", "file")),
-                encoding=values.get("encoding", "coded"),
-                score=None if values.get("score") is None else float(values["score"]),
-                tones=None if values.get("tones") is None else int(values["tones"]),
-                white=float(values.get("white", 1.0)),
-                images=int(values.get("images", 0)),
-                pixels=int(values.get("pixels", 0)),
-            )
-        except (KeyError, TypeError, ValueError, AttributeError) as error:
-            raise WeightsError(
-                f"{source}: not a weights file ({error}); wanted `weights: [r, g, b]`",
-                hint="write one with `colmap-ihe fit IMAGES -o weights.yaml`",
-            ) from error
+
+@dataclass(frozen=True, kw_only=True)
+class Formula:
+    """A conversion that is no triplet: `method` names it in `conversions.CONVERSIONS`, `parameters` are what it
+    found of the set, if anything. The other fields as in `Weights`."""
+
+    method: str
+    parameters: tuple[float, ...] = ()
+    encoding: Encoding = "coded"
+    white: float = 1.0
+    images: int = 0
+    pixels: int = 0
+
+    def as_dict(self) -> dict[str, Any]:
+        """Plain values for JSON and YAML, with the keys of `Weights.as_dict`; `grey_from_dict` reads them."""
+        return {
+            "method": self.method,
+            "weights": None,
+            "parameters": list(self.parameters),
+            "score": None,
+            "tones": None,
+            "images": self.images,
+            "pixels": self.pixels,
+            "encoding": self.encoding,
+            "white": self.white,
+        }
+
+
+Grey = Weights | Formula
+"""How the grey of a set is made."""
+
+
+def grey_from_dict(values: Any, source: str = "weights") -> Grey:
+    """Raises `WeightsError`, naming `source`, for anything that `as_dict` could not have written."""
+    try:
+        common: dict[str, Any] = {
+            "encoding": values.get("encoding", "coded"),
+            "white": float(values.get("white", 1.0)),
+            "images": int(values.get("images", 0)),
+            "pixels": int(values.get("pixels", 0)),
+        }
+        if values["weights"] is None:
+            parameters = tuple(float(v) for v in values["parameters"])
+            return Formula(method=str(values["method"]), parameters=parameters, **common)
+        red, green, blue = (float(w) for w in values["weights"])
+        return Weights(
+            red=red,
+            green=green,
+            blue=blue,
+            method=str(values.get("method", "file")),
+            score=None if values.get("score") is None else float(values["score"]),
+            tones=None if values.get("tones") is None else int(values["tones"]),
+            **common,
+        )
+    except (KeyError, TypeError, ValueError, AttributeError) as error:
+        raise WeightsError(
+            f"{source}: not a weights file ({error}); wanted `weights: [r, g, b]`", hint=_HINT
+        ) from error
 
 
 def triplets(step: float = 0.01) -> list[tuple[int, int, int]]:

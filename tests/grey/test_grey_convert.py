@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from colmap_ihe.grey.convert import to_colour, to_grey, tone_table
 from colmap_ihe.grey.histogram import Histogram
 from colmap_ihe.grey.ihe import fit_histogram
-from colmap_ihe.grey.weights import FIXED, Weights
+from colmap_ihe.grey.weights import FIXED, Weights, triplets
 
 Tone = Literal["sqrt", "linear"]
 
@@ -66,7 +66,7 @@ def test_isoluminant_colours_come_apart_that_rec709_merges() -> None:
     histogram = Histogram()
     noisy = rgb + np.random.default_rng(1).integers(0, 12, rgb.shape, np.uint8)
     histogram.add(noisy)
-    fitted = to_grey(rgb, fit_histogram(histogram, 0.01))
+    fitted = to_grey(rgb, fit_histogram(histogram, triplets()))
     assert abs(int(fitted[0, 0]) - int(fitted[0, 31])) > 8
 
 

@@ -11,21 +11,25 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from oracle import scene
 
-from colmap_ihe.grey.histogram import LINEAR_EDGES, Histogram
+from colmap_ihe.errors import WeightsError
+from colmap_ihe.grey import histogram as histogram_module
+from colmap_ihe.grey.histogram import LINEAR_EDGES, Histogram, Weighting
 from colmap_ihe.grey.ihe import fit_histogram
-from colmap_ihe.grey.weights import Encoding
+from colmap_ihe.grey.weights import Encoding, triplets
 
 
-def counted(images: list[NDArray[Any]], encoding: Encoding = "coded", weighting: str = "pixel") -> Histogram:
-    histogram = Histogram(encoding)
+def counted(
+    images: list[NDArray[Any]], encoding: Encoding = "coded", weighting: Weighting = "pixel"
+) -> Histogram:
+    histogram = Histogram(encoding, weighting)
     for image in images:
-        histogram.add(image, weighting=weighting)
+        histogram.add(image)
     return histogram
 
 
 def same(first: Histogram, second: Histogram) -> bool:
     return (
-        bool(np.array_equal(first.counts, second.counts))
+        bool(np.array_equal(first.table(), second.table()))
         and (first.images, first.pixels) == (second.images, second.pixels)
         and first.encoding == second.encoding
     )
@@ -68,7 +72,7 @@ def test_linear_cells_cover_all_values_once_and_widen_with_the_square_root() -> 
 @settings(max_examples=12)  # each histogram is 128 MB
 @given(order=st.permutations(range(5)), cut=st.integers(0, 5), weighting=st.sampled_from(["pixel", "image"]))
 def test_order_and_grouping_change_nothing(
-    encoding: Encoding, order: list[int], cut: int, weighting: str
+    encoding: Encoding, order: list[int], cut: int, weighting: Weighting
 ) -> None:
     images: list[NDArray[Any]] = [scene(n, 8 + 2 * n, 16 + n) for n in range(5)]
     if encoding == "linear":
@@ -87,21 +91,21 @@ def test_the_same_weights_whatever_the_order_or_grouping(order: list[int], cut: 
     images = [scene(n, 40, 30 + n) for n in range(4)]
     shuffled = [images[n] for n in order]
     parts = counted(shuffled[cut:]) + counted(shuffled[:cut])
-    assert fit_histogram(parts, 0.1) == fit_histogram(counted(images), 0.1)
+    assert fit_histogram(parts, triplets(0.1)) == fit_histogram(counted(images), triplets(0.1))
 
 
 def test_adding_leaves_both_parts_as_they_were() -> None:
     first, second = counted([scene(1, 20, 20)]), counted([scene(2, 20, 20)])
-    before = first.counts.copy()
+    before = first.table()
     total = first + second
     total.add(scene(3, 20, 20))
-    np.testing.assert_array_equal(first.counts, before)
+    np.testing.assert_array_equal(first.table(), before)
     assert (first.images, second.images, total.images) == (1, 1, 3)
 
 
 def test_every_image_has_the_same_mass_under_weighting_image() -> None:
     small, large = np.zeros((10, 12, 3), np.uint8), np.full((300, 400, 3), 200, np.uint8)
-    _, masses = np.unique(counted([small, large], weighting="image").counts, return_counts=True)
+    _, masses = np.unique(counted([small, large], weighting="image").table(), return_counts=True)
     assert masses.tolist() == [256**3 - 2, 1, 1]
     mass = counted([small, large], weighting="image").cells().mass
     assert abs(mass[0] / mass[1] - 1) < 1e-4
@@ -124,9 +128,51 @@ def test_another_shape_or_dtype_is_refused_with_what_came(encoding: Encoding, im
     histogram = Histogram(encoding)
     with pytest.raises(ValueError, match=r"rgb\.shape=.*expected \(H, W, 3\)"):
         histogram.add(image)
-    assert histogram.pixels == histogram.images == histogram.counts.sum() == 0
+    assert histogram.pixels == histogram.images == histogram.table().sum() == 0
 
 
 def test_coded_and_linear_do_not_add() -> None:
     with pytest.raises(ValueError, match="do not add"):
         Histogram("coded") + Histogram("linear")
+
+
+@pytest.mark.parametrize(
+    ("encoding", "weighting"), [("coded", "pixel"), ("linear", "pixel"), ("coded", "image")]
+)
+def test_it_comes_back_from_bytes_as_it_went(encoding: Encoding, weighting: Weighting) -> None:
+    images: list[NDArray[Any]] = [scene(n, 40, 50) for n in range(2)]
+    if encoding == "linear":
+        images = [image.astype(np.uint16) * 257 for image in images]
+    histogram = counted(images, encoding, weighting)
+    back = Histogram.from_bytes(histogram.to_bytes())
+    assert same(back, histogram)
+    assert back.weighting == weighting
+    more = back + counted(images, encoding, weighting)
+    assert more.images == 4
+
+
+def test_a_damaged_histogram_is_refused_and_named() -> None:
+    data = counted([scene(1, 30, 30)]).to_bytes()
+    head, line, body = data.split(b"\n", 2)
+    broken = [
+        b"",
+        b"PK\x03\x04",
+        data[:-5],
+        head + b"\n" + line.replace(b'"cells": ', b'"cells": 9') + b"\n" + body,
+        head + b"\n" + line.replace(b'"pixels": 900', b'"pixels": 901') + b"\n" + body,
+        head + b"\n" + line.replace(b"coded", b"other") + b"\n" + body,
+        head + b"\n{}\n" + body,
+        head + b"\n" + line + b"\n" + b"not deflated",
+    ]
+    for content in broken:
+        with pytest.raises(WeightsError, match="my\\.histogram: not a colour histogram"):
+            Histogram.from_bytes(content, "my.histogram")
+
+
+def test_more_pixels_than_a_cell_of_32_bits_holds(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(histogram_module, "_MOST", 2500)
+    images = [np.full((40, 50, 3), 7, np.uint8), scene(1, 40, 50), np.full((40, 50, 3), 7, np.uint8)]
+    parts = counted(images[:2]) + counted(images[2:])
+    assert same(parts, counted(images))
+    assert int(parts.cells().mass.max()) >= 4000
+    assert same(Histogram.from_bytes(parts.to_bytes()), parts)

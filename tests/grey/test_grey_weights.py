@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from colmap_ihe.errors import WeightsError
-from colmap_ihe.grey.weights import FIXED, Weights, triplets
+from colmap_ihe.grey.weights import FIXED, Weights, grey_from_dict, triplets
 
 
 # C(102, 2) and C(12, 2): the ways to write 100, or 10, as an ordered sum of three.
@@ -82,12 +82,13 @@ def test_weights_survive_yaml_and_json(
         images=11,
         pixels=12345,
     )
-    assert Weights.from_dict(yaml.safe_load(yaml.safe_dump(weights.as_dict()))) == weights
-    assert Weights.from_dict(json.loads(json.dumps(weights.as_dict()))) == weights
+    assert grey_from_dict(yaml.safe_load(yaml.safe_dump(weights.as_dict()))) == weights
+    assert grey_from_dict(json.loads(json.dumps(weights.as_dict()))) == weights
 
 
 def test_a_file_with_nothing_but_weights_is_enough() -> None:
-    weights = Weights.from_dict({"weights": [0.2, 0.3, 0.5]})
+    weights = grey_from_dict({"weights": [0.2, 0.3, 0.5]})
+    assert isinstance(weights, Weights)
     assert weights.triplet == (0.2, 0.3, 0.5)
     assert (weights.encoding, weights.white, weights.score) == ("coded", 1.0, None)
 
@@ -112,7 +113,7 @@ def test_a_file_with_nothing_but_weights_is_enough() -> None:
 )
 def test_anything_else_is_no_weights_file(values: Any) -> None:
     with pytest.raises(WeightsError) as caught:
-        Weights.from_dict(values, "my weights.yaml")
+        grey_from_dict(values, "my weights.yaml")
     assert caught.value.hint
     if not (isinstance(values, dict) and values.get("weights") in ([0.5, 0.5, 0.5], [1, 0, 0])):
         assert "my weights.yaml" in str(caught.value)

@@ -1,0 +1,170 @@
+"""The fit: the one place where the whole set meets."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from concurrent.futures import Executor
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from queue import Empty, SimpleQueue
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from colmap_ihe.captures.decode import Photograph, encoding_of, read_photograph
+from colmap_ihe.captures.discover import Capture
+from colmap_ihe.executor import in_order
+from colmap_ihe.grey.boxes import Triplet
+from colmap_ihe.grey.conversions import CONVERSIONS, SetFit
+from colmap_ihe.grey.convert import coded_share
+from colmap_ihe.grey.histogram import Histogram, mass_of
+from colmap_ihe.grey.ihe import count_levels, fit_histogram, white_point
+from colmap_ihe.grey.weights import FIXED, Encoding, Formula, Grey, Weights, triplets
+from colmap_ihe.options import FitOptions
+from colmap_ihe.per_image import LeftOut, each_usable
+from colmap_ihe.progress import Watch
+
+Pixels = NDArray[np.uint8] | NDArray[np.uint16]
+
+
+@dataclass(frozen=True)
+class Fit:
+    """The grey of the set, one for each encoding in it; `colour_white` is the white point of a linear
+    set's colour twins, as a share of saturation."""
+
+    weights: Mapping[Encoding, Grey]
+    colour_white: float = 1.0
+    left_out: LeftOut = field(default_factory=dict)
+
+    @property
+    def main(self) -> Grey:
+        """Of the encoding with most images."""
+        return max(self.weights.values(), key=lambda w: w.images)
+
+
+@dataclass
+class _Gathered:
+    """What the fit has to know of some photographs of one encoding; adds to that of others."""
+
+    histogram: Histogram
+    formula: SetFit | None
+
+    def add(self, rgb: Pixels) -> None:
+        self.histogram.add(rgb)
+        if self.formula is not None:
+            self.formula.add(coded_share(rgb))
+
+    def __add__(self, other: _Gathered) -> _Gathered:
+        formula = None if self.formula is None else self.formula + other.formula
+        return _Gathered(self.histogram + other.histogram, formula)
+
+
+class _Partial:
+    """Sums for one set, as many as workers add at the same time."""
+
+    def __init__(self, options: FitOptions, encoding: Encoding) -> None:
+        self._options, self._encoding = options, encoding
+        self._idle: SimpleQueue[_Gathered] = SimpleQueue()
+
+    @contextmanager
+    def borrowed(self) -> Iterator[_Gathered]:
+        try:
+            part = self._idle.get_nowait()
+        except Empty:
+            new = CONVERSIONS[self._options.method].new_fit
+            part = _Gathered(Histogram(self._encoding, self._options.weighting), new() if new else None)
+        try:
+            yield part
+        finally:
+            self._idle.put(part)
+
+    def total(self) -> _Gathered:
+        parts = [self._idle.get() for _ in range(self._idle.qsize())]
+        total = parts[0]
+        for part in parts[1:]:
+            total = total + part
+        return total
+
+
+def fit_captures(
+    captures: Sequence[Capture], options: FitOptions, executor: Executor, watch: Watch, *, strict: bool
+) -> Fit:
+    """One grey for the whole set, from every pixel of every capture, one image in memory a worker.
+
+    A set that mixes gamma-coded and linear photographs gets one for each: a sensor's red is not
+    sRGB's red, so one triplet for both would mean two different greys. Raises `PhotographError` if strict,
+    `ProjectError` if no photograph can be used.
+    """
+    left_out: LeftOut = {}
+    partial = {encoding: _Partial(options, encoding) for encoding in {encoding_of(c) for c in captures}}
+
+    def gather(capture: Capture) -> Capture:
+        photograph = read_photograph(capture)
+        with partial[photograph.encoding].borrowed() as part:
+            part.add(_sampled(photograph, options.sample))
+        return capture
+
+    usable = list(each_usable(gather, captures, executor, watch, strict, left_out))
+    weights: dict[Encoding, Grey] = {}
+    colour_white = 1.0
+    for encoding in sorted({encoding_of(c) for c in usable}):
+        gathered = partial[encoding].total()
+        members = [c for c in usable if encoding_of(c) == encoding]
+        weights[encoding] = _grey_of(gathered, members, options, executor, watch)
+        if encoding == "linear":
+            colour_white = white_point(gathered.histogram, FIXED["green"])
+    return Fit(weights, colour_white, left_out)
+
+
+def _grey_of(
+    gathered: _Gathered, members: Sequence[Capture], options: FitOptions, executor: Executor, watch: Watch
+) -> Grey:
+    histogram = gathered.histogram
+    if options.method == "ihe":
+        return _fit_ihe(histogram, members, options, executor, watch)
+    linear = histogram.encoding == "linear"
+    common: dict[str, Any] = {
+        "method": options.method,
+        "encoding": histogram.encoding,
+        "images": histogram.images,
+        "pixels": histogram.pixels,
+    }
+    if options.method in FIXED:
+        triplet = FIXED[options.method]
+        return Weights(*triplet, **common, white=white_point(histogram, triplet) if linear else 1.0)
+    parameters = () if gathered.formula is None else gathered.formula.finish()
+    return Formula(
+        **common, parameters=parameters, white=white_point(histogram, FIXED["green"]) if linear else 1.0
+    )
+
+
+def _fit_ihe(
+    histogram: Histogram, members: Sequence[Capture], options: FitOptions, executor: Executor, watch: Watch
+) -> Weights:
+    def recount(chosen: Sequence[Triplet], whites: Sequence[int]) -> NDArray[np.int64]:
+        def count(capture: Capture) -> NDArray[np.int64]:
+            rgb = np.asarray(_sampled(read_photograph(capture), options.sample), np.uint16)
+            return count_levels(rgb, chosen, whites) * mass_of(rgb, options.weighting)
+
+        watch.start(len(members), f"images, for {len(chosen)} triplets")
+        total: NDArray[np.int64] = np.zeros((len(chosen), 256), np.int64)
+        for counts in in_order(executor, count, members):
+            total += counts
+            watch.advance()
+        return total
+
+    grid = triplets(options.step)
+    watch.start(len(grid), "triplets")
+    return fit_histogram(histogram, grid, recount if histogram.encoding == "linear" else None, watch.advance)
+
+
+def _sampled(photograph: Photograph, sample: float) -> Pixels:
+    """The photograph at `sample` of each side, nearest neighbour, at least one pixel."""
+    if sample == 1:
+        return photograph.rgb
+    height, width = photograph.rgb.shape[:2]
+    size = (max(1, round(width * sample)), max(1, round(height * sample)))
+    resized: Any = cv2.resize(photograph.rgb, size, interpolation=cv2.INTER_NEAREST)
+    return resized  # type: ignore[no-any-return]

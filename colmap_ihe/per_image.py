@@ -1,0 +1,52 @@
+"""What is done to one photograph at a time, and what happens to those that cannot be used."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from concurrent.futures import Executor
+from typing import TypeVar
+
+from colmap_ihe.captures.discover import Capture
+from colmap_ihe.errors import PhotographError, ProjectError
+from colmap_ihe.executor import in_order
+from colmap_ihe.progress import Watch
+
+LeftOut = dict[str, str]
+"""Captures that cannot be used, by name, each with the reason and what to do."""
+
+_Result = TypeVar("_Result")
+
+
+def each_usable(
+    function: Callable[[Capture], _Result],
+    captures: Sequence[Capture],
+    executor: Executor,
+    watch: Watch,
+    strict: bool,
+    left_out: LeftOut,
+) -> Iterable[_Result]:
+    """`function` of every capture that can be used; the others go to `left_out`, or end the run if strict."""
+
+    def guarded(capture: Capture) -> _Result | PhotographError:
+        try:
+            return function(capture)
+        except PhotographError as error:
+            return error
+
+    watch.start(len(captures))
+    usable = 0
+    for capture, result in zip(captures, in_order(executor, guarded, captures), strict=True):
+        watch.advance()
+        if isinstance(result, PhotographError):
+            if strict:
+                raise result
+            left_out[capture.name] = f"{result}; {result.hint}" if result.hint else str(result)
+            continue
+        usable += 1
+        yield result
+    if not usable:
+        reasons = "; ".join(str(r) for r in list(left_out.values())[:3])
+        raise ProjectError(
+            f"none of the {len(captures)} photographs can be used: {reasons}",
+            hint="copy them from the card again",
+        )

@@ -1,0 +1,138 @@
+"""The compiled loops against NumPy, one by one."""
+
+from __future__ import annotations
+
+import numpy as np
+import oracle
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from oracle import scene
+
+from colmap_ihe.grey import kernels
+from colmap_ihe.grey.boxes import Pyramid, bounds_of, counts_of
+from colmap_ihe.grey.histogram import Histogram
+from colmap_ihe.grey.weights import triplets
+
+
+def test_coded_levels_of_every_sum() -> None:
+    """Level and rounding of all 25,501 sums that weights in hundredths can give."""
+    sums = np.arange(25501)
+    rgb = np.zeros((1, 256, 3), np.uint8)
+    rgb[0, :, 0] = np.arange(256)
+    for red in range(101):
+        level = kernels.weigh(rgb, kernels.coded_rules([(red, 100 - red, 0)]))[0]
+        np.testing.assert_array_equal(
+            level, (sums[: 255 * red + 1 : red or 1][:256] + 50) // 100 if red else 0
+        )
+
+
+@pytest.mark.parametrize("parts", [3, 100, 9_999, 10_000])
+def test_other_parts_are_rounded_halves_up(parts: int) -> None:
+    rng = np.random.default_rng(parts)
+    rgb = rng.integers(0, 256, (300, 400, 3), np.uint8)
+    for _ in range(5):
+        cuts = np.sort(rng.integers(0, parts + 1, 2))
+        whole = np.diff([0, *cuts, parts])
+        rule = kernels.parts_rule(whole.astype(float), parts)
+        assert rule is not None
+        expected = (2 * (rgb.astype(np.int64) @ whole) + parts) // (2 * parts)
+        np.testing.assert_array_equal(kernels.weigh(rgb, rule), expected)
+    assert kernels.parts_rule(np.array([0.5, 0.25, 0.25]), 1) is None
+
+
+@given(st.integers(1, 6400), st.sampled_from(triplets(0.05)))
+def test_linear_levels_at_the_edges(step: int, triplet: oracle.Triplet) -> None:
+    """Values next to every border between two levels, where a rounded product would slip."""
+    white = 1024 * step
+    borders = np.arange(1, 256) * white // 256
+    value = np.clip((borders[:, None] + np.arange(-101, 102, 25)) // 100, 0, 65535)
+    rgb = np.repeat(value.reshape(-1, 1, 1), 3, axis=2).astype(np.uint16)
+    rgb[::3, :, 1] //= 2
+    counts = kernels.count_pixels(rgb, kernels.linear_rules([triplet], [white]))[0]
+    expected = np.bincount(oracle.linear_levels(rgb, triplet, white).ravel(), minlength=256)
+    np.testing.assert_array_equal(counts, expected)
+
+
+def test_every_code_has_a_place_of_its_own() -> None:
+    rng = np.random.default_rng(4)
+    codes = rng.integers(0, 256, (5000, 3), np.uint8)
+    np.testing.assert_array_equal(kernels.codes_at(kernels.place_of(codes)), codes)
+    counts = np.zeros(1 << 24, np.uint32)
+    kernels.count_colours(codes, counts, np.zeros(65536, np.uint8))
+    expected = np.bincount(kernels.place_of(codes), minlength=1 << 24)
+    np.testing.assert_array_equal(counts, expected)
+
+
+def test_occupied_places_run_through_cubes_within_cubes() -> None:
+    histogram = Histogram()
+    histogram.add(scene(3, 120, 90))
+    keys, masses = histogram.occupied()
+    assert (np.diff((keys >> np.uint64(24)).astype(np.int64)) > 0).all()
+    place = (keys & np.uint64((1 << 24) - 1)).astype(np.int64)
+    np.testing.assert_array_equal(np.sort(place), np.flatnonzero(histogram.table()))
+    np.testing.assert_array_equal(histogram.table()[place], masses)
+    for bits in (1, 3):
+        cube = kernels.codes_at(place).astype(int) >> bits
+        changes = (np.diff(cube, axis=0) != 0).any(axis=1).sum() + 1
+        assert changes == len(np.unique(cube, axis=0))
+
+
+@pytest.mark.parametrize(("bits", "heavy"), [(4, 0), (4, 3), (2, 64), (1, 10), (0, 2)])
+def test_boxes_hold_every_pixel_and_no_other(bits: int, heavy: int) -> None:
+    image = scene(5, 160, 120)
+    histogram = Histogram()
+    histogram.add(image)
+    alone, together = Pyramid(histogram).adaptive(bits, heavy)
+    total = image.shape[0] * image.shape[1]
+    assert int(alone.mass.sum()) + int(together.mass.sum()) == total
+    assert (alone.low == alone.high).all()
+    assert (alone.mass > total >> heavy).all()
+    assert (together.low <= together.high).all()
+    assert (together.high - together.low < 1 << bits).all()
+    colours, counts = np.unique(image.reshape(-1, 3), axis=0, return_counts=True)
+    light = colours[counts <= total >> heavy].astype(int) >> bits
+    assert len(together) == len(np.unique(light, axis=0))
+
+
+@pytest.mark.parametrize(("bits", "heavy"), [(4, 14), (3, 8), (1, 20)])
+def test_bounds_lie_below_and_are_close(bits: int, heavy: int) -> None:
+    histogram = Histogram()
+    for seed in range(3):
+        histogram.add(scene(seed, 200, 240))
+    pyramid = Pyramid(histogram)
+    rules = kernels.coded_rules(triplets(0.05))
+    exact = (counts_of(pyramid.boxes(0), rules).astype(float) ** 2).sum(axis=1)
+    bounds, estimates = bounds_of(*pyramid.adaptive(bits, heavy), rules)
+    assert (bounds <= exact * (1 + 1e-12)).all()
+    assert (bounds >= 0.5 * exact).all()
+    assert np.abs(estimates / exact - 1).max() < 0.2
+    assert (bounds <= estimates * (1 + 1e-12)).all()
+
+
+def test_no_placement_of_the_pixels_beats_the_bound() -> None:
+    """Every placement of the pixels of a few boxes in their runs, by brute force."""
+    low = np.array([[10, 12, 12], [10, 12, 12], [10, 12, 12]], np.float32)
+    high = np.array([[12, 13, 12], [12, 13, 12], [12, 13, 12]], np.float32)
+    mass = np.array([5, 4, 3], np.uint64)
+    known = np.zeros((1, 256), np.uint64)
+    known[0, 11] = 2
+    bound, _ = kernels.bound_boxes(low, high, mass, kernels.coded_rules([(30, 40, 30)]), known)
+    best = min(
+        a**2 + (2 + b) ** 2 + (5 - a - b + c + 3) ** 2 + (4 - c) ** 2
+        for a in range(6)
+        for b in range(6 - a)
+        for c in range(5)
+    )
+    assert 0.4 * best < bound[0] <= best
+
+
+def test_what_is_not_contiguous_or_of_another_kind_is_refused() -> None:
+    with pytest.raises(ValueError, match="dtype"):
+        kernels.count_colours(np.zeros((4, 3)), np.zeros(1 << 24, np.uint32), np.zeros(65536, np.uint8))
+    with pytest.raises(ValueError, match="expected contiguous"):
+        kernels.count_colours(
+            np.zeros((4, 3), np.uint8), np.zeros(1 << 20, np.uint32), np.zeros(65536, np.uint8)
+        )
+    with pytest.raises(ValueError, match="multiples of 1024"):
+        kernels.linear_rules([(0, 100, 0)], [1000])
