@@ -165,6 +165,9 @@ def _add_fit(command: _Command) -> None:
     parser.add_argument("images", type=Path, nargs="+", metavar="IMAGES")
     parser.add_argument("-o", "--output", type=Path, metavar="FILE", help="write the weights, for convert")
     parser.add_argument("--method", choices=METHODS, default="ihe")
+    parser.add_argument(
+        "--guard", choices=("noise", "none"), default="noise", help="of ihe; none is the paper to the letter"
+    )
     parser.add_argument("--step", type=float, default=0.01, help="of the grid of weights (0.01)")
     parser.add_argument("--sample", type=float, default=1.0, help="of each side of a photograph (1)")
     parser.add_argument(
@@ -230,7 +233,7 @@ def _demo(parsed: argparse.Namespace, bars: Bars) -> None:
 
 
 def _fit(parsed: argparse.Namespace, bars: Bars) -> None:
-    names = ("method", "step", "sample", "weighting")
+    names = ("method", "guard", "step", "sample", "weighting")
     assignments = [f"fit.{name}={getattr(parsed, name)}" for name in names]
     options = load_options(None, assignments).fit
     weights, left_out = commands.fit_files(

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import Executor
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from queue import Empty, SimpleQueue
 from typing import Any
 
@@ -13,10 +13,11 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from colmap_ihe.captures.decode import Photograph, encoding_of, read_photograph
+from colmap_ihe.captures.decode import encoding_of, read_photograph
 from colmap_ihe.captures.discover import Capture
 from colmap_ihe.executor import in_order
 from colmap_ihe.grey.boxes import Triplet
+from colmap_ihe.grey.contrast import Contrast
 from colmap_ihe.grey.conversions import CONVERSIONS, SetFit
 from colmap_ihe.grey.convert import coded_share
 from colmap_ihe.grey.histogram import Histogram, mass_of
@@ -49,16 +50,19 @@ class _Gathered:
     """What the fit has to know of some photographs of one encoding; adds to that of others."""
 
     histogram: Histogram
+    contrast: Contrast
     formula: SetFit | None
 
-    def add(self, rgb: Pixels) -> None:
-        self.histogram.add(rgb)
+    def add(self, rgb: Pixels, sample: float) -> None:
+        some = _sampled(rgb, sample)
+        self.histogram.add(some)
+        self.contrast.add(rgb, weighting=self.histogram.weighting)
         if self.formula is not None:
-            self.formula.add(coded_share(rgb))
+            self.formula.add(coded_share(some))
 
     def __add__(self, other: _Gathered) -> _Gathered:
         formula = None if self.formula is None else self.formula + other.formula
-        return _Gathered(self.histogram + other.histogram, formula)
+        return _Gathered(self.histogram + other.histogram, self.contrast + other.contrast, formula)
 
 
 class _Partial:
@@ -74,7 +78,8 @@ class _Partial:
             part = self._idle.get_nowait()
         except Empty:
             new = CONVERSIONS[self._options.method].new_fit
-            part = _Gathered(Histogram(self._encoding, self._options.weighting), new() if new else None)
+            histogram = Histogram(self._encoding, self._options.weighting)
+            part = _Gathered(histogram, Contrast(self._encoding), new() if new else None)
         try:
             yield part
         finally:
@@ -103,7 +108,7 @@ def fit_captures(
     def gather(capture: Capture) -> Capture:
         photograph = read_photograph(capture)
         with partial[photograph.encoding].borrowed() as part:
-            part.add(_sampled(photograph, options.sample))
+            part.add(photograph.rgb, options.sample)
         return capture
 
     usable = list(each_usable(gather, captures, executor, watch, strict, left_out))
@@ -122,30 +127,53 @@ def _grey_of(
     gathered: _Gathered, members: Sequence[Capture], options: FitOptions, executor: Executor, watch: Watch
 ) -> Grey:
     histogram = gathered.histogram
-    if options.method == "ihe":
-        return _fit_ihe(histogram, members, options, executor, watch)
+    grid = triplets(options.step)
     linear = histogram.encoding == "linear"
+    if options.method == "ihe":
+        admitted = gathered.contrast.admitted(grid) if options.guard == "noise" else grid
+        found = _fit_ihe(histogram, admitted, members, options, executor, watch)
+        return replace(found, contrast=_contrast_of(gathered, found.triplet, grid))
     common: dict[str, Any] = {
         "method": options.method,
         "encoding": histogram.encoding,
         "images": histogram.images,
         "pixels": histogram.pixels,
     }
-    if options.method in FIXED:
-        triplet = FIXED[options.method]
-        return Weights(*triplet, **common, white=white_point(histogram, triplet) if linear else 1.0)
+    if options.method in FIXED or options.method == "snr":
+        triplet = FIXED.get(options.method) or _shares(gathered.contrast.best(grid))
+        white = white_point(histogram, triplet) if linear else 1.0
+        return Weights(*triplet, **common, white=white, contrast=_contrast_of(gathered, triplet, grid))
     parameters = () if gathered.formula is None else gathered.formula.finish()
     return Formula(
         **common, parameters=parameters, white=white_point(histogram, FIXED["green"]) if linear else 1.0
     )
 
 
+def _contrast_of(
+    gathered: _Gathered, triplet: tuple[float, float, float], grid: Sequence[Triplet]
+) -> float | None:
+    """As a share of the best of the grid; None where the set shows no detail."""
+    red, green, blue = (round(100 * w) for w in triplet)
+    best = float(gathered.contrast.snr_of(grid).max())
+    return float(gathered.contrast.snr_of([(red, green, blue)])[0]) / best if best > 0 else None
+
+
+def _shares(triplet: Triplet) -> tuple[float, float, float]:
+    red, green, blue = triplet
+    return red / 100, green / 100, blue / 100
+
+
 def _fit_ihe(
-    histogram: Histogram, members: Sequence[Capture], options: FitOptions, executor: Executor, watch: Watch
+    histogram: Histogram,
+    grid: Sequence[Triplet],
+    members: Sequence[Capture],
+    options: FitOptions,
+    executor: Executor,
+    watch: Watch,
 ) -> Weights:
     def recount(chosen: Sequence[Triplet], whites: Sequence[int]) -> NDArray[np.int64]:
         def count(capture: Capture) -> NDArray[np.int64]:
-            rgb = np.asarray(_sampled(read_photograph(capture), options.sample), np.uint16)
+            rgb = np.asarray(_sampled(read_photograph(capture).rgb, options.sample), np.uint16)
             return count_levels(rgb, chosen, whites) * mass_of(rgb, options.weighting)
 
         watch.start(len(members), f"images, for {len(chosen)} triplets")
@@ -155,16 +183,15 @@ def _fit_ihe(
             watch.advance()
         return total
 
-    grid = triplets(options.step)
     watch.start(len(grid), "triplets")
     return fit_histogram(histogram, grid, recount if histogram.encoding == "linear" else None, watch.advance)
 
 
-def _sampled(photograph: Photograph, sample: float) -> Pixels:
-    """The photograph at `sample` of each side, nearest neighbour, at least one pixel."""
+def _sampled(rgb: Pixels, sample: float) -> Pixels:
+    """rgb at `sample` of each side, nearest neighbour, at least one pixel."""
     if sample == 1:
-        return photograph.rgb
-    height, width = photograph.rgb.shape[:2]
+        return rgb
+    height, width = rgb.shape[:2]
     size = (max(1, round(width * sample)), max(1, round(height * sample)))
-    resized: Any = cv2.resize(photograph.rgb, size, interpolation=cv2.INTER_NEAREST)
+    resized: Any = cv2.resize(rgb, size, interpolation=cv2.INTER_NEAREST)
     return resized  # type: ignore[no-any-return]

@@ -33,8 +33,9 @@ class CapturesOptions(_Section):
 class FitOptions(_Section):
     method: str = "ihe"
     """A name of docs/conversions.md: `ihe`, a fixed triplet, or one of the conversions of other papers."""
-    guard: Literal["none"] = "none"
-    """`none` is the paper to the letter."""
+    guard: Literal["noise", "none"] = "noise"
+    """Of `ihe`. `noise`: only triplets whose detail stands out of their noise about as well as the best one's;
+    `none` is the paper to the letter."""
     step: float = 0.01
     """Of the grid of weights: 0.01 is 5,151 triplets, 0.1 is 66."""
     sample: Annotated[float, Field(gt=0, le=1)] = 1.0

@@ -63,8 +63,10 @@ def read_coded(path: Path) -> tuple[NDArray[np.uint8], bytes]:
             turned = image.tag_v2.get(_ORIENTATION, 1) if isinstance(image, TiffImageFile) else 1
             if isinstance(image, TiffImageFile) and _is_deep(image):
                 return _read_deep_tiff(path, image, turned)
-            if image.format == "JPEG" and image.mode == "RGB" and (rgb := _decode_jpeg(path)) is not None:
-                return rgb, rgb_profile(image)
+            if image.format == "JPEG" and image.mode == "RGB":
+                pixels = _decode_jpeg(path)
+                if pixels is not None:
+                    return pixels, rgb_profile(image)
             image.load()
             profile = rgb_profile(image)
             if deep:

@@ -44,6 +44,7 @@ def develop(path: Path) -> Development:
                 hint="the file is damaged; take it out of the folder",
             )
         pixels = raw.postprocess(
+            demosaic_algorithm=rawpy.DemosaicAlgorithm.LINEAR,  # more correct matches than AHD, and faster
             gamma=(1, 1),
             no_auto_bright=True,
             no_auto_scale=True,

@@ -97,6 +97,13 @@ _ALL = [
         properties=_SEES | _FIXED,
         source="the paper of 2016",
     ),
+    Conversion(
+        name="snr",
+        scope="set",
+        does="the weights whose detail stands out of their noise best",
+        properties=_SEES | _FIXED,
+        source="ours",
+    ),
     *(
         Conversion(
             name=name, scope="colour", does=_TRIPLETS[name][0], properties=_FIXED, source=_TRIPLETS[name][1]

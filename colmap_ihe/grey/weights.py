@@ -34,7 +34,8 @@ class Weights:
     `score` is the IHE criterion S (smaller is flatter), `tones` the number of occupied grey levels of
     256; both are None where nothing was fitted. For `linear` input `white` is the set's white point of
     this grey as a share of sensor saturation, in (0, 1]; grey is scaled by it before it is coded.
-    `images` and `pixels` say what the fit has seen. Raises `WeightsError` unless the three weights are
+    `images` and `pixels` say what the fit has seen; `contrast`, where it was measured, how far detail stands out
+    of noise, as a share of what the best triplet gives. Raises `WeightsError` unless the three weights are
     finite, not negative and sum to 1.
     """
 
@@ -48,6 +49,7 @@ class Weights:
     white: float = 1.0
     images: int = 0
     pixels: int = 0
+    contrast: float | None = None
 
     def __post_init__(self) -> None:
         triplet = self.triplet
@@ -75,6 +77,7 @@ class Weights:
             "weights": list(self.triplet),
             "score": self.score,
             "tones": self.tones,
+            "contrast": self.contrast,
             "images": self.images,
             "pixels": self.pixels,
             "encoding": self.encoding,
@@ -133,6 +136,7 @@ def grey_from_dict(values: Any, source: str = "weights") -> Grey:
             method=str(values.get("method", "file")),
             score=None if values.get("score") is None else float(values["score"]),
             tones=None if values.get("tones") is None else int(values["tones"]),
+            contrast=None if values.get("contrast") is None else float(values["contrast"]),
             **common,
         )
     except (KeyError, TypeError, ValueError, AttributeError) as error:
