@@ -10,7 +10,9 @@ from importlib import metadata
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import yaml
+from numpy.typing import NDArray
 
 from colmap_ihe import oddities
 from colmap_ihe.captures.discover import captures_of_files, discover
@@ -21,6 +23,7 @@ from colmap_ihe.demo.truth import add_truth
 from colmap_ihe.errors import ProjectError, WeightsError
 from colmap_ihe.executor import local_executor, local_workers
 from colmap_ihe.fitting import fit_captures
+from colmap_ihe.grey.convert import to_grey
 from colmap_ihe.grey.weights import Grey, grey_from_dict
 from colmap_ihe.options import FitOptions, Options, load_options
 from colmap_ihe.per_image import LeftOut
@@ -75,7 +78,7 @@ def fit_files(
         audience.warn(
             "the set mixes RAW and gamma-coded photographs: these are the weights of the larger part"
         )
-    for text in oddities.no_colour_warnings(usable, found.weights.values()):
+    for text in oddities.fit_warnings(usable, found.weights.values()):
         audience.warn(text)
     if output is not None:
         write_bytes(output, yaml.safe_dump(found.main.as_dict(), sort_keys=False).encode())
@@ -90,6 +93,8 @@ def read_weights(file: Path) -> Grey:
     except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
         reason = error.strerror if isinstance(error, OSError) else str(error).splitlines()[0]
         raise WeightsError(f"{file}: cannot be read ({reason})", hint=hint) from error
+    if isinstance(values, dict) and values.get("weights") is None and "parameters" in values:
+        return _read_formula(file, values)
     triplet = values.get("weights") if isinstance(values, dict) else None
     if not isinstance(triplet, list) or len(triplet) != 3 or {type(w) for w in triplet} - {int, float}:
         came = triplet if isinstance(values, dict) else values
@@ -103,6 +108,22 @@ def read_weights(file: Path) -> Grey:
         if str(file) in str(error):
             raise
         raise WeightsError(f"{file}: {error}", hint=error.hint) from error
+
+
+def _read_formula(file: Path, values: dict[str, Any]) -> Grey:
+    """The conversion that is no triplet, tried on a few pixels."""
+    grey = grey_from_dict(values, str(file))
+    dark: NDArray[np.uint8] | NDArray[np.uint16] = np.zeros((8, 8, 3), np.uint8)
+    if grey.encoding == "linear":
+        dark = np.zeros((8, 8, 3), np.uint16)
+    try:
+        to_grey(dark, grey)
+    except (ValueError, TypeError, KeyError, IndexError) as error:
+        raise WeightsError(
+            f"{file}: {grey.method!r} with {values['parameters']!r:.60} is no conversion of a set",
+            hint="write one with `colmap-ihe fit IMAGES --method NAME -o weights.yaml`",
+        ) from error
+    return grey
 
 
 def doctor() -> dict[str, Any]:

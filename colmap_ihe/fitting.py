@@ -6,7 +6,9 @@ from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import Executor
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
-from queue import Empty, SimpleQueue
+from functools import reduce
+from operator import add
+from queue import SimpleQueue
 from typing import Any
 
 import cv2
@@ -15,7 +17,7 @@ from numpy.typing import NDArray
 
 from colmap_ihe.captures.decode import encoding_of, read_photograph
 from colmap_ihe.captures.discover import Capture
-from colmap_ihe.executor import in_order
+from colmap_ihe.executor import in_order, local_workers
 from colmap_ihe.grey.boxes import Triplet
 from colmap_ihe.grey.contrast import Contrast
 from colmap_ihe.grey.conversions import CONVERSIONS, SetFit
@@ -53,10 +55,10 @@ class _Gathered:
     contrast: Contrast
     formula: SetFit | None
 
-    def add(self, rgb: Pixels, sample: float) -> None:
+    def add(self, rgb: Pixels, contrast: Contrast, sample: float) -> None:
         some = _sampled(rgb, sample)
         self.histogram.add(some)
-        self.contrast.add(rgb, weighting=self.histogram.weighting)
+        self.contrast = self.contrast + contrast
         if self.formula is not None:
             self.formula.add(coded_share(some))
 
@@ -66,31 +68,29 @@ class _Gathered:
 
 
 class _Partial:
-    """Sums for one set, as many as workers add at the same time."""
+    """Sums for one set, one for two workers: they are large, and adding to one is quick beside decoding."""
 
     def __init__(self, options: FitOptions, encoding: Encoding) -> None:
         self._options, self._encoding = options, encoding
-        self._idle: SimpleQueue[_Gathered] = SimpleQueue()
+        self._count = (local_workers() + 1) // 2
+        self._idle: SimpleQueue[_Gathered | None] = SimpleQueue()
+        for _ in range(self._count):
+            self._idle.put(None)
 
     @contextmanager
     def borrowed(self) -> Iterator[_Gathered]:
+        part = self._idle.get()
         try:
-            part = self._idle.get_nowait()
-        except Empty:
-            new = CONVERSIONS[self._options.method].new_fit
-            histogram = Histogram(self._encoding, self._options.weighting)
-            part = _Gathered(histogram, Contrast(self._encoding), new() if new else None)
-        try:
+            if part is None:
+                new = CONVERSIONS[self._options.method].new_fit
+                histogram = Histogram(self._encoding, self._options.weighting)
+                part = _Gathered(histogram, Contrast(self._encoding), new() if new else None)
             yield part
         finally:
             self._idle.put(part)
 
     def total(self) -> _Gathered:
-        parts = [self._idle.get() for _ in range(self._idle.qsize())]
-        total = parts[0]
-        for part in parts[1:]:
-            total = total + part
-        return total
+        return reduce(add, (p for p in (self._idle.get() for _ in range(self._count)) if p is not None))
 
 
 def fit_captures(
@@ -107,8 +107,11 @@ def fit_captures(
 
     def gather(capture: Capture) -> Capture:
         photograph = read_photograph(capture)
+        contrast = Contrast(photograph.encoding)
+        if options.method in ("ihe", "snr"):
+            contrast.add(photograph.rgb, weighting=options.weighting)
         with partial[photograph.encoding].borrowed() as part:
-            part.add(photograph.rgb, options.sample)
+            part.add(photograph.rgb, contrast, options.sample)
         return capture
 
     usable = list(each_usable(gather, captures, executor, watch, strict, left_out))

@@ -209,7 +209,7 @@ def _warn_of_the_fit(found: Fit, surveyed: Sequence[Surveyed], audience: Audienc
             "the set mixes RAW and gamma-coded photographs: each kind has weights of its own, and a colour is"
             " not the same grey in both"
         )
-    for text in oddities.no_colour_warnings([s.capture for s in surveyed], found.weights.values()):
+    for text in oddities.fit_warnings([s.capture for s in surveyed], found.weights.values()):
         audience.warn(text)
 
 

@@ -9,6 +9,7 @@ from pathlib import Path
 from colmap_ihe.captures.decode import read_photograph
 from colmap_ihe.captures.discover import Capture
 from colmap_ihe.errors import PhotographError
+from colmap_ihe.grey.conversions import CONVERSIONS
 from colmap_ihe.grey.weights import Grey, Weights
 from colmap_ihe.preprocess import Surveyed
 
@@ -84,9 +85,15 @@ def page_warnings(surveyed: Sequence[Surveyed]) -> list[str]:
     return [f"of TIFF files with several pages the first one is used: {', '.join(several[:5])}"]
 
 
-def no_colour_warnings(captures: Sequence[Capture], weights: Iterable[Grey]) -> list[str]:
-    """Says so where a fit had nothing to fit to. Reads photographs up to the first one with colour in it, which
-    mostly is the first."""
+def fit_warnings(captures: Sequence[Capture], weights: Iterable[Grey]) -> list[str]:
+    """Says so where a grey is not the same in all photographs, and where a fit had nothing to fit to. Reads
+    photographs up to the first one with colour in it, which mostly is the first."""
+    weights = list(weights)
+    if any(CONVERSIONS[w.method].scope == "image" for w in weights if w.method in CONVERSIONS):
+        return [
+            f"{weights[0].method} is fitted to each photograph: the same colour is another grey in another"
+            " photograph, which costs matches; see docs/conversions.md"
+        ]
     fitted = [w for w in weights if isinstance(w, Weights) and w.score is not None]
     if not fitted:
         return []

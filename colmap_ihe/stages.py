@@ -122,7 +122,7 @@ def convert(run: Run, watch: Watch) -> Record:
         strict=run.strict,
         keep_finished=run.resumed,
     )
-    warnings = oddities.no_colour_warnings(run.captures(), found.weights.values())
+    warnings = oddities.fit_warnings(run.captures(), found.weights.values())
     return {"grey": grey, "left_out": left_out, "warnings": warnings}
 
 

@@ -156,7 +156,7 @@ class Histogram:
         except (ValueError, KeyError, TypeError, RecursionError, isal_zlib.IsalError) as error:  # type: ignore[misc]
             raise WeightsError(
                 f"{source}: not a colour histogram ({error})",
-                hint="write one with `colmap-ihe fit IMAGES --histogram FILE`",
+                hint="write one with Histogram.to_bytes",
             ) from error
 
     @classmethod
