@@ -248,7 +248,12 @@ def painted(kind: str, folder: Path) -> Set:
     second = second + (first - second) @ rec709
     wall = first + share[..., None] * (second - first) + 0.03 * relief[..., None]
     warp = np.array([[0.93, 0.06, 20], [-0.05, 0.96, 35], [2e-5, -3e-5, 1.0]])
-    turned = cv2.warpPerspective(wall, warp, size, flags=cv2.INTER_CUBIC, borderMode=cv2.BORDER_REFLECT)
+    turned = cv2.warpPerspective(np.asarray(wall, np.float32), warp, size, flags=cv2.INTER_CUBIC)
+    # What the second view sees beyond the wall is black; both are cut to where it sees the wall.
+    inside = (slice(64, 864), slice(96, 1200))
+    wall, turned = wall[inside], turned[inside]
+    cut = np.array([[1, 0, -96], [0, 1, -64], [0, 0, 1]])
+    warp = cut @ warp @ np.linalg.inv(cut)
     views = [np.clip(v, 0.01, 0.99).astype(np.float32) for v in (wall, turned)]
     if kind == "jpeg":
         noisy = [v + rng.normal(0, 0.006, v.shape) for v in views]

@@ -37,6 +37,7 @@ _SIGMA, _WIDTH = 1.0, 1.6  # the noise band: Gaussians of sigma 1 and 1.6; the d
 _BLOCK = 8
 _FLATTEST, _BRIGHTNESSES = 0.05, 12
 _SATURATED = 0.98
+_BLACK = 0.001  # the frame of an undistorted picture: its edge would outweigh all detail
 _ROUNDING = 1 / (12 * 255**2) * 0.03  # of 8-bit values, as much of it as lies in the noise band
 _TILE, _MARGIN = 128, 16
 _SAMPLE = 16  # tiles a photograph
@@ -63,7 +64,7 @@ class Contrast:
         """Measures one photograph, in tiles spread evenly over it.
 
         rgb: (H, W, 3); uint8 gamma-coded for `coded`, uint16 linear with 65535 at sensor saturation for
-        `linear`. `weighting="image"` gives every photograph the same mass. Saturated pixels do not count.
+        `linear`. `weighting="image"` gives every photograph the same mass. Saturated and black pixels do not count.
         Raises ValueError on another shape or dtype.
         """
         expected = np.uint8 if self.encoding == "coded" else np.uint16
@@ -128,11 +129,11 @@ def _tiles(rgb: NDArray[np.uint8] | NDArray[np.uint16]) -> Iterator[NDArray[np.u
 
 
 def _detail(tile: _F32) -> tuple[_F32, NDArray[np.bool_]]:
-    """The detail band of a tile (n, 3), and where it counts (n,): not on or beside saturated pixels."""
+    """The detail band of a tile (n, 3), and where it counts (n,): not on or beside saturated or black ones."""
     if min(tile.shape[:2]) < 2 * _MARGIN:
         return np.zeros((0, 3), np.float32), np.zeros(0, bool)
     half = _shrunk(tile, tile.shape[0] // 2, tile.shape[1] // 2)
-    counts = cv2.erode(_unsaturated(half).view(np.uint8), np.ones((7, 7), np.uint8)) > 0
+    counts = cv2.erode(_exposed(half).view(np.uint8), np.ones((7, 7), np.uint8)) > 0
     inside = slice(_MARGIN // 2, -(_MARGIN // 2))
     return _band(half)[inside, inside].reshape(-1, 3), counts[inside, inside].reshape(-1)
 
@@ -147,10 +148,10 @@ def _band(tile: _F32) -> _F32:
     return np.asarray(cv2.subtract(fine, coarse))
 
 
-def _unsaturated(values: _F32) -> NDArray[np.bool_]:
+def _exposed(values: _F32) -> NDArray[np.bool_]:
     # As three planes: a maximum over the last axis is many times slower.
     brightest = np.maximum(np.maximum(values[..., 0], values[..., 1]), values[..., 2])
-    return np.asarray(brightest < _SATURATED)
+    return np.asarray((brightest < _SATURATED) & (brightest > _BLACK))
 
 
 def _mean_of_squares(parts: list[tuple[_F32, NDArray[np.bool_]]]) -> _F64 | None:
@@ -167,7 +168,7 @@ def _photon_noise(tiles: list[_F32]) -> _F64:
     """Up to a factor that all photographs share: light is counted in photons, and n of them vary by sqrt(n)."""
     total, count = np.zeros(3), 0
     for tile in tiles:
-        counts = _unsaturated(tile)
+        counts = _exposed(tile)
         total += cv2.sumElems(cv2.bitwise_and(tile, tile, mask=counts.view(np.uint8)))[:3]
         count += int(counts.sum())
     return np.diag(total / max(1, count) * (1, _GREEN_SHARE, 1))
@@ -195,7 +196,7 @@ def _flat_noise(tiles: list[_F32]) -> _F64:
 
 
 def _blocks(tile: _F32) -> tuple[_F32, _F32]:
-    """Of the unsaturated blocks of a tile: mean of d d' in the noise band (n, 3, 3), mean level (n,)."""
+    """Of the well exposed blocks of a tile: mean of d d' in the noise band (n, 3, 3), mean level (n,)."""
     height, width = ((n - 2 * _MARGIN) // _BLOCK * _BLOCK for n in tile.shape[:2])
     if height <= 0 or width <= 0:
         return np.zeros((0, 3, 3), np.float32), np.zeros(0, np.float32)
@@ -210,6 +211,6 @@ def _blocks(tile: _F32) -> tuple[_F32, _F32]:
     mixed = averaged(band * band[..., (1, 2, 0)])  # RG, GB, BR
     square[:, (0, 1, 2), (1, 2, 0)] = mixed
     square[:, (1, 2, 0), (0, 1, 2)] = mixed
-    saturated = np.asarray(~_unsaturated(values), np.float32)
-    counts = _shrunk(saturated, height // _BLOCK, width // _BLOCK).reshape(-1) == 0
+    left_out = np.asarray(~_exposed(values), np.float32)
+    counts = _shrunk(left_out, height // _BLOCK, width // _BLOCK).reshape(-1) == 0
     return square[counts], averaged(values).mean(axis=1)[counts]

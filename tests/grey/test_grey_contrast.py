@@ -121,6 +121,14 @@ def test_saturated_pixels_do_not_count() -> None:
     assert len(white.admitted(GRID)) == len(GRID)
 
 
+def test_the_frame_of_an_undistorted_picture_does_not_count() -> None:
+    plain = flat_with_noise(8, (2.0, 2.0, 2.0))
+    framed = plain.copy()
+    framed[:100] = framed[:, :100] = 0
+    first, second = measured([plain[100:, 100:]], "coded"), measured([framed], "coded")
+    assert 0.6 < np.trace(second.signal) / np.trace(first.signal) * (380 * 540) / (480 * 640) < 1.6
+
+
 def test_images_count_equally_if_asked() -> None:
     large, small = photograph(6, height=420), photograph(7, height=210)
     pixel, image = (measured([large, small], "linear", weighting) for weighting in ("pixel", "image"))
