@@ -22,6 +22,7 @@ brightness at which even the flattest blocks are textured shows more, so the qui
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from typing import Any
 
 import cv2
 import numpy as np
@@ -203,14 +204,14 @@ def _blocks(tile: _F32) -> tuple[_F32, _F32]:
     inside = (slice(_MARGIN, _MARGIN + height), slice(_MARGIN, _MARGIN + width))
     band, values = _band(tile)[inside], tile[inside]
 
-    def averaged(plane: _F32) -> _F32:
-        return _shrunk(plane, height // _BLOCK, width // _BLOCK).reshape(-1, 3)
+    def averaged(plane: NDArray[Any]) -> _F32:
+        return _shrunk(plane, height // _BLOCK, width // _BLOCK).reshape(-1)
 
     square = np.empty((height * width // _BLOCK**2, 3, 3), np.float32)
-    square[:, (0, 1, 2), (0, 1, 2)] = averaged(band * band)
-    mixed = averaged(band * band[..., (1, 2, 0)])  # RG, GB, BR
-    square[:, (0, 1, 2), (1, 2, 0)] = mixed
-    square[:, (1, 2, 0), (0, 1, 2)] = mixed
+    planes = [np.ascontiguousarray(band[..., c]) for c in range(3)]
+    for i, j in ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2)):
+        square[:, i, j] = square[:, j, i] = averaged(planes[i] * planes[j])
     left_out = np.asarray(~_exposed(values), np.float32)
-    counts = _shrunk(left_out, height // _BLOCK, width // _BLOCK).reshape(-1) == 0
-    return square[counts], averaged(values).mean(axis=1)[counts]
+    counts = averaged(left_out) == 0
+    level = _shrunk(values, height // _BLOCK, width // _BLOCK).mean(axis=2).reshape(-1)
+    return square[counts], level[counts]
