@@ -91,6 +91,10 @@ def judge(name: str, given: Set, table: Path) -> None:
         return f"{grid[place]} " + "/".join(f"{g:+.0f}" for g in found)
 
     print(f"{name}\n  paper's IHE {cell(int(np.argmin(score)))}")
+    chosen = np.array([grid.index(t) for t in contrast.admitted(grid)])
+    default = contrast.snr_of([(21, 72, 7)])[0] / snr.max()
+    print(f"  Rec.709 has {default:.3f} of the best contrast")
+    print(f"  as built {len(chosen):4d} admitted {cell(int(chosen[np.argmin(score[chosen])]))}")
     for closeness in CLOSENESSES:
         admitted = np.flatnonzero(snr >= closeness * snr.max())
         print(
@@ -103,8 +107,8 @@ def main() -> None:
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("sets", nargs="*")
-    parser.add_argument("--work", type=Path, default=Path("/tmp/guard"))
-    parser.add_argument("--demo", type=Path, default=Path("/tmp/demo"))
+    parser.add_argument("--work", type=Path, default=Path("guard-work"))
+    parser.add_argument("--demo", type=Path, default=Path("demo"))
     parsed = parser.parse_args()
     cv2.setNumThreads(1)
     sets = all_sets(parsed.work / "sets", parsed.demo)

@@ -42,7 +42,7 @@ def test_the_names_that_are_contracts() -> None:
         options.fit.weighting,
     ) == (
         "ihe",
-        "none",
+        "noise",
         0.01,
         1.0,
         "pixel",

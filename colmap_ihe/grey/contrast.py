@@ -33,6 +33,11 @@ from colmap_ihe.grey.weights import Encoding
 CLOSENESS = 0.998
 """A triplet is admitted whose contrast is at least this share of the best one's."""
 
+DEFAULT_ENOUGH = 0.97
+"""Where Rec.709's own contrast is at least this share of the best one's, it stays: COLMAP's default is left only
+for a gain that the measure is sure of."""
+
+_REC709 = (21.26, 71.52, 7.22)
 _GREEN_SHARE = 0.77  # variance of white noise through LibRaw's bilinear demosaic and the noise band, G over R
 _SIGMA, _WIDTH = 1.0, 1.6  # the noise band: Gaussians of sigma 1 and 1.6; the detail band at half the size
 _BLOCK = 8
@@ -73,6 +78,8 @@ class Contrast:
             raise ValueError(f"{rgb.shape=} {rgb.dtype=}, expected (H, W, 3) {np.dtype(expected)}")
         mass = _IMAGE_MASS if weighting == "image" else rgb.shape[0] * rgb.shape[1]
         tiles = [np.asarray(tile, np.float32) / np.float32(np.iinfo(rgb.dtype).max) for tile in _tiles(rgb)]
+        if not any(np.ptp(tile, axis=2).any() for tile in tiles):  # greyscale: any triplet gives the same
+            return
         detail = _mean_of_squares([_detail(tile) for tile in tiles])
         if detail is None:  # saturated throughout, or smaller than a block
             return
@@ -99,14 +106,21 @@ class Contrast:
         return np.asarray(np.sqrt(ratio))
 
     def best(self, triplets: Sequence[tuple[int, int, int]]) -> tuple[int, int, int]:
-        """The triplet of greatest contrast; the first of equals."""
-        return triplets[int(np.argmax(self.snr_of(triplets)))]
+        """The triplet of greatest contrast; of equals the nearest to Rec.709."""
+        snr = self.snr_of(triplets)
+        away = ((np.asarray(triplets) - _REC709) ** 2).sum(axis=1)
+        return triplets[int(np.lexsort((away, -snr))[0])]
 
     def admitted(
         self, triplets: Sequence[tuple[int, int, int]], closeness: float = CLOSENESS
     ) -> list[tuple[int, int, int]]:
-        """Those whose contrast is at least `closeness` of the best one's, in the order given."""
+        """Those whose contrast is at least `closeness` of the best one's, in the order given. Only the nearest to
+        Rec.709 where its contrast is `DEFAULT_ENOUGH`; all where no detail was measured."""
         snr = self.snr_of(triplets)
+        away = ((np.asarray(triplets) - _REC709) ** 2).sum(axis=1)
+        default = int(np.argmin(away))
+        if snr.max() > 0 and snr[default] >= DEFAULT_ENOUGH * snr.max():
+            return [triplets[default]]
         least = closeness * snr.max()
         return [t for t, value in zip(triplets, snr, strict=True) if value >= least]
 

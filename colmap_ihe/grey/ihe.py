@@ -13,12 +13,14 @@ are counted from their histogram, which holds every colour; linear ones from the
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from colmap_ihe.grey import kernels
 from colmap_ihe.grey.boxes import NO_BOXES, Pyramid, Triplet, bounds_of, counts_of, whites_of
+from colmap_ihe.grey.contrast import Contrast
 from colmap_ihe.grey.histogram import Histogram
 from colmap_ihe.grey.weights import FIXED, Weights, triplets
 
@@ -37,9 +39,13 @@ _SATURATION = 65535
 
 
 def fit_weights(
-    images: Sequence[NDArray[np.uint8]] | Sequence[NDArray[np.uint16]], step: float = 0.01
+    images: Sequence[NDArray[np.uint8]] | Sequence[NDArray[np.uint16]],
+    step: float = 0.01,
+    *,
+    guard: Literal["noise", "none"] = "noise",
 ) -> Weights:
-    """The IHE weights of a set of images in memory, every pixel counted.
+    """The IHE weights of a set of images in memory, every pixel counted; among the triplets that `contrast`
+    admits, or with guard "none" among all, as in the paper.
 
     images: (H, W, 3) each; all uint8 gamma-coded, or all uint16 linear with 65535 at sensor saturation.
     Raises ValueError for another shape or dtype, a mixed or an empty set.
@@ -47,15 +53,19 @@ def fit_weights(
     if not len(images):
         raise ValueError("no images, expected at least one")
     histogram = Histogram("linear" if images[0].dtype == np.uint16 else "coded")
+    contrast = Contrast(histogram.encoding)
     for rgb in images:
         histogram.add(rgb)
+        contrast.add(rgb)
+    grid = triplets(step)
+    admitted = contrast.admitted(grid) if guard == "noise" else grid
 
     def recount(chosen: Sequence[Triplet], whites: Sequence[int]) -> NDArray[np.int64]:
         return np.asarray(
             sum(count_levels(np.asarray(i, np.uint16), chosen, whites) for i in images), np.int64
         )
 
-    return fit_histogram(histogram, triplets(step), recount if histogram.encoding == "linear" else None)
+    return fit_histogram(histogram, admitted, recount if histogram.encoding == "linear" else None)
 
 
 def fit_histogram(

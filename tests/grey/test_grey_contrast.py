@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from colmap_ihe.grey.contrast import _GREEN_SHARE, CLOSENESS, Contrast
-from colmap_ihe.grey.weights import Encoding, triplets
+from colmap_ihe.grey.contrast import _GREEN_SHARE, CLOSENESS, DEFAULT_ENOUGH, Contrast
+from colmap_ihe.grey.weights import FIXED, Encoding, triplets
 
 GRID = triplets()
 
@@ -150,3 +150,26 @@ def test_what_does_not_fit_is_refused() -> None:
         Contrast("linear").add(np.zeros((20, 20, 3), np.uint8))
     with pytest.raises(ValueError, match="do not add"):
         Contrast("linear") + Contrast("coded")
+
+
+def test_rec709_stays_where_no_triplet_is_clearly_better() -> None:
+    """Noise that makes Rec.709 itself the best: weights as of w'Nw least, so N is diagonal with 1/w."""
+    contrast = Contrast("coded")
+    contrast.signal = np.ones((3, 3))
+    contrast.noise = np.diag(1 / np.array(FIXED["rec709"]))
+    assert contrast.best(GRID) == contrast.admitted(GRID)[0] == (21, 72, 7)
+    contrast.noise = np.diag((1 / 0.30, 1 / 0.55, 1 / 0.15))  # Rec.709 has .97 of the best
+    share = contrast.snr_of([(21, 72, 7)])[0] / contrast.snr_of(GRID).max()
+    assert (len(contrast.admitted(GRID)) == 1) == (share >= DEFAULT_ENOUGH)
+    contrast.noise = np.diag((3.0, 3.0, 3.0))
+    assert (21, 72, 7) not in contrast.admitted(GRID)
+    assert (33, 33, 34) in contrast.admitted(GRID)
+
+
+def test_greyscale_photographs_say_nothing_of_weights() -> None:
+    rng = np.random.default_rng(3)
+    grey = np.repeat(rng.integers(0, 256, (300, 400, 1), np.uint8), 3, axis=2)
+    contrast = measured([grey], "coded")
+    assert not contrast.signal.any()
+    assert contrast.admitted(GRID) == list(GRID)
+    assert contrast.best(GRID) == (21, 72, 7)

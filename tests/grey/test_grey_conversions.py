@@ -9,6 +9,8 @@ from __future__ import annotations
 import inspect
 from collections.abc import Callable
 from dataclasses import fields
+from functools import reduce
+from operator import add
 from pathlib import Path
 from typing import Any
 
@@ -20,12 +22,13 @@ from oracle import scene
 
 from colmap_ihe.errors import PhotographError
 from colmap_ihe.grey.color2gray import THETA, color2gray
+from colmap_ihe.grey.contrast import Contrast
 from colmap_ihe.grey.conversions import CONVERSIONS, PROPERTIES, Conversion, Property
 from colmap_ihe.grey.convert import to_grey
 from colmap_ihe.grey.ihe import fit_weights
 from colmap_ihe.grey.realtime import weighed
 from colmap_ihe.grey.srgb import lab
-from colmap_ihe.grey.weights import FIXED
+from colmap_ihe.grey.weights import FIXED, Weights, triplets
 
 pytest.importorskip("colour", reason="colour-science, which `apparent` needs, is not installed")
 
@@ -61,10 +64,20 @@ def converted(conversion: Conversion, images: list[Float32]) -> list[Float32]:
         return [conversion.apply(image, fit.finish()) for image in images]
     if conversion.name in FIXED:
         return [weighed(image, FIXED[conversion.name]) for image in images]
-    assert conversion.name == "ihe"
+    assert conversion.name in ("ihe", "snr")
     codes = [np.rint(255 * image).astype(np.uint8) for image in images]
     weights = fit_weights(codes, step=0.1)
+    if conversion.name == "snr":
+        contrast = reduce(add, (measured(image) for image in codes))
+        red, green, blue = contrast.best(triplets(0.1))
+        weights = Weights(red / 100, green / 100, blue / 100)
     return [to_grey(image, weights).astype(np.float32) / np.float32(255) for image in codes]
+
+
+def measured(image: NDArray[np.uint8]) -> Contrast:
+    contrast = Contrast()
+    contrast.add(image)
+    return contrast
 
 
 def coded(image: NDArray[Any]) -> Float32:
@@ -221,7 +234,7 @@ def test_the_named_greens_and_blues_are_of_one_grey_and_seen_by_others() -> None
 def test_every_name_of_the_method_is_in_the_table() -> None:
     assert set(CONVERSIONS) == {
         *FIXED,
-        *("ihe", "cie-y", "value", "decolorize", "decolorize-set", "realtime", "realtime-set"),
+        *("ihe", "snr", "cie-y", "value", "decolorize", "decolorize-set", "realtime", "realtime-set"),
         *("contrast-preserving", "song", "color2gray", "apparent"),
     }
     for name, conversion in CONVERSIONS.items():
@@ -232,7 +245,7 @@ def test_every_name_of_the_method_is_in_the_table() -> None:
 
 @pytest.mark.parametrize("conversion", CONVERSIONS.values(), ids=CONVERSIONS)
 def test_scope_and_callables_fit_together(conversion: Conversion) -> None:
-    triplet = conversion.name in FIXED or conversion.name == "ihe"
+    triplet = conversion.name in FIXED or conversion.name in ("ihe", "snr")
     assert (conversion.convert is not None) == (conversion.scope != "set" and not triplet)
     assert (conversion.new_fit is not None) == (conversion.scope == "set" and not triplet)
     assert (conversion.apply is None) == (conversion.new_fit is None)
