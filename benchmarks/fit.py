@@ -1,0 +1,214 @@
+"""What the fit costs, side by side in one run: against reading the files, the paper's loop and cv2.decolor.
+
+    python benchmarks/fit.py [sceaux] [synthetic] [memory] [--photographs FOLDER] [--count 1000]
+
+`sceaux` uses the photographs of ../shared/data/sceaux, `synthetic` makes JPEGs of 1.2 megapixels in a
+temporary folder. Times are wall clock on all cores, the best of three where that takes less than a minute; the
+paper's loop over 5,151 triplets is timed on 8 of them and scaled.
+"""
+
+from __future__ import annotations
+
+import argparse
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image
+
+from colmap_ihe import convert_folder
+from colmap_ihe.captures.decode import read_photograph
+from colmap_ihe.captures.discover import discover
+from colmap_ihe.captures.png import encode_png
+from colmap_ihe.executor import local_executor, local_workers
+from colmap_ihe.fitting import fit_captures
+from colmap_ihe.grey.convert import to_grey
+from colmap_ihe.grey.histogram import Histogram
+from colmap_ihe.grey.ihe import fit_histogram
+from colmap_ihe.grey.weights import triplets
+from colmap_ihe.options import FitOptions
+from colmap_ihe.progress import SILENT
+from colmap_ihe.terminal import print_table
+
+SCEAUX = Path(__file__).resolve().parents[2] / "shared" / "data" / "sceaux"
+PAPER = FitOptions(guard="none")
+TIMED = 8  # of the triplets of the paper's loop
+
+
+def seconds(work: Callable[[], Any], times: int = 3) -> float:
+    best = float("inf")
+    for _ in range(times):
+        began = time.perf_counter()
+        work()
+        best = min(best, time.perf_counter() - began)
+        if best > 20:
+            break
+    return best
+
+
+def on_all_cores(work: Callable[[Path], Any], files: Sequence[Path]) -> None:
+    with ThreadPoolExecutor(local_workers()) as pool:
+        for _ in pool.map(work, files):
+            pass
+
+
+def read_with_opencv(file: Path) -> NDArray[np.uint8]:
+    return np.asarray(cv2.imread(str(file), cv2.IMREAD_COLOR_RGB | cv2.IMREAD_IGNORE_ORIENTATION), np.uint8)
+
+
+def papers_loop(images: Sequence[NDArray[np.uint8]]) -> float:
+    """Seconds of a NumPy loop over all triplets and the pixels of all images, scaled from a few triplets."""
+    grid = triplets()
+    chosen = grid[:: len(grid) // TIMED][:TIMED]
+    began = time.perf_counter()
+    for red, green, blue in chosen:
+        counts = np.zeros(256, np.int64)
+        for image in images:
+            wide = image.astype(np.uint16)
+            grey = (red * wide[..., 0] + green * wide[..., 1] + blue * wide[..., 2] + 50) // 100
+            counts += np.bincount(grey.ravel(), minlength=256)
+        share = counts / counts.sum()
+        ((share - 1 / 256) ** 2).sum()
+    return (time.perf_counter() - began) / len(chosen) * len(grid)
+
+
+class Table:
+    """Rows of times, some of them against the time of another row."""
+
+    def __init__(self) -> None:
+        self.times: dict[str, float] = {}
+        self.rows: list[tuple[str, str, str, str]] = []
+
+    def add(self, what: str, took: float, *against: str) -> None:
+        self.times[what] = took
+        if not against:
+            self.rows.append((what, f"{took:.3f} s", "", ""))
+        for other in against:
+            self.rows.append((what, f"{took:.3f} s", other, f"{took / self.times[other]:.3g}"))
+
+
+def compare(folder: Path, title: str) -> None:
+    captures = discover(folder).captures
+    files = [capture.path for capture in captures]
+    of_file = dict(zip(files, captures, strict=True))
+    table = Table()
+
+    def convert_with_opencv(file: Path) -> None:
+        grey = cv2.cvtColor(read_with_opencv(file), cv2.COLOR_RGB2GRAY)
+        cv2.imwrite(str(out / f"{file.stem}.png"), grey)
+
+    def convert_bare(file: Path) -> None:
+        grey = np.ascontiguousarray(read_photograph(of_file[file]).rgb[..., 1], np.uint8)
+        (out / f"{file.stem}.png").write_bytes(encode_png(grey))
+
+    decoding, coding, bare = (
+        "decode with OpenCV",
+        "decode and encode with OpenCV",
+        "decode and encode, our codecs",
+    )
+    table.add(decoding, seconds(lambda: on_all_cores(read_with_opencv, files)))
+    table.add(
+        "decode, our codec", seconds(lambda: on_all_cores(lambda f: read_photograph(of_file[f]), files))
+    )
+    with local_executor() as executor:
+        for options, words in (
+            (FitOptions(), "fit, decoding included"),
+            (PAPER, "fit without the guard, likewise"),
+        ):
+            took = seconds(partial(fit_captures, captures, options, executor, SILENT, strict=True))
+            table.add(words, took, decoding)
+    with tempfile.TemporaryDirectory() as temporary:
+        out = Path(temporary)
+        table.add(coding, seconds(lambda: on_all_cores(convert_with_opencv, files), 2))
+        table.add(bare, seconds(lambda: on_all_cores(convert_bare, files), 2))
+        runs = iter(range(9))
+        took = seconds(lambda: convert_folder(folder, out / str(next(runs))), 2)
+        table.add("convert: fit, grey, encode, EXIF", took, coding, bare)
+
+    histogram, counting = Histogram(), 0.0
+    for file in files:
+        rgb = read_with_opencv(file)
+        began = time.perf_counter()
+        histogram.add(rgb)
+        counting += time.perf_counter() - began
+    search = seconds(lambda: fit_histogram(histogram, triplets()))
+    some = [read_with_opencv(file) for file in files[:11]]
+    loop, patch = "the paper's loop, every pixel", "the paper's loop, its 25 % patchwork"
+    quarter = [cv2.resize(i, None, fx=0.25, fy=0.25, interpolation=cv2.INTER_NEAREST) for i in some]
+    table.add(loop, papers_loop(some) * len(files) / len(some))
+    table.add(patch, papers_loop([np.asarray(q, np.uint8) for q in quarter]) * len(files) / len(some))
+    table.add("search alone, without the guard", search)
+    table.add("fit of the same pixels in memory", counting + search, loop, patch)
+    weights = fit_histogram(histogram, triplets())
+    table.add("cv2.decolor, one photograph", seconds(lambda: cv2.decolor(some[0]), 1))
+    each = (counting + search) / len(files) + seconds(lambda: to_grey(some[0], weights))
+    table.add("fit and grey, one photograph", each, "cv2.decolor, one photograph")
+    print_table(title, table.rows, ("what", "time", "against", "ratio"))
+
+
+def synthetic(folder: Path, count: int) -> Path:
+    """JPEGs of 1280x960: shaded patches of colours of their own, and noise."""
+    folder.mkdir(parents=True, exist_ok=True)
+
+    def make(number: int) -> None:
+        rng = np.random.default_rng(number)
+        small = rng.integers(0, 256, (12, 16, 3)).astype(np.float32)
+        rgb = cv2.resize(small, (1280, 960), interpolation=cv2.INTER_CUBIC)
+        grain = rng.normal(0, 6, (960, 1280, 1)).astype(np.float32)
+        pixels = np.clip(rgb * rng.uniform(0.5, 1) + grain, 0, 255).astype(np.uint8)
+        Image.fromarray(pixels).save(folder / f"{number:05}.jpg", quality=90)
+
+    with ThreadPoolExecutor(local_workers()) as pool:
+        list(pool.map(make, range(count)))
+    return folder
+
+
+def memory(folder: Path, counts: Sequence[int]) -> None:
+    """Peak memory of a fit in a process of its own."""
+    code = (
+        "import sys, resource; from pathlib import Path; from colmap_ihe.commands import fit_files;"
+        "fit_files([Path(p) for p in sys.stdin.read().split()]);"
+        "print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)"
+    )
+    files = sorted(folder.glob("*.jpg"))
+    rows = []
+    for count in counts:
+        names = "\n".join(str(f) for f in files[:count])
+        done = subprocess.run(
+            [sys.executable, "-c", code], input=names, capture_output=True, text=True, check=True
+        )
+        rows.append((f"{count}", f"{int(done.stdout) / 1024:.0f} MB"))
+    print_table("peak memory of a fit", rows, ("photographs", "peak"))
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("parts", nargs="*", default=["sceaux", "synthetic", "memory"])
+    parser.add_argument("--photographs", type=Path, default=SCEAUX)
+    parser.add_argument("--count", type=int, default=1000)
+    parsed = parser.parse_args()
+    cv2.setNumThreads(1)  # one photograph a core, for all alike
+    if "sceaux" in parsed.parts:
+        compare(parsed.photographs, f"{parsed.photographs.name}, {local_workers()} cores")
+    if {"synthetic", "memory"} & set(parsed.parts):
+        with tempfile.TemporaryDirectory() as temporary:
+            made = synthetic(Path(temporary) / "images", parsed.count)
+            if "synthetic" in parsed.parts:
+                compare(made, f"{parsed.count} synthetic photographs, {local_workers()} cores")
+            if "memory" in parsed.parts:
+                memory(made, (10, 100, parsed.count))
+
+
+if __name__ == "__main__":
+    main()
