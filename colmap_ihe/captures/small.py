@@ -1,0 +1,81 @@
+"""A small picture of a photograph, quickly: to see what it shows, not to measure in it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+import rawpy
+import simplejpeg
+from numpy.typing import NDArray
+
+from colmap_ihe.captures.decode import read_photograph
+from colmap_ihe.captures.discover import Capture
+from colmap_ihe.errors import PhotographError
+
+_FULL = 99.5
+"""Per cent of the values of a linear picture that are not clipped."""
+
+
+def small_picture(capture: Capture, side: int) -> NDArray[np.uint8]:
+    """The photograph, its longer side `side` pixels or less: (H, W, 3) uint8, gamma-coded as stored, turned as
+    stored; of a RAW file sensor colours, coded by a square root. Raises `PhotographError`, though not for
+    all that `read_photograph` would refuse.
+    """
+    if capture.kind == "raw":
+        linear = _shrunk(_half_size(capture.path), side).astype(np.float32)
+        white = max(1.0, float(np.percentile(linear, _FULL)))
+        return np.asarray(255 * np.sqrt(np.minimum(linear / white, 1)) + 0.5, np.uint8)
+    rgb = _scaled_jpeg(capture.path, side)
+    if rgb is None:
+        rgb = np.asarray(read_photograph(capture).rgb, np.uint8)
+    return np.asarray(_shrunk(rgb, side), np.uint8)
+
+
+def _scaled_jpeg(path: Path, side: int) -> NDArray[np.uint8] | None:
+    """A JPEG decoded at an eighth of its size or more, none of its sides below `side` if it need not; None for
+    another kind of file, or a JPEG that libjpeg has a word to say of."""
+    if path.suffix.lower() not in (".jpg", ".jpeg", ".jpe"):
+        return None
+    try:
+        data = path.read_bytes()
+        height, width, colours, _ = simplejpeg.decode_jpeg_header(data)
+        if colours == "CMYK":
+            return None
+        least = {"min_width": side} if width >= height else {"min_height": side}
+        return np.asarray(simplejpeg.decode_jpeg(data, "RGB", strict=True, **least))
+    except (OSError, ValueError):
+        return None
+
+
+def _half_size(path: Path) -> NDArray[np.uint16]:
+    """One pixel a Bayer cell: (H, W, 3) uint16, linear."""
+    try:
+        with rawpy.imread(str(path)) as raw:
+            pixels = raw.postprocess(
+                half_size=True,
+                gamma=(1, 1),
+                no_auto_bright=True,
+                no_auto_scale=True,
+                output_bps=16,
+                use_camera_wb=False,
+                user_wb=[1, 1, 1, 1],
+                output_color=rawpy.ColorSpace.raw,
+                user_flip=0,
+            )
+    except (rawpy.LibRawError, OSError) as error:
+        raise PhotographError(
+            f"{path.name}: LibRaw cannot read this RAW file ({error})",
+            hint="copy it from the card again, or convert it to DNG or TIFF",
+        ) from error
+    return np.asarray(pixels if pixels.ndim == 3 and pixels.shape[2] == 3 else cv2.merge([pixels] * 3))
+
+
+def _shrunk(rgb: NDArray[np.uint8] | NDArray[np.uint16], side: int) -> NDArray[np.generic]:
+    height, width = rgb.shape[:2]
+    factor = side / max(height, width)
+    if factor >= 1:
+        return rgb
+    size = (max(1, round(width * factor)), max(1, round(height * factor)))
+    return np.asarray(cv2.resize(rgb, size, interpolation=cv2.INTER_AREA))

@@ -1,0 +1,182 @@
+"""Two grey images as COLMAP sees them: their features, which of them match, and what one geometry bears out.
+
+Arrays in, numbers out. Features come by way of a temporary folder and database all the same: pycolmap's own
+functions for arrays hold Python's lock, so that two of them never run at once.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import numpy as np
+from numpy.typing import NDArray
+
+from colmap_ihe.colmap.native import called, pycolmap
+from colmap_ihe.errors import DiskFullError
+from colmap_ihe.executor import local_workers
+from colmap_ihe.progress import SILENT, Watch
+
+_MAX_RATIO, _MAX_ANGLE = 0.8, 0.7  # COLMAP's defaults; angles between descriptors in radians
+_UNIT = 512.0  # the length of a descriptor that COLMAP has cut to 8 bit
+_ROWS = 2048
+
+Matches = NDArray[np.intp]
+"""(N, 2): the feature in the first image, and that in the second."""
+
+
+@dataclass(frozen=True)
+class Features:
+    """`places`: (N, 2) float64, x and y in pixels, (0, 0) the corner of the first pixel. `scales`: (N,) float64,
+    pixels. `descriptors`: (N, 128) uint8."""
+
+    places: NDArray[np.float64]
+    scales: NDArray[np.float64]
+    descriptors: NDArray[np.uint8]
+
+    def __len__(self) -> int:
+        return len(self.places)
+
+    def coarsest(self, count: int) -> Features:
+        """The `count` features of the largest scales: COLMAP keeps those, though in whole levels, so that one
+        feature more or less decides about thousands."""
+        if len(self) <= count:
+            return self
+        kept = np.argsort(-self.scales, kind="stable")[:count]
+        return Features(self.places[kept], self.scales[kept], self.descriptors[kept])
+
+
+@contextmanager
+def quiet() -> Iterator[None]:
+    """COLMAP says nothing below an error for as long as this lasts; not to be entered by two threads at once."""
+    log = pycolmap.logging
+    before = log.minloglevel
+    log.minloglevel = int(log.ERROR)
+    try:
+        yield
+    finally:
+        log.minloglevel = before
+
+
+def features_of(
+    images: Sequence[NDArray[np.uint8]], watch: Watch = SILENT, *, first_octave: int = -1
+) -> list[Features]:
+    """SIFT features of each image, (H, W) uint8, by COLMAP on the CPU, one thread a core; all of them, none
+    dropped for their number. `first_octave` 0 leaves out those smaller than two pixels, at a quarter of the
+    time. The same images give the same features. Raises `NativeError`, `DiskFullError`, `Cancelled`,
+    ValueError.
+    """
+    for grey in images:
+        if grey.ndim != 2 or grey.dtype != np.uint8 or not grey.size:
+            raise ValueError(f"{grey.shape=} {grey.dtype=}, expected (H, W) uint8")
+    if not images:
+        return []
+    options = pycolmap.FeatureExtractionOptions()
+    options.use_gpu = False
+    options.num_threads = min(local_workers(), len(images))
+    options.max_image_size = max(max(grey.shape) for grey in images)
+    options.sift.first_octave = first_octave
+    options.sift.max_num_features = 1_000_000
+    names = [f"{number:06}.pgm" for number in range(len(images))]
+    with TemporaryDirectory(prefix="colmap-ihe-") as temporary:
+        folder, database = Path(temporary) / "images", Path(temporary) / "features.db"
+        _write_images(folder, dict(zip(names, images, strict=True)))
+        called(
+            pycolmap.extract_features,
+            database,
+            folder,
+            image_names=names,
+            extraction_options=options,
+            watch=watch,
+        )
+        return _read_features(database, names)
+
+
+def _write_images(folder: Path, images: Mapping[str, NDArray[np.uint8]]) -> None:
+    try:
+        folder.mkdir()
+        for name, grey in images.items():
+            header = f"P5\n{grey.shape[1]} {grey.shape[0]}\n255\n".encode()
+            (folder / name).write_bytes(header + grey.tobytes())
+    except OSError as error:
+        raise DiskFullError(
+            f"{folder}: images cannot be written there ({error.strerror})",
+            hint="make room on this disk, or name a folder on another in the environment variable TMPDIR",
+        ) from error
+
+
+def _read_features(database: Path, names: Sequence[str]) -> list[Features]:
+    found = []
+    with pycolmap.Database.open(database) as opened:
+        ids = {image.name: image.image_id for image in opened.read_all_images()}
+        for name in names:
+            points = np.asarray(opened.read_keypoints(ids[name]), np.float64).reshape(-1, 6)
+            descriptors = np.asarray(opened.read_descriptors(ids[name]).data, np.uint8).reshape(-1, 128)
+            # x, y, and the affine shape a11 a12 a21 a22, of which COLMAP takes the mean length of both axes
+            scales = (np.hypot(points[:, 2], points[:, 4]) + np.hypot(points[:, 3], points[:, 5])) / 2
+            found.append(Features(points[:, :2], scales, descriptors))
+    return found
+
+
+def match(first: Features, second: Features) -> Matches:
+    """Mutual nearest neighbours that are much nearer than the second nearest, both ways, as COLMAP's matcher
+    takes them by default, and in a twentieth of its time."""
+    if not len(first) or not len(second):
+        return np.zeros((0, 2), np.intp)
+    there, passes_there = _nearest(first.descriptors, second.descriptors)
+    back, passes_back = _nearest(second.descriptors, first.descriptors)
+    rows = np.arange(len(there))
+    kept = passes_there & passes_back[there] & (back[there] == rows)
+    return np.stack((rows[kept], there[kept]), axis=1)
+
+
+def _nearest(
+    ones: NDArray[np.uint8], others: NDArray[np.uint8]
+) -> tuple[NDArray[np.intp], NDArray[np.bool_]]:
+    """Of each of `ones` the nearest of `others`, and whether it passes COLMAP's tests of angle and ratio."""
+    a, b = ones.astype(np.float32) / np.float32(_UNIT), others.astype(np.float32) / np.float32(_UNIT)
+    nearest, passes = np.zeros(len(a), np.intp), np.zeros(len(a), bool)
+    for begin in range(0, len(a), _ROWS):
+        likeness = a[begin : begin + _ROWS] @ b.T
+        rows = np.arange(len(likeness))
+        best = np.argmax(likeness, axis=1)
+        angle = np.arccos(np.clip(likeness[rows, best], -1, 1))
+        likeness[rows, best] = -1
+        next_angle = np.arccos(np.clip(likeness.max(axis=1), -1, 1))
+        nearest[begin : begin + _ROWS] = best
+        passes[begin : begin + _ROWS] = (angle <= _MAX_ANGLE) & (angle < _MAX_RATIO * next_angle)
+    return nearest, passes
+
+
+def verified(
+    first: NDArray[np.float64],
+    second: NDArray[np.float64],
+    first_size: tuple[int, int],
+    second_size: tuple[int, int],
+    *,
+    max_error_px: float = 4.0,
+    seed: int = 0,
+) -> NDArray[np.intp]:
+    """Which of N matched places lie on the geometry that most of them share: (n,) indices, none if fewer than 15.
+
+    first, second: (N, 2) float64, x and y in pixels of images of these sizes (width, height). COLMAP's
+    verification with its defaults, for cameras of unknown focal length. The same places and seed, the same
+    answer.
+    """
+    if len(first) != len(second) or first.shape[1:] != (2,) or second.shape[1:] != (2,):
+        raise ValueError(f"{first.shape=} {second.shape=}, expected (N, 2) each")
+    options = pycolmap.TwoViewGeometryOptions()
+    options.ransac.random_seed = seed
+    options.ransac.max_error = max_error_px
+    if len(first) < options.min_num_inliers:
+        return np.zeros(0, np.intp)
+    cameras = [
+        pycolmap.Camera.create_from_model_name(number, "SIMPLE_PINHOLE", 1.2 * max(size), *size)
+        for number, size in ((1, first_size), (2, second_size))
+    ]
+    both = np.repeat(np.arange(len(first), dtype=np.uint32)[:, None], 2, axis=1)
+    geometry = pycolmap.estimate_two_view_geometry(cameras[0], first, cameras[1], second, both, options)
+    return np.asarray(geometry.inlier_matches, np.intp).reshape(-1, 2)[:, 0]
