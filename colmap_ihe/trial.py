@@ -29,9 +29,9 @@ from colmap_ihe.overlaps import Box, Overlap, find_overlaps
 from colmap_ihe.progress import Watch
 
 PAIRS = 3
-_WINDOW = 700_000  # pixels at working resolution, where the first octave is 0
+_WINDOW = 600_000  # pixels at working resolution, where the first octave is 0
 _FINER = 4  # so many times the pixels there are in the octave before
-_SCREENED = 3  # so many times smaller are the windows in which the grid is screened
+_SCREENED = 4  # so many times smaller are the windows in which the grid is screened
 _KEPT = 10_000
 """Features a photograph. COLMAP takes whole levels of scale until there are more than 8,192 places: about a
 tenth more, and some places have two orientations."""
