@@ -21,25 +21,49 @@ from colmap_ihe.executor import in_order, local_workers
 from colmap_ihe.grey.boxes import Triplet
 from colmap_ihe.grey.contrast import Contrast
 from colmap_ihe.grey.conversions import CONVERSIONS, SetFit
-from colmap_ihe.grey.convert import coded_share
+from colmap_ihe.grey.convert import Tone, coded_share
 from colmap_ihe.grey.histogram import Histogram, mass_of
-from colmap_ihe.grey.ihe import count_levels, fit_histogram, white_point
+from colmap_ihe.grey.ihe import count_levels, fit_histogram, likely_winner, white_point
 from colmap_ihe.grey.weights import FIXED, Encoding, Formula, Grey, Weights, triplets
+from colmap_ihe.measured import REFERENCE, Measured, choose, in_words
 from colmap_ihe.options import FitOptions
 from colmap_ihe.per_image import LeftOut, each_usable
 from colmap_ihe.progress import Watch
+from colmap_ihe.trial import coarse_grid, measure
 
 Pixels = NDArray[np.uint8] | NDArray[np.uint16]
 
 
 @dataclass(frozen=True)
+class Trial:
+    """How COLMAP will see the photographs: the tone of linear ones, and the longer side in pixels."""
+
+    tone: Tone = "sqrt"
+    max_image_size: int = 3200
+
+
+@dataclass(frozen=True)
+class Tried:
+    """What was measured on the photographs, and which of the candidates the grey is."""
+
+    chosen: str
+    measured: Measured
+
+    def as_dict(self) -> dict[str, Any]:
+        words = in_words(self.measured, self.chosen)
+        return {"chosen": self.chosen, "in_words": words, **self.measured.as_dict()}
+
+
+@dataclass(frozen=True)
 class Fit:
     """The grey of the set, one for each encoding in it; `colour_white` is the white point of a linear
-    set's colour twins, as a share of saturation."""
+    set's colour twins, as a share of saturation. `tried`: what was
+    measured on pairs of its photographs, if anything."""
 
     weights: Mapping[Encoding, Grey]
     colour_white: float = 1.0
     left_out: LeftOut = field(default_factory=dict)
+    tried: Mapping[Encoding, Tried] = field(default_factory=dict)
 
     @property
     def main(self) -> Grey:
@@ -94,13 +118,20 @@ class _Partial:
 
 
 def fit_captures(
-    captures: Sequence[Capture], options: FitOptions, executor: Executor, watch: Watch, *, strict: bool
+    captures: Sequence[Capture],
+    options: FitOptions,
+    executor: Executor,
+    watch: Watch,
+    *,
+    strict: bool,
+    trial: Trial | None = None,
 ) -> Fit:
     """One grey for the whole set, from every pixel of every capture, one image in memory a worker.
 
     A set that mixes gamma-coded and linear photographs gets one for each: a sensor's red is not
-    sRGB's red, so one triplet for both would mean two different greys. Raises `PhotographError` if strict,
-    `ProjectError` if no photograph can be used.
+    sRGB's red, so one triplet for both would mean two different greys. With `trial` the grey is tried against
+    Rec.709 on a few pairs; method "auto" always tries, and takes the best. Raises `PhotographError` if
+    strict, `ProjectError` if no photograph can be used.
     """
     left_out: LeftOut = {}
     partial = {encoding: _Partial(options, encoding) for encoding in {encoding_of(c) for c in captures}}
@@ -108,7 +139,7 @@ def fit_captures(
     def gather(capture: Capture) -> Capture:
         photograph = read_photograph(capture)
         contrast = Contrast(photograph.encoding)
-        if options.method in ("ihe", "snr"):
+        if options.method in ("ihe", "snr", "auto"):
             contrast.add(photograph.rgb, weighting=options.weighting)
         with partial[photograph.encoding].borrowed() as part:
             part.add(photograph.rgb, contrast, options.sample)
@@ -116,78 +147,128 @@ def fit_captures(
 
     usable = list(each_usable(gather, captures, executor, watch, strict, left_out))
     weights: dict[Encoding, Grey] = {}
+    tried: dict[Encoding, Tried] = {}
     colour_white = 1.0
     for encoding in sorted({encoding_of(c) for c in usable}):
-        gathered = partial[encoding].total()
         members = [c for c in usable if encoding_of(c) == encoding]
-        weights[encoding] = _grey_of(gathered, members, options, executor, watch)
+        one = _SetFit(partial[encoding].total(), members, options, executor, watch)
+        if options.method == "auto":
+            weights[encoding], tried[encoding] = one.tried(trial or Trial())
+        else:
+            weights[encoding] = one.grey(options.method)
+            if trial is not None:
+                tried[encoding] = one.against_rec709(weights[encoding], trial)
         if encoding == "linear":
-            colour_white = white_point(gathered.histogram, FIXED["green"])
-    return Fit(weights, colour_white, left_out)
+            colour_white = one.white_of(FIXED["green"])
+    return Fit(weights, colour_white, left_out, tried)
 
 
-def _grey_of(
-    gathered: _Gathered, members: Sequence[Capture], options: FitOptions, executor: Executor, watch: Watch
-) -> Grey:
-    histogram = gathered.histogram
-    grid = triplets(options.step)
-    linear = histogram.encoding == "linear"
-    if options.method == "ihe":
-        admitted = gathered.contrast.admitted(grid) if options.guard == "noise" else grid
-        found = _fit_ihe(histogram, admitted, members, options, executor, watch)
-        return replace(found, contrast=_contrast_of(gathered, found.triplet, grid))
-    common: dict[str, Any] = {
-        "method": options.method,
-        "encoding": histogram.encoding,
-        "images": histogram.images,
-        "pixels": histogram.pixels,
-    }
-    if options.method in FIXED or options.method == "snr":
-        triplet = FIXED.get(options.method) or _shares(gathered.contrast.best(grid))
-        white = white_point(histogram, triplet) if linear else 1.0
-        return Weights(*triplet, **common, white=white, contrast=_contrast_of(gathered, triplet, grid))
-    parameters = () if gathered.formula is None else gathered.formula.finish()
-    return Formula(
-        **common, parameters=parameters, white=white_point(histogram, FIXED["green"]) if linear else 1.0
-    )
+@dataclass(frozen=True)
+class _SetFit:
+    """What is known of the photographs of one encoding, and the greys that follow."""
 
+    gathered: _Gathered
+    members: Sequence[Capture]
+    options: FitOptions
+    executor: Executor
+    watch: Watch
 
-def _contrast_of(
-    gathered: _Gathered, triplet: tuple[float, float, float], grid: Sequence[Triplet]
-) -> float | None:
-    """As a share of the best of the grid; None where the set shows no detail."""
-    red, green, blue = (round(100 * w) for w in triplet)
-    best = float(gathered.contrast.snr_of(grid).max())
-    return float(gathered.contrast.snr_of([(red, green, blue)])[0]) / best if best > 0 else None
+    @property
+    def encoding(self) -> Encoding:
+        return self.gathered.histogram.encoding
+
+    def white_of(self, triplet: tuple[float, float, float]) -> float:
+        return white_point(self.gathered.histogram, triplet) if self.encoding == "linear" else 1.0
+
+    def grey(self, method: str) -> Grey:
+        grid = triplets(self.options.step)
+        if method == "ihe":
+            guarded = self.options.guard == "noise"
+            return self.flattest(self.gathered.contrast.admitted(grid) if guarded else grid)
+        if method == "snr":
+            return self.weights(method, _shares(self.gathered.contrast.best(grid)))
+        if method in FIXED:
+            return self.weights(method, FIXED[method])
+        histogram, formula = self.gathered.histogram, self.gathered.formula
+        return Formula(
+            method=method,
+            parameters=() if formula is None else formula.finish(),
+            encoding=self.encoding,
+            white=self.white_of(FIXED["green"]),
+            images=histogram.images,
+            pixels=histogram.pixels,
+        )
+
+    def weights(self, method: str, triplet: tuple[float, float, float]) -> Weights:
+        histogram = self.gathered.histogram
+        return Weights(
+            *triplet,
+            method=method,
+            encoding=self.encoding,
+            white=self.white_of(triplet),
+            images=histogram.images,
+            pixels=histogram.pixels,
+            contrast=self.gathered.contrast.share_of(triplet),
+        )
+
+    def flattest(self, grid: Sequence[Triplet]) -> Weights:
+        """The winner of IHE among the triplets of `grid`."""
+        options = self.options
+
+        def recount(chosen: Sequence[Triplet], whites: Sequence[int]) -> NDArray[np.int64]:
+            def count(capture: Capture) -> NDArray[np.int64]:
+                rgb = np.asarray(_sampled(read_photograph(capture).rgb, options.sample), np.uint16)
+                return count_levels(rgb, chosen, whites) * mass_of(rgb, options.weighting)
+
+            self.watch.start(len(self.members), f"images, for {len(chosen)} triplets")
+            total: NDArray[np.int64] = np.zeros((len(chosen), 256), np.int64)
+            for counts in in_order(self.executor, count, self.members):
+                total += counts
+                self.watch.advance()
+            return total
+
+        self.watch.start(len(grid), "triplets")
+        linear = self.encoding == "linear"
+        found = fit_histogram(self.gathered.histogram, grid, recount if linear else None, self.watch.advance)
+        return replace(found, contrast=self.gathered.contrast.share_of(found.triplet))
+
+    def tried(self, trial: Trial) -> tuple[Grey, Tried]:
+        """The candidate that matches best on a few pairs; guarded IHE where no pair overlaps. The paper's IHE of a
+        linear set is estimated."""
+        grid = triplets(self.options.step)
+        papers = likely_winner(self.gathered.histogram, grid)
+        greys: dict[str, Grey] = {
+            "rec709": self.grey("rec709"),
+            "ihe": self.flattest(self.gathered.contrast.admitted(grid)),
+            "ihe of the paper": self.weights("ihe", _shares(papers)),
+            **{name: self.grey(name) for name in ("snr", "mean", "green")},
+        }
+        screen = coarse_grid(self.encoding, lambda t: self.white_of(_shares(t)))
+        measured = self.measure(greys, trial, screen)
+        name = choose(measured) if measured.candidates else "ihe"
+        return replace({**screen, **greys}[name], method="auto"), Tried(name, measured)
+
+    def against_rec709(self, grey: Grey, trial: Trial) -> Tried:
+        default = self.weights(REFERENCE, FIXED[REFERENCE])
+        if isinstance(grey, Weights) and max(np.abs(np.subtract(grey.triplet, default.triplet))) < 0.01:
+            return Tried(REFERENCE, Measured(reason="it is COLMAP's default grey"))
+        return Tried(grey.method, self.measure({REFERENCE: default, grey.method: grey}, trial, {}))
+
+    def measure(self, greys: Mapping[str, Grey], trial: Trial, screen: Mapping[str, Grey]) -> Measured:
+        return measure(
+            self.members,
+            greys,
+            self.executor,
+            self.watch,
+            tone=trial.tone,
+            max_image_size=trial.max_image_size,
+            screen=screen,
+        )
 
 
 def _shares(triplet: Triplet) -> tuple[float, float, float]:
     red, green, blue = triplet
     return red / 100, green / 100, blue / 100
-
-
-def _fit_ihe(
-    histogram: Histogram,
-    grid: Sequence[Triplet],
-    members: Sequence[Capture],
-    options: FitOptions,
-    executor: Executor,
-    watch: Watch,
-) -> Weights:
-    def recount(chosen: Sequence[Triplet], whites: Sequence[int]) -> NDArray[np.int64]:
-        def count(capture: Capture) -> NDArray[np.int64]:
-            rgb = np.asarray(_sampled(read_photograph(capture).rgb, options.sample), np.uint16)
-            return count_levels(rgb, chosen, whites) * mass_of(rgb, options.weighting)
-
-        watch.start(len(members), f"images, for {len(chosen)} triplets")
-        total: NDArray[np.int64] = np.zeros((len(chosen), 256), np.int64)
-        for counts in in_order(executor, count, members):
-            total += counts
-            watch.advance()
-        return total
-
-    watch.start(len(grid), "triplets")
-    return fit_histogram(histogram, grid, recount if histogram.encoding == "linear" else None, watch.advance)
 
 
 def _sampled(rgb: Pixels, sample: float) -> Pixels:

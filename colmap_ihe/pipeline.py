@@ -12,7 +12,7 @@ import time
 from collections.abc import Callable, Mapping
 from concurrent.futures import Executor
 from contextlib import ExitStack
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -227,6 +227,8 @@ def _run_stage(stage: Stage, run: Run, fingerprint: str, forced: bool, audience:
 
 def _options_of(options: Options, stage: Stage) -> dict[str, Any]:
     chosen = {name: getattr(options, name).model_dump(mode="json") for name in stage.options}
+    if stage.name == "fit":
+        chosen["trial"] = asdict(stages.trial_of(options))
     if stage.name == "dense":
         del chosen["dense"]["enabled"]
         chosen["dense"]["backend"] = pick_backend(options.dense.backend) if options.dense.enabled else "none"

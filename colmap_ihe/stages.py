@@ -23,7 +23,7 @@ from colmap_ihe.colmap.mapping import map_images
 from colmap_ihe.colmap.matching import match_features
 from colmap_ihe.colmap.workspace import database_is_sound, remove_database
 from colmap_ihe.errors import DiskFullError, MappingError
-from colmap_ihe.fitting import Fit, fit_captures
+from colmap_ihe.fitting import Fit, Trial, fit_captures
 from colmap_ihe.grey.weights import grey_from_dict
 from colmap_ihe.options import Options
 from colmap_ihe.preprocess import Surveyed, convert_captures, survey, write_masks
@@ -86,7 +86,9 @@ def captures(run: Run, watch: Watch) -> Record:
 
 
 def fit(run: Run, watch: Watch) -> Record:
-    found = fit_captures(run.captures(), run.options.fit, run.executor, watch, strict=run.strict)
+    found = fit_captures(
+        run.captures(), run.options.fit, run.executor, watch, strict=run.strict, trial=trial_of(run.options)
+    )
     warnings = []
     if len(found.weights) > 1:
         counts = " and ".join(f"{w.images} {encoding}" for encoding, w in found.weights.items())
@@ -97,9 +99,16 @@ def fit(run: Run, watch: Watch) -> Record:
     return {
         "weights": {encoding: w.as_dict() for encoding, w in found.weights.items()},
         "colour_white": found.colour_white,
+        "tried": {encoding: t.as_dict() for encoding, t in found.tried.items()},
         "left_out": found.left_out,
         "warnings": warnings,
     }
+
+
+def trial_of(options: Options) -> Trial:
+    """How the photographs will look to COLMAP, for trying greys on them."""
+    size = options.features.max_image_size
+    return Trial(options.convert.tone) if size is None else Trial(options.convert.tone, size)
 
 
 def convert(run: Run, watch: Watch) -> Record:

@@ -28,7 +28,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from colmap_ihe.grey.weights import Encoding
+from colmap_ihe.grey.weights import Encoding, triplets
 
 CLOSENESS = 0.998
 """A triplet is admitted whose contrast is at least this share of the best one's."""
@@ -97,32 +97,38 @@ class Contrast:
         total.noise = self.noise + other.noise
         return total
 
-    def snr_of(self, triplets: Sequence[tuple[int, int, int]]) -> _F64:
+    def snr_of(self, grid: Sequence[tuple[float, float, float]]) -> _F64:
         """sqrt(w'Cw / w'Nw) of each triplet, in hundredths: (n,) float64; all 0 while nothing was measured."""
-        w = np.asarray(triplets, np.float64) / 100
+        w = np.asarray(grid, np.float64) / 100
         noise = np.einsum("ni,ij,nj->n", w, self.noise, w)
         detail = np.einsum("ni,ij,nj->n", w, self.signal, w)
         ratio = np.divide(np.maximum(detail, 0), noise, out=np.zeros(len(w)), where=noise > 0)
         return np.asarray(np.sqrt(ratio))
 
-    def best(self, triplets: Sequence[tuple[int, int, int]]) -> tuple[int, int, int]:
+    def share_of(self, triplet: tuple[float, float, float]) -> float | None:
+        """The contrast of weights as a share of the best there is; None where no detail was measured."""
+        best = float(self.snr_of(triplets()).max())
+        red, green, blue = (100 * w for w in triplet)
+        return float(self.snr_of([(red, green, blue)])[0]) / best if best > 0 else None
+
+    def best(self, grid: Sequence[tuple[int, int, int]]) -> tuple[int, int, int]:
         """The triplet of greatest contrast; of equals the nearest to Rec.709."""
-        snr = self.snr_of(triplets)
-        away = ((np.asarray(triplets) - _REC709) ** 2).sum(axis=1)
-        return triplets[int(np.lexsort((away, -snr))[0])]
+        snr = self.snr_of(grid)
+        away = ((np.asarray(grid) - _REC709) ** 2).sum(axis=1)
+        return grid[int(np.lexsort((away, -snr))[0])]
 
     def admitted(
-        self, triplets: Sequence[tuple[int, int, int]], closeness: float = CLOSENESS
+        self, grid: Sequence[tuple[int, int, int]], closeness: float = CLOSENESS
     ) -> list[tuple[int, int, int]]:
         """Those whose contrast is at least `closeness` of the best one's, in the order given. Only the nearest to
         Rec.709 where its contrast is `DEFAULT_ENOUGH`; all where no detail was measured."""
-        snr = self.snr_of(triplets)
-        away = ((np.asarray(triplets) - _REC709) ** 2).sum(axis=1)
+        snr = self.snr_of(grid)
+        away = ((np.asarray(grid) - _REC709) ** 2).sum(axis=1)
         default = int(np.argmin(away))
         if snr.max() > 0 and snr[default] >= DEFAULT_ENOUGH * snr.max():
-            return [triplets[default]]
+            return [grid[default]]
         least = closeness * snr.max()
-        return [t for t, value in zip(triplets, snr, strict=True) if value >= least]
+        return [t for t, value in zip(grid, snr, strict=True) if value >= least]
 
 
 def _on_grid(sums: _F64) -> _F64:

@@ -98,6 +98,13 @@ _ALL = [
         source="the paper of 2016",
     ),
     Conversion(
+        name="auto",
+        scope="set",
+        does="the one of several candidates that matches best on a few pairs of the set",
+        properties=_SEES | _FIXED,
+        source="ours",
+    ),
+    Conversion(
         name="snr",
         scope="set",
         does="the weights whose detail stands out of their noise best",

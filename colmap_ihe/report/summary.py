@@ -14,7 +14,7 @@ def summarise(records: Mapping[str, Mapping[str, Any]], options: Options) -> dic
     """What report/summary.json holds; a value is None where its stage has not run.
 
     `weights` are those of the kind of photograph (gamma-coded or linear) that most are of;
-    `weights_by_encoding` holds all.
+    `weights_by_encoding` holds all. `tried` is what was measured against COLMAP's default grey.
     """
     by_encoding = records["fit"]["weights"] if "fit" in records else {}
     main = max(by_encoding.values(), key=lambda w: int(w["images"]), default=None)
@@ -32,6 +32,7 @@ def summarise(records: Mapping[str, Mapping[str, Any]], options: Options) -> dic
         "weights": main["weights"] if main else None,
         "score": main["score"] if main else None,
         "tones": main["tones"] if main else None,
+        "tried": records["fit"]["tried"].get(main["encoding"]) if main else None,
         "weights_by_encoding": {e: w["weights"] for e, w in by_encoding.items()},
         "cameras": records["features"]["cameras"] if "features" in records else None,
         "with_focal_prior": records["features"]["with_focal_prior"] if "features" in records else None,
@@ -56,6 +57,8 @@ def summary_rows(summary: Mapping[str, Any]) -> list[tuple[str, str]]:
     rows = [("photographs", _photographs(summary))]
     if summary["weights"] is not None:
         rows.append((f"grey ({summary['method']})", weights_in_words(summary["weights"])))
+    if summary["tried"]:
+        rows.append(("measured", summary["tried"]["in_words"]))
     if summary["registered_images"] is not None:
         rows += [
             ("registered images", f"{summary['registered_images']} of {summary['images']}"),

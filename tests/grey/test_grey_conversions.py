@@ -64,7 +64,7 @@ def converted(conversion: Conversion, images: list[Float32]) -> list[Float32]:
         return [conversion.apply(image, fit.finish()) for image in images]
     if conversion.name in FIXED:
         return [weighed(image, FIXED[conversion.name]) for image in images]
-    assert conversion.name in ("ihe", "snr")
+    assert conversion.name in ("ihe", "snr", "auto")
     codes = [np.rint(255 * image).astype(np.uint8) for image in images]
     weights = fit_weights(codes, step=0.1)
     if conversion.name == "snr":
@@ -234,7 +234,7 @@ def test_the_named_greens_and_blues_are_of_one_grey_and_seen_by_others() -> None
 def test_every_name_of_the_method_is_in_the_table() -> None:
     assert set(CONVERSIONS) == {
         *FIXED,
-        *("ihe", "snr", "cie-y", "value", "decolorize", "decolorize-set", "realtime", "realtime-set"),
+        *("ihe", "snr", "auto", "cie-y", "value", "decolorize", "decolorize-set", "realtime", "realtime-set"),
         *("contrast-preserving", "song", "color2gray", "apparent"),
     }
     for name, conversion in CONVERSIONS.items():
@@ -245,7 +245,7 @@ def test_every_name_of_the_method_is_in_the_table() -> None:
 
 @pytest.mark.parametrize("conversion", CONVERSIONS.values(), ids=CONVERSIONS)
 def test_scope_and_callables_fit_together(conversion: Conversion) -> None:
-    triplet = conversion.name in FIXED or conversion.name in ("ihe", "snr")
+    triplet = conversion.name in FIXED or conversion.name in ("ihe", "snr", "auto")
     assert (conversion.convert is not None) == (conversion.scope != "set" and not triplet)
     assert (conversion.new_fit is not None) == (conversion.scope == "set" and not triplet)
     assert (conversion.apply is None) == (conversion.new_fit is None)

@@ -1,0 +1,99 @@
+"""The fit over files: guarded or not, tried or not, and the same on any number of workers."""
+
+from __future__ import annotations
+
+import json
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from PIL import Image
+
+from colmap_ihe.captures.discover import discover
+from colmap_ihe.fitting import Fit, Trial, fit_captures
+from colmap_ihe.grey.ihe import fit_weights
+from colmap_ihe.grey.weights import Formula, Weights
+from colmap_ihe.options import FitOptions
+from colmap_ihe.progress import SILENT
+
+
+def noisy_blue(seed: int) -> NDArray[np.uint8]:
+    """Detail that all channels show, in flat and textured parts; blue is mostly noise, so its histogram is flat."""
+    rng = np.random.default_rng(seed)
+    detail = rng.normal(0, 14, (240, 320, 1)) * (np.arange(320) > 120)[:, None]
+    rgb = 110 + np.linspace(-30, 30, 320)[:, None] + detail * (1.0, 0.8, 0.6)
+    rgb += rng.normal(0, 1, rgb.shape) * (1.5, 1.5, 45)
+    return np.asarray(np.clip(np.rint(rgb), 0, 255), np.uint8)
+
+
+@pytest.fixture
+def photographs(tmp_path: Path) -> Path:
+    for seed in range(3):
+        Image.fromarray(noisy_blue(seed)).save(tmp_path / f"{seed}.png")
+    return tmp_path
+
+
+def fitted(folder: Path, options: FitOptions, workers: int = 2, trial: Trial | None = None) -> Fit:
+    with ThreadPoolExecutor(workers) as executor:
+        return fit_captures(discover(folder).captures, options, executor, SILENT, strict=True, trial=trial)
+
+
+def test_the_guard_keeps_the_fit_off_the_noisy_channel(photographs: Path) -> None:
+    paper = fitted(photographs, FitOptions(guard="none")).main
+    guarded = fitted(photographs, FitOptions()).main
+    assert isinstance(paper, Weights)
+    assert isinstance(guarded, Weights)
+    assert paper.blue > 0.8
+    assert guarded.blue < 0.1
+    assert paper.score is not None
+    assert guarded.score is not None
+    assert paper.score < guarded.score
+    assert paper.contrast is not None
+    assert guarded.contrast is not None
+    assert paper.contrast < 0.5 < 0.998 <= guarded.contrast
+
+
+@pytest.mark.parametrize("method", ["ihe", "snr", "decolorize-set", "realtime-set"])
+def test_workers_and_names_change_nothing(photographs: Path, method: str) -> None:
+    one = fitted(photographs, FitOptions(method=method), workers=1)
+    many = fitted(photographs, FitOptions(method=method), workers=5)
+    assert one == many
+    for number, file in enumerate(sorted(photographs.glob("*.png"), reverse=True)):
+        file.rename(photographs / f"other{number}.png")
+    assert fitted(photographs, FitOptions(method=method)).main == one.main
+
+
+def test_files_and_arrays_give_the_same_weights(photographs: Path) -> None:
+    images = [noisy_blue(seed) for seed in range(3)]
+    for guard in ("noise", "none"):
+        found = fitted(photographs, FitOptions(guard=guard)).main  # type: ignore[arg-type]
+        in_memory = fit_weights(images, guard=guard)  # type: ignore[arg-type]
+        assert isinstance(found, Weights)
+        assert (found.triplet, found.score) == (in_memory.triplet, in_memory.score)
+
+
+def test_auto_without_a_pair_is_the_guarded_fit_and_says_so(photographs: Path) -> None:
+    found = fitted(photographs, FitOptions(method="auto"))
+    guarded = fitted(photographs, FitOptions()).main
+    assert isinstance(found.main, Weights)
+    assert isinstance(guarded, Weights)
+    assert found.main.triplet == guarded.triplet
+    assert found.main.method == "auto"
+    told = found.tried["coded"].as_dict()
+    assert told["chosen"] == "ihe"
+    assert "could not be measured" in told["in_words"]
+    json.dumps(told)
+
+
+def test_a_formula_is_tried_as_a_triplet_is(photographs: Path) -> None:
+    found = fitted(photographs, FitOptions(method="value"), trial=Trial())
+    assert isinstance(found.main, Formula)
+    assert found.tried["coded"].chosen == "value"
+
+
+def test_rec709_needs_no_trial_of_itself(photographs: Path) -> None:
+    found = fitted(photographs, FitOptions(method="rec709"), trial=Trial())
+    assert not found.tried["coded"].measured.candidates
+    assert "COLMAP's default" in found.tried["coded"].as_dict()["in_words"]
