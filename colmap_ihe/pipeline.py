@@ -227,7 +227,7 @@ def _run_stage(stage: Stage, run: Run, fingerprint: str, forced: bool, audience:
 
 def _options_of(options: Options, stage: Stage) -> dict[str, Any]:
     chosen = {name: getattr(options, name).model_dump(mode="json") for name in stage.options}
-    if stage.name == "fit":
+    if stage.name == "fit" and options.fit.method == "auto":
         chosen["trial"] = asdict(stages.trial_of(options))
     if stage.name == "dense":
         del chosen["dense"]["enabled"]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 import pytest
@@ -67,9 +68,10 @@ def test_workers_and_names_change_nothing(photographs: Path, method: str) -> Non
 
 def test_files_and_arrays_give_the_same_weights(photographs: Path) -> None:
     images = [noisy_blue(seed) for seed in range(3)]
-    for guard in ("noise", "none"):
-        found = fitted(photographs, FitOptions(guard=guard)).main  # type: ignore[arg-type]
-        in_memory = fit_weights(images, guard=guard)  # type: ignore[arg-type]
+    guards: tuple[Literal["noise", "none"], ...] = ("noise", "none")
+    for guard in guards:
+        found = fitted(photographs, FitOptions(guard=guard)).main
+        in_memory = fit_weights(images, guard=guard)
         assert isinstance(found, Weights)
         assert (found.triplet, found.score) == (in_memory.triplet, in_memory.score)
 

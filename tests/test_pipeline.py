@@ -737,3 +737,22 @@ def test_photographs_without_a_focal_length_are_warned_of(
     assert (done.summary["with_focal_prior"], done.summary["cameras"], done.summary["warnings"]) == (3, 1, [])
     with pycolmap.Database.open(project / "workspace/database.db") as database:
         assert database.read_all_cameras()[0].params.tolist() == [400, 240, 160]
+
+
+def test_how_colmap_sees_the_photographs_is_an_input_of_auto_only(
+    finished: Path, quick_options: MakeOptions
+) -> None:
+    def why(*assignments: str) -> str:
+        return status(finished, quick_options(*assignments))[1].why
+
+    assert why("convert.tone=linear") == ""
+    assert why("fit.method=auto") == "its options changed"
+
+
+def test_the_summary_says_what_the_grey_brings(finished: Path, finished_summary: dict[str, Any]) -> None:
+    tried = finished_summary["tried"]
+    assert tried["chosen"] in ("ihe", "rec709")
+    assert "COLMAP's default" in tried["in_words"]
+    if tried["candidates"]:
+        assert tried["candidates"]["rec709"]["gain"] == 0
+        assert len(tried["pairs"]) <= 3
