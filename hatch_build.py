@@ -33,7 +33,7 @@ class KernelsHook(BuildHookInterface):
             "-O3",
             "-Wall",
             "-Wextra",
-            "-Werror",
+            "-Werror", "-Wno-parentheses",
             "-shared",
             "-fPIC",
         ]

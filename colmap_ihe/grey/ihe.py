@@ -32,6 +32,7 @@ _Counted = dict[Triplet, NDArray[np.int64]]
 _SLACK = 1 - 1e-9  # bounds are floating point, Q is not
 _SMALL = 600_000  # pixels of a linear set for which bounds would take longer than counting
 _FIRST = 48
+_FEW = 32  # triplets that are counted sooner than bounded
 _COARSE_TO_FINE = ((4, 14), (4, 16), (3, 17), (3, 19), (2, 21))
 """Of the boxes that bound: bits of their side, and the share of the mass, 2^-n, above which a colour is alone."""
 _WHITE_BITS = 2
@@ -95,7 +96,7 @@ def fit_histogram(
 def _search_coded(pyramid: Pyramid, alive: list[Triplet], advance: Callable[[int], None]) -> _Counted:
     colours = pyramid.boxes(0)
     counted: _Counted = {}
-    for bits, heavy in _COARSE_TO_FINE:
+    for bits, heavy in _COARSE_TO_FINE if len(alive) > _FEW else ():
         bounds, estimates = bounds_of(*pyramid.adaptive(bits, heavy), kernels.coded_rules(alive))
         promising = alive[int(np.argmin(estimates))]
         counted[promising] = counts_of(colours, kernels.coded_rules([promising]))[0].astype(np.int64)

@@ -67,6 +67,16 @@ static inline uint32_t place_of(uint8_t r, uint8_t g, uint8_t b)
     return (uint32_t)(uint8_t)(r - g) << 16 | (uint32_t)(uint8_t)(b - g) << 8 | g;
 }
 
+#if __BYTE_ORDER__ == __ORDER_LITTLE_ENDIAN__
+#define WORD_RED(word) (word & 255)
+#define WORD_GREEN(word) (word >> 8 & 255)
+#define WORD_BLUE(word) (word >> 16 & 255)
+#else
+#define WORD_RED(word) (word >> 24)
+#define WORD_GREEN(word) (word >> 16 & 255)
+#define WORD_BLUE(word) (word >> 8 & 255)
+#endif
+
 static void add_places(const uint32_t *places, size_t n, uint32_t *counts)
 {
     size_t half = n / 2; /* neighbours often share a colour, and one addition would wait for the other */
@@ -84,8 +94,15 @@ void count_colours_8(const uint8_t *rgb, size_t n, uint32_t *counts)
     for (size_t start = 0; start < n; start += BLOCK) {
         size_t m = n - start < BLOCK ? n - start : BLOCK;
         const uint8_t *p = rgb + 3 * start;
-        for (size_t i = 0; i < m; i++)
-            places[i] = place_of(p[3 * i], p[3 * i + 1], p[3 * i + 2]);
+        size_t last = m - (start + m == n); /* four bytes at a time, which the last pixel has not got */
+        for (size_t i = 0; i < last; i++) {
+            uint32_t word;
+            memcpy(&word, p + 3 * i, 4);
+            uint32_t r = WORD_RED(word), g = WORD_GREEN(word), b = WORD_BLUE(word);
+            places[i] = (r - g & 255) << 16 | (b - g & 255) << 8 | g;
+        }
+        if (last < m)
+            places[last] = place_of(p[3 * last], p[3 * last + 1], p[3 * last + 2]);
         add_places(places, m, counts);
     }
 }
