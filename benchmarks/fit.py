@@ -156,12 +156,12 @@ def compare(folder: Path, title: str) -> None:
 
 
 def synthetic(folder: Path, count: int) -> Path:
-    """JPEGs of 1280x960: shaded patches of colours of their own, and noise."""
+    """JPEGs of 1280x960: shaded patches, about as far from grey as photographs are, and noise."""
     folder.mkdir(parents=True, exist_ok=True)
 
     def make(number: int) -> None:
         rng = np.random.default_rng(number)
-        small = rng.integers(0, 256, (12, 16, 3)).astype(np.float32)
+        small = (rng.uniform(20, 235, (12, 16, 1)) + rng.normal(0, 20, (12, 16, 3))).astype(np.float32)
         rgb = cv2.resize(small, (1280, 960), interpolation=cv2.INTER_CUBIC)
         grain = rng.normal(0, 6, (960, 1280, 1)).astype(np.float32)
         pixels = np.clip(rgb * rng.uniform(0.5, 1) + grain, 0, 255).astype(np.uint8)

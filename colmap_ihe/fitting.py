@@ -33,6 +33,9 @@ from colmap_ihe.trial import coarse_grid, measure
 
 Pixels = NDArray[np.uint8] | NDArray[np.uint16]
 
+_CONTRAST_OF = 64
+"""Photographs in which contrast is measured, which costs more than counting colours: a thousand tiles are enough."""
+
 
 @dataclass(frozen=True)
 class Trial:
@@ -135,11 +138,13 @@ def fit_captures(
     """
     left_out: LeftOut = {}
     partial = {encoding: _Partial(options, encoding) for encoding in {encoding_of(c) for c in captures}}
+    wants_contrast = options.method in ("snr", "auto") or (options.method, options.guard) == ("ihe", "noise")
+    measured_in = {c.name for c in _spread(captures)} if wants_contrast else set()
 
     def gather(capture: Capture) -> Capture:
         photograph = read_photograph(capture)
         contrast = Contrast(photograph.encoding)
-        if options.method in ("ihe", "snr", "auto"):
+        if capture.name in measured_in:
             contrast.add(photograph.rgb, weighting=options.weighting)
         with partial[photograph.encoding].borrowed() as part:
             part.add(photograph.rgb, contrast, options.sample)
@@ -264,6 +269,15 @@ class _SetFit:
             max_image_size=trial.max_image_size,
             screen=screen,
         )
+
+
+def _spread(captures: Sequence[Capture]) -> list[Capture]:
+    """Those in which contrast is measured: all of a small set, and of each encoding a few spread over a large one."""
+    chosen = []
+    for encoding in {encoding_of(c) for c in captures}:
+        members = sorted((c for c in captures if encoding_of(c) == encoding), key=lambda c: c.name)
+        chosen += members[:: -(-len(members) // _CONTRAST_OF)]
+    return chosen
 
 
 def _shares(triplet: Triplet) -> tuple[float, float, float]:

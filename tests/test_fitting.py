@@ -12,6 +12,7 @@ import pytest
 from numpy.typing import NDArray
 from PIL import Image
 
+from colmap_ihe import fitting
 from colmap_ihe.captures.discover import discover
 from colmap_ihe.fitting import Fit, Trial, fit_captures
 from colmap_ihe.grey.ihe import fit_weights
@@ -99,3 +100,19 @@ def test_rec709_needs_no_trial_of_itself(photographs: Path) -> None:
     found = fitted(photographs, FitOptions(method="rec709"), trial=Trial())
     assert not found.tried["coded"].measured.candidates
     assert "COLMAP's default" in found.tried["coded"].as_dict()["in_words"]
+
+
+def test_contrast_of_a_large_set_is_measured_in_some_photographs(
+    photographs: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(fitting, "_CONTRAST_OF", 2)
+    some = fitted(photographs, FitOptions(method="snr")).main
+    (
+        photographs / "1.png"
+    ).unlink()  # of three in the order of names, two steps apart: the first and the last
+    monkeypatch.undo()
+    assert isinstance(some, Weights)
+    both = fitted(photographs, FitOptions(method="snr")).main
+    assert isinstance(both, Weights)
+    assert some.triplet == both.triplet
+    assert some.images == 3
