@@ -52,9 +52,9 @@ def test_the_guard_keeps_the_fit_off_the_noisy_channel(photographs: Path) -> Non
     assert paper.score is not None
     assert guarded.score is not None
     assert paper.score < guarded.score
-    assert paper.contrast is not None
+    assert paper.contrast is None
     assert guarded.contrast is not None
-    assert paper.contrast < 0.5 < 0.998 <= guarded.contrast
+    assert guarded.contrast >= 0.998
 
 
 @pytest.mark.parametrize("method", ["ihe", "snr", "decolorize-set", "realtime-set"])

@@ -749,7 +749,7 @@ def test_how_colmap_sees_the_photographs_is_an_input_of_auto_only(
     assert why("fit.method=auto") == "its options changed"
 
 
-def test_the_summary_says_what_the_grey_brings(finished: Path, finished_summary: dict[str, Any]) -> None:
+def test_the_summary_says_what_the_grey_brings(finished_summary: dict[str, Any]) -> None:
     tried = finished_summary["tried"]
     assert tried["chosen"] in ("ihe", "rec709")
     assert "COLMAP's default" in tried["in_words"]
