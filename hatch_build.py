@@ -33,7 +33,8 @@ class KernelsHook(BuildHookInterface):
             "-O3",
             "-Wall",
             "-Wextra",
-            "-Werror", "-Wno-parentheses",
+            "-Werror",
+            "-Wno-parentheses",
             "-shared",
             "-fPIC",
         ]
