@@ -60,8 +60,8 @@ class Tried:
 @dataclass(frozen=True)
 class Fit:
     """The grey of the set, one for each encoding in it; `colour_white` is the white point of a linear
-    set's colour twins, as a share of saturation. `tried`: what was
-    measured on pairs of its photographs, if anything."""
+    set's colour twins, as a share of saturation. `tried`: what was measured on pairs of its photographs, if
+    anything."""
 
     weights: Mapping[Encoding, Grey]
     colour_white: float = 1.0
@@ -199,7 +199,7 @@ class _SetFit:
             method=method,
             parameters=() if formula is None else formula.finish(),
             encoding=self.encoding,
-            white=self.white_of(FIXED["green"]),
+            white=1.0 if formula is not None else self.white_of(FIXED["green"]),  # as its fit saw the values
             images=histogram.images,
             pixels=histogram.pixels,
         )
