@@ -38,7 +38,7 @@ def main() -> None:
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("folders", type=Path, nargs="*", default=[DATA / "sceaux", DATA / "fountain-p11"])
-    rows = []
+    rows: list[tuple[str, ...]] = []
     for folder in parser.parse_args().folders:
         for method in ("ihe", "auto"):
             found, took = fitted(folder, method)
