@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from colmap_ihe.captures.decode import encoding_of, read_photograph
 from colmap_ihe.captures.discover import Capture
+from colmap_ihe.errors import NativeError
 from colmap_ihe.executor import in_order, local_workers
 from colmap_ihe.grey.boxes import Triplet
 from colmap_ihe.grey.contrast import Contrast
@@ -260,15 +261,19 @@ class _SetFit:
         return Tried(grey.method, self.measure({REFERENCE: default, grey.method: grey}, trial, {}))
 
     def measure(self, greys: Mapping[str, Grey], trial: Trial, screen: Mapping[str, Grey]) -> Measured:
-        return measure(
-            self.members,
-            greys,
-            self.executor,
-            self.watch,
-            tone=trial.tone,
-            max_image_size=trial.max_image_size,
-            screen=screen,
-        )
+        """A measurement that fails is no reason to end a run: it says so in its place."""
+        try:
+            return measure(
+                self.members,
+                greys,
+                self.executor,
+                self.watch,
+                tone=trial.tone,
+                max_image_size=trial.max_image_size,
+                screen=screen,
+            )
+        except NativeError as error:
+            return Measured(reason=f"COLMAP failed ({error})")
 
 
 def _spread(captures: Sequence[Capture]) -> list[Capture]:

@@ -14,9 +14,11 @@ from PIL import Image
 
 from colmap_ihe import fitting
 from colmap_ihe.captures.discover import discover
+from colmap_ihe.errors import NativeError
 from colmap_ihe.fitting import Fit, Trial, fit_captures
 from colmap_ihe.grey.ihe import fit_weights
 from colmap_ihe.grey.weights import Formula, Weights
+from colmap_ihe.measured import Measured
 from colmap_ihe.options import FitOptions
 from colmap_ihe.progress import SILENT
 
@@ -116,3 +118,17 @@ def test_contrast_of_a_large_set_is_measured_in_some_photographs(
     assert isinstance(both, Weights)
     assert some.triplet == both.triplet
     assert some.images == 3
+
+
+@pytest.mark.parametrize("method", ["ihe", "auto"])
+def test_a_measurement_that_fails_does_not_end_the_run(
+    photographs: Path, monkeypatch: pytest.MonkeyPatch, method: str
+) -> None:
+    def fails(*_: object, **__: object) -> Measured:
+        raise NativeError("no features today")
+
+    monkeypatch.setattr(fitting, "measure", fails)
+    found = fitted(photographs, FitOptions(method=method), trial=Trial())
+    assert isinstance(found.main, Weights)
+    assert found.main.blue < 0.1
+    assert "no features today" in found.tried["coded"].as_dict()["in_words"]
