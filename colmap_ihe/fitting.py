@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from colmap_ihe.captures.decode import encoding_of, read_photograph
 from colmap_ihe.captures.discover import Capture
-from colmap_ihe.errors import NativeError
+from colmap_ihe.errors import DiskFullError, KnownError
 from colmap_ihe.executor import in_order, local_workers
 from colmap_ihe.grey.boxes import Triplet
 from colmap_ihe.grey.contrast import Contrast
@@ -249,7 +249,7 @@ class _SetFit:
             "ihe of the paper": self.weights("ihe", _shares(papers)),
             **{name: self.grey(name) for name in ("snr", "mean", "green")},
         }
-        screen = coarse_grid(self.encoding, lambda t: self.white_of(_shares(t)))
+        screen = {n: self.weights("grid", w.triplet) for n, w in coarse_grid(self.encoding).items()}
         measured = self.measure(greys, trial, screen)
         name = choose(measured) if measured.candidates else "ihe"
         return replace({**screen, **greys}[name], method="auto"), Tried(name, measured)
@@ -272,8 +272,10 @@ class _SetFit:
                 max_image_size=trial.max_image_size,
                 screen=screen,
             )
-        except NativeError as error:
-            return Measured(reason=f"COLMAP failed ({error})")
+        except DiskFullError:
+            raise
+        except (KnownError, OSError, RuntimeError, KeyError) as error:
+            return Measured(reason=f"it failed ({error})")
 
 
 def _spread(captures: Sequence[Capture]) -> list[Capture]:

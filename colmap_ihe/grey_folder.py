@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor
 from contextlib import ExitStack, suppress
+from dataclasses import asdict
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -15,7 +16,8 @@ from colmap_ihe.captures.discover import discover
 from colmap_ihe.captures.encode import SUFFIXES
 from colmap_ihe.errors import KnownError, ProjectError, WeightsError
 from colmap_ihe.executor import local_executor
-from colmap_ihe.fitting import Fit, fit_captures
+from colmap_ihe.fitting import Fit, Trial, fit_captures
+from colmap_ihe.grey.convert import Tone
 from colmap_ihe.grey.weights import Grey, grey_from_dict
 from colmap_ihe.ledger import Ledger, opened
 from colmap_ihe.options import ConvertOptions, FitOptions
@@ -71,7 +73,9 @@ def convert_folder(
         if weights is not None:
             found = _fit_of(weights, surveyed, digests, ledgers, executor, audience)
         else:
-            found = _fitted(surveyed, digests, fit or FitOptions(), ledgers[0], executor, audience, strict)
+            found = _fitted(
+                surveyed, digests, fit or FitOptions(), ledgers[0], executor, audience, strict, options.tone
+            )
             left_out |= found.left_out
             _warn_of_the_fit(found, surveyed, audience)
         usable = [s for s in surveyed if s.capture.name not in left_out]
@@ -157,17 +161,20 @@ def _fitted(
     executor: Executor,
     audience: Audience,
     strict: bool,
+    tone: Tone = "sqrt",
 ) -> Fit:
     """The fit over the set, or the one that the ledger holds of the same photographs and options."""
-    key = fingerprint_of(
-        __version__, library_versions("rawpy", "libraw"), sorted(digests.items()), options.model_dump()
-    )
+    trial = Trial(tone) if options.method == "auto" else None
+    versions = library_versions("rawpy", "libraw", *(["pycolmap"] if trial else []))
+    about_trial = asdict(trial) if trial else None
+    key = fingerprint_of(__version__, versions, sorted(digests.items()), options.model_dump(), about_trial)
     kept = _kept_fit(ledger.notes.get("fit"), key)
     if kept is not None and not (strict and kept.left_out):
         audience.kept("fit")
         return kept
     with audience.stage("fit") as watch:
-        found = fit_captures([s.capture for s in surveyed], options, executor, watch, strict=strict)
+        captures = [s.capture for s in surveyed]
+        found = fit_captures(captures, options, executor, watch, strict=strict, trial=trial)
     ledger.notes["fit"] = {
         "fingerprint": key,
         "weights": [w.as_dict() for w in found.weights.values()],

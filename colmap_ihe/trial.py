@@ -8,7 +8,7 @@ with its standard error, from how it varies over the windows.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass
 
@@ -92,21 +92,12 @@ def measure(
         return _measure(overlaps, reason, greys, screen or {}, bench)
 
 
-def coarse_grid(
-    encoding: Encoding, white_of: Callable[[tuple[int, int, int]], float] | None = None, step: float = 0.25
-) -> dict[str, Weights]:
-    """The triplets of a coarse grid, to be screened, by the name they have among candidates.
-
-    `white_of`: the white point of the set in a grey with these weights, in hundredths; for linear sets.
-    """
+def coarse_grid(encoding: Encoding, step: float = 0.25) -> dict[str, Weights]:
+    """The triplets of a coarse grid, to be screened, by the name they have among candidates; of a linear set
+    still without its white points."""
     return {
         f"{i / 100:g} {j / 100:g} {k / 100:g}": Weights(
-            i / 100,
-            j / 100,
-            k / 100,
-            method="grid",
-            encoding=encoding,
-            white=white_of((i, j, k)) if white_of else 1.0,
+            i / 100, j / 100, k / 100, method="grid", encoding=encoding
         )
         for i, j, k in triplets(step)
     }

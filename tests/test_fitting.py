@@ -18,7 +18,7 @@ from colmap_ihe.errors import NativeError
 from colmap_ihe.fitting import Fit, Trial, fit_captures
 from colmap_ihe.grey.ihe import fit_weights
 from colmap_ihe.grey.weights import Formula, Weights
-from colmap_ihe.measured import Measured
+from colmap_ihe.measured import Candidate, Measured
 from colmap_ihe.options import FitOptions
 from colmap_ihe.progress import SILENT
 
@@ -132,3 +132,16 @@ def test_a_measurement_that_fails_does_not_end_the_run(
     assert isinstance(found.main, Weights)
     assert found.main.blue < 0.1
     assert "no features today" in found.tried["coded"].as_dict()["in_words"]
+
+
+def test_a_triplet_of_the_grid_is_as_complete_as_any(
+    photographs: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    candidate = Candidate(0, 0, 0, (0,), 0, 0)
+    monkeypatch.setattr(fitting, "measure", lambda *_, **__: Measured(candidates=(("rec709", candidate),)))
+    monkeypatch.setattr(fitting, "choose", lambda _: "0 0.75 0.25")
+    found = fitted(photographs, FitOptions(method="auto")).main
+    assert isinstance(found, Weights)
+    assert (found.triplet, found.images, found.method) == ((0, 0.75, 0.25), 3, "auto")
+    assert found.pixels == 3 * 240 * 320
+    assert found.contrast is not None

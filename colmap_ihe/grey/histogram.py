@@ -175,11 +175,15 @@ class Histogram:
         if n and (place.max() >= _CELLS or (np.diff(place.astype(np.int64)) <= 0).any()):
             raise ValueError("its cells are not in order")
         total = sum(int(v) for v in mass)
-        if total >= 2**63 or (weighting == "pixel" and total != head["pixels"]):
+        if (
+            total >= 2**63
+            or (total == 0) != (head["pixels"] == 0)
+            or (weighting == "pixel" and total != head["pixels"])
+        ):
             raise ValueError(f"its cells hold {total} pixels, its head says {head['pixels']}")
         found = cls(encoding, weighting)
         found.images, found.pixels = head["images"], head["pixels"]
-        if total <= _MOST:
+        if total <= _MOST and weighting == "pixel":
             found._recent[place] = mass
             found._recent_pixels = total
         else:

@@ -167,8 +167,8 @@ def count_levels(
 
 def white_point(histogram: Histogram, triplet: tuple[float, float, float]) -> float:
     """The white point of a linear grey over the set, as a share of saturation, in (0, 1]."""
-    hundredths = (round(triplet[0] * 100), round(triplet[1] * 100), round(triplet[2] * 100))
-    return _share(whites_of(Pyramid(histogram).boxes(_WHITE_BITS), [hundredths])[0])
+    red, green = round(triplet[0] * 100), round(triplet[1] * 100)
+    return _share(whites_of(Pyramid(histogram).boxes(_WHITE_BITS), [(red, green, 100 - red - green)])[0])
 
 
 def _share(white: int) -> float:

@@ -60,11 +60,7 @@ class Weights:
                 f"weights {triplet} sum to {sum(triplet):g}; wanted three numbers in 0..1 that sum to 1",
                 hint="correct the weights file, or fit it again with `colmap-ihe fit`",
             )
-        if self.encoding not in ("coded", "linear") or not 0 < self.white <= 1:
-            raise WeightsError(
-                f"encoding {self.encoding!r} with white {self.white}; wanted 'coded' or 'linear' and 0 < white <= 1",
-                hint="fit the weights file again with `colmap-ihe fit`",
-            )
+        _check_encoding(self.encoding, self.white)
 
     @property
     def triplet(self) -> tuple[float, float, float]:
@@ -97,6 +93,13 @@ class Formula:
     images: int = 0
     pixels: int = 0
 
+    def __post_init__(self) -> None:
+        _check_encoding(self.encoding, self.white)
+        if not all(math.isfinite(v) for v in self.parameters):
+            raise WeightsError(
+                f"parameters {self.parameters} of {self.method!r}; wanted finite numbers", hint=_HINT
+            )
+
     def as_dict(self) -> dict[str, Any]:
         """Plain values for JSON and YAML, with the keys of `Weights.as_dict`; `grey_from_dict` reads them."""
         return {
@@ -110,6 +113,14 @@ class Formula:
             "encoding": self.encoding,
             "white": self.white,
         }
+
+
+def _check_encoding(encoding: str, white: float) -> None:
+    if encoding not in ("coded", "linear") or not 0 < white <= 1:
+        raise WeightsError(
+            f"encoding {encoding!r} with white {white}; wanted 'coded' or 'linear' and 0 < white <= 1",
+            hint="fit the weights file again with `colmap-ihe fit`",
+        )
 
 
 Grey = Weights | Formula
@@ -139,7 +150,7 @@ def grey_from_dict(values: Any, source: str = "weights") -> Grey:
             contrast=None if values.get("contrast") is None else float(values["contrast"]),
             **common,
         )
-    except (KeyError, TypeError, ValueError, AttributeError) as error:
+    except (KeyError, TypeError, ValueError, AttributeError, OverflowError) as error:
         raise WeightsError(
             f"{source}: not a weights file ({error}); wanted `weights: [r, g, b]`", hint=_HINT
         ) from error

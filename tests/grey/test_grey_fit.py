@@ -217,3 +217,9 @@ def test_what_cannot_be_fitted_is_refused() -> None:
         fit_histogram(Histogram(), triplets())
     with pytest.raises(ValueError, match="recount"):
         fit_histogram(pooled([linear_scene(1, 8, 8)], "linear"), triplets())
+
+
+def test_white_of_the_mean_is_that_of_any_other_grey_where_all_is_neutral() -> None:
+    grey = np.repeat(linear_scene(3, 80, 90)[..., :1], 3, axis=2)
+    histogram = pooled([grey], "linear")
+    assert white_point(histogram, (1 / 3, 1 / 3, 1 / 3)) == white_point(histogram, (0, 1, 0))

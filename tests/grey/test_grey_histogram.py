@@ -162,6 +162,7 @@ def test_a_damaged_histogram_is_refused_and_named() -> None:
         head + b"\n" + line.replace(b'"pixels": 900', b'"pixels": 901') + b"\n" + body,
         head + b"\n" + line.replace(b"coded", b"other") + b"\n" + body,
         head + b"\n{}\n" + body,
+        Histogram("coded", "image").to_bytes().replace(b'"pixels": 0', b'"pixels": 9'),
         head + b"\n" + line + b"\n" + b"not deflated",
     ]
     for content in broken:

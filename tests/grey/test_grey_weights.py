@@ -117,3 +117,18 @@ def test_anything_else_is_no_weights_file(values: Any) -> None:
     assert caught.value.hint
     if not (isinstance(values, dict) and values.get("weights") in ([0.5, 0.5, 0.5], [1, 0, 0])):
         assert "my weights.yaml" in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    "values",
+    [
+        {"weights": [0.2, 0.3, 0.5], "images": math.inf},
+        {"weights": None, "method": "cie-y", "parameters": [], "encoding": "linear", "white": 0},
+        {"weights": None, "method": "decolorize-set", "parameters": [math.nan]},
+        {"weights": None, "method": "cie-y", "parameters": [], "encoding": "other"},
+        {"weights": None, "method": "cie-y"},
+    ],
+)
+def test_numbers_that_no_fit_gives_are_refused(values: dict[str, Any]) -> None:
+    with pytest.raises(WeightsError):
+        grey_from_dict(values, "my weights.yaml")
