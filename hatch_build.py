@@ -34,7 +34,6 @@ class KernelsHook(BuildHookInterface):
             "-Wall",
             "-Wextra",
             "-Werror",
-            "-Wno-parentheses",
             "-shared",
             "-fPIC",
         ]

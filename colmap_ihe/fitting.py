@@ -2,28 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor
-from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
-from functools import reduce
-from operator import add
-from queue import SimpleQueue
 from typing import Any
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from colmap_ihe.captures.decode import encoding_of, read_photograph
 from colmap_ihe.captures.discover import Capture
 from colmap_ihe.errors import DiskFullError, KnownError
-from colmap_ihe.executor import in_order, local_workers
+from colmap_ihe.executor import in_order
+from colmap_ihe.gathering import Gathered, Partial, sampled
 from colmap_ihe.grey.boxes import Triplet
 from colmap_ihe.grey.contrast import Contrast
-from colmap_ihe.grey.conversions import CONVERSIONS, SetFit
-from colmap_ihe.grey.convert import Tone, coded_share
-from colmap_ihe.grey.histogram import Histogram, mass_of
+from colmap_ihe.grey.convert import Tone
+from colmap_ihe.grey.histogram import mass_of
 from colmap_ihe.grey.ihe import count_levels, fit_histogram, likely_winner, white_point
 from colmap_ihe.grey.weights import FIXED, Encoding, Formula, Grey, Weights, triplets
 from colmap_ihe.measured import REFERENCE, Measured, choose, in_words
@@ -31,8 +26,6 @@ from colmap_ihe.options import FitOptions
 from colmap_ihe.per_image import LeftOut, each_usable
 from colmap_ihe.progress import Watch
 from colmap_ihe.trial import coarse_grid, measure
-
-Pixels = NDArray[np.uint8] | NDArray[np.uint16]
 
 _CONTRAST_OF = 64
 """Photographs in which contrast is measured, which costs more than counting colours: a thousand tiles are enough."""
@@ -75,52 +68,6 @@ class Fit:
         return max(self.weights.values(), key=lambda w: w.images)
 
 
-@dataclass
-class _Gathered:
-    """What the fit has to know of some photographs of one encoding; adds to that of others."""
-
-    histogram: Histogram
-    contrast: Contrast
-    formula: SetFit | None
-
-    def add(self, rgb: Pixels, contrast: Contrast, sample: float) -> None:
-        some = _sampled(rgb, sample)
-        self.histogram.add(some)
-        self.contrast = self.contrast + contrast
-        if self.formula is not None:
-            self.formula.add(coded_share(some))
-
-    def __add__(self, other: _Gathered) -> _Gathered:
-        formula = None if self.formula is None else self.formula + other.formula
-        return _Gathered(self.histogram + other.histogram, self.contrast + other.contrast, formula)
-
-
-class _Partial:
-    """Sums for one set, one for two workers: they are large, and adding to one is quick beside decoding."""
-
-    def __init__(self, options: FitOptions, encoding: Encoding) -> None:
-        self._options, self._encoding = options, encoding
-        self._count = (local_workers() + 1) // 2
-        self._idle: SimpleQueue[_Gathered | None] = SimpleQueue()
-        for _ in range(self._count):
-            self._idle.put(None)
-
-    @contextmanager
-    def borrowed(self) -> Iterator[_Gathered]:
-        part = self._idle.get()
-        try:
-            if part is None:
-                new = CONVERSIONS[self._options.method].new_fit
-                histogram = Histogram(self._encoding, self._options.weighting)
-                part = _Gathered(histogram, Contrast(self._encoding), new() if new else None)
-            yield part
-        finally:
-            self._idle.put(part)
-
-    def total(self) -> _Gathered:
-        return reduce(add, (p for p in (self._idle.get() for _ in range(self._count)) if p is not None))
-
-
 def fit_captures(
     captures: Sequence[Capture],
     options: FitOptions,
@@ -138,7 +85,7 @@ def fit_captures(
     strict, `ProjectError` if no photograph can be used.
     """
     left_out: LeftOut = {}
-    partial = {encoding: _Partial(options, encoding) for encoding in {encoding_of(c) for c in captures}}
+    partial = {encoding: Partial(options, encoding) for encoding in {encoding_of(c) for c in captures}}
     wants_contrast = options.method in ("snr", "auto") or (options.method, options.guard) == ("ihe", "noise")
     measured_in = {c.name for c in _spread(captures)} if wants_contrast else set()
 
@@ -173,7 +120,7 @@ def fit_captures(
 class _SetFit:
     """What is known of the photographs of one encoding, and the greys that follow."""
 
-    gathered: _Gathered
+    gathered: Gathered
     members: Sequence[Capture]
     options: FitOptions
     executor: Executor
@@ -223,7 +170,7 @@ class _SetFit:
 
         def recount(chosen: Sequence[Triplet], whites: Sequence[int]) -> NDArray[np.int64]:
             def count(capture: Capture) -> NDArray[np.int64]:
-                rgb = np.asarray(_sampled(read_photograph(capture).rgb, options.sample), np.uint16)
+                rgb = np.asarray(sampled(read_photograph(capture).rgb, options.sample), np.uint16)
                 return count_levels(rgb, chosen, whites) * mass_of(rgb, options.weighting)
 
             self.watch.start(len(self.members), f"images, for {len(chosen)} triplets")
@@ -290,13 +237,3 @@ def _spread(captures: Sequence[Capture]) -> list[Capture]:
 def _shares(triplet: Triplet) -> tuple[float, float, float]:
     red, green, blue = triplet
     return red / 100, green / 100, blue / 100
-
-
-def _sampled(rgb: Pixels, sample: float) -> Pixels:
-    """rgb at `sample` of each side, nearest neighbour, at least one pixel."""
-    if sample == 1:
-        return rgb
-    height, width = rgb.shape[:2]
-    size = (max(1, round(width * sample)), max(1, round(height * sample)))
-    resized: Any = cv2.resize(rgb, size, interpolation=cv2.INTER_NEAREST)
-    return resized  # type: ignore[no-any-return]

@@ -43,22 +43,34 @@ def develop(path: Path) -> Development:
                 f"{path.name}: white level {raw.white_level} is not above black level {black}",
                 hint="the file is damaged; take it out of the folder",
             )
-        pixels = raw.postprocess(
-            demosaic_algorithm=rawpy.DemosaicAlgorithm.LINEAR,  # more correct matches than AHD, and faster
-            gamma=(1, 1),
-            no_auto_bright=True,
-            no_auto_scale=True,
-            output_bps=16,
-            use_camera_wb=False,
-            user_wb=[1, 1, 1, 1],
-            output_color=rawpy.ColorSpace.raw,
-            user_flip=0,
-        )
+        pixels = _demosaiced(raw)
         matrix = _srgb_from_camera(raw)
-    if pixels.ndim == 2 or pixels.shape[2] == 1:
-        pixels = np.repeat(pixels.reshape(*pixels.shape[:2], 1), 3, axis=2)
     scaled = cv2.multiply(pixels, np.full(4, 65535 / span))  # rounds, and saturates at 65535
     return Development(np.asarray(scaled, np.uint16), matrix)
+
+
+def half_size(path: Path) -> NDArray[np.uint16]:
+    """One pixel a Bayer cell, black subtracted: (H, W, 3) uint16, linear. Raises `PhotographError`."""
+    with _opened(path) as raw:
+        return _demosaiced(raw, half_size=True)
+
+
+def _demosaiced(raw: rawpy.RawPy, *, half_size: bool = False) -> NDArray[np.uint16]:
+    pixels = raw.postprocess(
+        demosaic_algorithm=rawpy.DemosaicAlgorithm.LINEAR,  # more correct matches than AHD, and faster
+        half_size=half_size,
+        gamma=(1, 1),
+        no_auto_bright=True,
+        no_auto_scale=True,
+        output_bps=16,
+        use_camera_wb=False,
+        user_wb=[1, 1, 1, 1],
+        output_color=rawpy.ColorSpace.raw,
+        user_flip=0,
+    )
+    if pixels.ndim == 2 or pixels.shape[2] == 1:
+        pixels = np.repeat(pixels.reshape(*pixels.shape[:2], 1), 3, axis=2)
+    return np.asarray(pixels, np.uint16)
 
 
 def size_of(path: Path) -> tuple[int, int]:

@@ -6,13 +6,12 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-import rawpy
 import simplejpeg
 from numpy.typing import NDArray
 
 from colmap_ihe.captures.decode import read_photograph
 from colmap_ihe.captures.discover import Capture
-from colmap_ihe.errors import PhotographError
+from colmap_ihe.captures.raw import half_size
 
 _FULL = 99.5
 """Per cent of the values of a linear picture that are not clipped."""
@@ -24,7 +23,7 @@ def small_picture(capture: Capture, side: int) -> NDArray[np.uint8]:
     all that `read_photograph` would refuse.
     """
     if capture.kind == "raw":
-        linear = _shrunk(_half_size(capture.path), side).astype(np.float32)
+        linear = _shrunk(half_size(capture.path), side).astype(np.float32)
         white = max(1.0, float(np.percentile(linear, _FULL)))
         return np.asarray(255 * np.sqrt(np.minimum(linear / white, 1)) + 0.5, np.uint8)
     rgb = _scaled_jpeg(capture.path, side)
@@ -47,29 +46,6 @@ def _scaled_jpeg(path: Path, side: int) -> NDArray[np.uint8] | None:
         return np.asarray(simplejpeg.decode_jpeg(data, "RGB", strict=True, **least))
     except (OSError, ValueError):
         return None
-
-
-def _half_size(path: Path) -> NDArray[np.uint16]:
-    """One pixel a Bayer cell: (H, W, 3) uint16, linear."""
-    try:
-        with rawpy.imread(str(path)) as raw:
-            pixels = raw.postprocess(
-                half_size=True,
-                gamma=(1, 1),
-                no_auto_bright=True,
-                no_auto_scale=True,
-                output_bps=16,
-                use_camera_wb=False,
-                user_wb=[1, 1, 1, 1],
-                output_color=rawpy.ColorSpace.raw,
-                user_flip=0,
-            )
-    except (rawpy.LibRawError, OSError) as error:
-        raise PhotographError(
-            f"{path.name}: LibRaw cannot read this RAW file ({error})",
-            hint="copy it from the card again, or convert it to DNG or TIFF",
-        ) from error
-    return np.asarray(pixels if pixels.ndim == 3 and pixels.shape[2] == 3 else cv2.merge([pixels] * 3))
 
 
 def _shrunk(rgb: NDArray[np.uint8] | NDArray[np.uint16], side: int) -> NDArray[np.generic]:

@@ -98,8 +98,7 @@ void count_colours_8(const uint8_t *rgb, size_t n, uint32_t *counts)
         for (size_t i = 0; i < last; i++) {
             uint32_t word;
             memcpy(&word, p + 3 * i, 4);
-            uint32_t r = WORD_RED(word), g = WORD_GREEN(word), b = WORD_BLUE(word);
-            places[i] = (r - g & 255) << 16 | (b - g & 255) << 8 | g;
+            places[i] = place_of(WORD_RED(word), WORD_GREEN(word), WORD_BLUE(word));
         }
         if (last < m)
             places[last] = place_of(p[3 * last], p[3 * last + 1], p[3 * last + 2]);
