@@ -21,7 +21,7 @@ from colmap_ihe.grey.convert import Tone
 from colmap_ihe.grey.histogram import mass_of
 from colmap_ihe.grey.ihe import count_levels, fit_histogram, likely_winner, white_point
 from colmap_ihe.grey.weights import FIXED, Encoding, Formula, Grey, Weights, triplets
-from colmap_ihe.measured import REFERENCE, Measured, choose, in_words
+from colmap_ihe.measured import REFERENCE, SAME, Measured, choose, in_words
 from colmap_ihe.options import FitOptions
 from colmap_ihe.per_image import LeftOut, each_usable
 from colmap_ihe.progress import Watch
@@ -204,7 +204,7 @@ class _SetFit:
     def against_rec709(self, grey: Grey, trial: Trial) -> Tried:
         default = self.weights(REFERENCE, FIXED[REFERENCE])
         if isinstance(grey, Weights) and max(np.abs(np.subtract(grey.triplet, default.triplet))) < 0.01:
-            return Tried(REFERENCE, Measured(reason="it is COLMAP's default grey"))
+            return Tried(REFERENCE, Measured(reason=SAME))
         return Tried(grey.method, self.measure({REFERENCE: default, grey.method: grey}, trial, {}))
 
     def measure(self, greys: Mapping[str, Grey], trial: Trial, screen: Mapping[str, Grey]) -> Measured:

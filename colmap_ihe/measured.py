@@ -12,6 +12,8 @@ from numpy.typing import NDArray
 
 REFERENCE = "rec709"
 """COLMAP's default grey, which the others are compared with."""
+SAME = "the grey is COLMAP's default"
+"""Reason of a measurement that was not needed."""
 _CLEAR = 2.0  # standard errors
 _BETWEEN_PAIRS = 1.12  # pairs differ by so much more than their cells let expect: 19 pairs of two real sets
 
@@ -138,6 +140,8 @@ def choose(measured: Measured) -> str:
 def in_words(measured: Measured, chosen: str) -> str:
     """What the grey of this name brings, in one sentence, in losing cases too."""
     mine, reference = measured.of(chosen), measured.of(REFERENCE)
+    if chosen == REFERENCE and measured.reason == SAME:
+        return "this is COLMAP's default grey: nothing to gain or to lose against it"
     if mine is None or reference is None:
         reason = measured.reason or f"{chosen} was not among the candidates"
         return f"what this grey brings on your photographs could not be measured: {reason}"
