@@ -30,6 +30,21 @@ class CapturesOptions(_Section):
     """Stop at the first photograph that cannot be used, instead of leaving it out and saying so."""
 
 
+class DevelopOptions(_Section):
+    demosaic: Literal["linear", "vng", "ppg", "ahd", "dcb", "dht", "aahd"] = "linear"
+    """LibRaw's algorithm. `linear` is bilinear, and gives most correct matches."""
+    green_equilibrium: bool = True
+    """Bring the two greens of a Bayer cell level."""
+    find_bad_pixels: bool = False
+    """Look for bad pixels over the set, where there are no dark frames to show them."""
+    exposure: Literal["as_shot", "normalise"] = "as_shot"
+    """`normalise`: RAW as if all were exposed alike, by shutter, aperture and ISO of EXIF."""
+    balance: bool = False
+    """Bring the mean of each channel of each photograph to that of the set."""
+    denoise: Annotated[float, Field(ge=0, le=10)] = 0.0
+    """Strength, in standard deviations of the noise; 0 is none."""
+
+
 class FitOptions(_Section):
     method: str = "ihe"
     """A name of docs/conversions.md: `ihe`, a fixed triplet, or one of the conversions of other papers."""
@@ -127,6 +142,7 @@ class Options(_Section):
     """Every option of a project. `Options()` holds the defaults."""
 
     captures: CapturesOptions = CapturesOptions()
+    develop: DevelopOptions = DevelopOptions()
     fit: FitOptions = FitOptions()
     convert: ConvertOptions = ConvertOptions()
     camera: CameraOptions = CameraOptions()

@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 from pathlib import Path, PurePosixPath
 from typing import Literal
 
+from colmap_ihe.captures.recipe import Recipe
 from colmap_ihe.errors import ProjectError
 
 RAW_SUFFIXES = frozenset(
@@ -54,13 +55,16 @@ CODED_SUFFIXES = frozenset([".jpg", ".jpeg", ".jpe", ".tif", ".tiff", ".png"])
 class Capture:
     """One shot. `name` is its path below the folder of photographs, with `/`, as the user knows it;
     `grey_stem` is the same without suffix, unless two captures would then collide; `paired` names the
-    JPEG that the camera wrote beside this RAW."""
+    JPEG that the camera wrote beside this RAW. `recipe` says how it is developed, `pixels` how many it has once
+    its header was read, else 0."""
 
     name: str
     path: Path = field(compare=False)
     kind: Literal["raw", "coded"]
     grey_stem: str
     paired: tuple[str, ...] = ()
+    recipe: Recipe = field(default=Recipe(), compare=False)
+    pixels: int = field(default=0, compare=False)
 
 
 @dataclass(frozen=True)

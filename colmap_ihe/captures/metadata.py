@@ -27,9 +27,11 @@ from colmap_ihe.errors import PhotographError
 EXIF_IFD, GPS_IFD = 0x8769, 0x8825
 MAKE, MODEL, ORIENTATION = 0x010F, 0x0110, 0x0112
 FOCAL_LENGTH, FOCAL_LENGTH_35MM, PIXEL_X, PIXEL_Y = 0x920A, 0xA405, 0xA002, 0xA003
+EXPOSURE_TIME, F_NUMBER, ISO, SERIAL, LENS = 0x829A, 0x829D, 0x8827, 0xA431, 0xA434
 _MAKER_NOTE, _INTEROPERABILITY = 0x927C, 0xA005
 # What describes the photograph; the other tags of a TIFF's first directory describe the file they came in.
 _IMAGE_TAGS = frozenset({0x010E, MAKE, MODEL, ORIENTATION, 0x0131, 0x0132, 0x013B, 0x8298})
+_OF_THE_SHOT = (FOCAL_LENGTH, FOCAL_LENGTH_35MM, EXPOSURE_TIME, F_NUMBER, ISO)
 _PREFIX = b"Exif\x00\x00"
 _UNREADABLE = (
     PhotographError,
@@ -54,14 +56,19 @@ _Tags = dict[int, Any]
 @dataclass(frozen=True)
 class Metadata:
     """What a photograph says of itself. `exif` is a TIFF structure to write into another file, or empty;
-    lengths are in millimetres, 0 where unknown; `profile` names the colours of its RGB numbers; `problem` says
-    in a few words what could not be read."""
+    lengths are in millimetres, `exposure_s` in seconds, 0 where unknown; `serial` is the camera's; `profile`
+    names the colours of its RGB numbers; `problem` says in a few words what could not be read."""
 
     exif: bytes = b""
     make: str = ""
     model: str = ""
     focal_mm: float = 0.0
     focal_35mm: float = 0.0
+    exposure_s: float = 0.0
+    f_number: float = 0.0
+    iso: float = 0.0
+    lens: str = ""
+    serial: str = ""
     orientation: int = 1
     has_gps: bool = False
     profile: str = "sRGB"
@@ -135,7 +142,7 @@ def _read_raw(path: Path) -> Metadata:
                 directories[group][tag.tag] = value
     image, exif, gps = directories["Image"], directories["EXIF"], directories["GPS"]
     # Some makers write the shot's data into the first directory, as TIFF/EP allows.
-    exif = {t: v for t, v in image.items() if t in (FOCAL_LENGTH, FOCAL_LENGTH_35MM)} | exif
+    exif = {t: v for t, v in image.items() if t in _OF_THE_SHOT} | exif
     # An adapted lens says 0 mm: no information, and COLMAP would take it for some.
     exif = {t: v for t, v in exif.items() if t not in (FOCAL_LENGTH, FOCAL_LENGTH_35MM) or float(v) > 0}
     blob = build_exif({t: v for t, v in image.items() if t in _IMAGE_TAGS}, exif, gps)
@@ -221,10 +228,19 @@ def _describe(blob: bytes, image: _Tags, exif: _Tags, gps: _Tags, problem: str) 
         model=_text(image.get(MODEL)),
         focal_mm=_number(exif.get(FOCAL_LENGTH)),
         focal_35mm=_number(exif.get(FOCAL_LENGTH_35MM)),
+        exposure_s=_number(exif.get(EXPOSURE_TIME)),
+        f_number=_number(exif.get(F_NUMBER)),
+        iso=_number(_first(exif.get(ISO))),
+        lens=_text(exif.get(LENS)),
+        serial=_text(exif.get(SERIAL)),
         orientation=orientation if orientation in range(1, 9) else 1,
         has_gps={2, 4, 6} <= set(gps),  # COLMAP wants latitude, longitude and altitude
         problem=problem,
     )
+
+
+def _first(value: Any) -> Any:
+    return value[0] if isinstance(value, tuple) and value else value
 
 
 def _text(value: Any) -> str:

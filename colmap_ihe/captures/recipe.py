@@ -1,0 +1,51 @@
+"""How one photograph is developed: plain values, so that they can be noted, compared and sent to another process."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, fields
+from typing import Any, Literal
+
+Demosaic = Literal["linear", "vng", "ppg", "ahd", "dcb", "dht", "aahd"]
+
+
+@dataclass(frozen=True)
+class Recipe:
+    """What happens to a photograph between its file and the fit. `Recipe()` is minimal development without
+    calibration frames, and of a gamma-coded photograph nothing at all.
+
+    `dark`, `flat` and `bad_pixels` are files of `calibration`, empty for none; `dark_scale` multiplies what a
+    dark frame has above `bias`. `gains` multiply red, green and blue, linear of RAW and as coded of the others;
+    `denoise` is the strength of the denoising in standard deviations of the noise, 0 for none.
+    """
+
+    demosaic: Demosaic = "linear"
+    green_equilibrium: bool = True
+    bias: str = ""
+    dark: str = ""
+    dark_scale: float = 1.0
+    flat: str = ""
+    bad_pixels: str = ""
+    gains: tuple[float, float, float] = (1.0, 1.0, 1.0)
+    denoise: float = 0.0
+
+    def as_dict(self) -> dict[str, Any]:
+        """What differs from `Recipe()`, as plain values; `recipe_from_dict` reads it back."""
+        default = Recipe()
+        return {
+            name: list(value) if isinstance(value, tuple) else value
+            for name, value in asdict(self).items()
+            if value != getattr(default, name)
+        }
+
+
+def recipe_from_dict(values: Mapping[str, Any]) -> Recipe:
+    """Raises ValueError for a key that a recipe has not."""
+    unknown = set(values) - {f.name for f in fields(Recipe)}
+    if unknown:
+        raise ValueError(f"{sorted(unknown)}, expected fields of a Recipe")
+    plain = dict(values)
+    if "gains" in plain:
+        red, green, blue = (float(v) for v in plain["gains"])
+        plain["gains"] = (red, green, blue)
+    return Recipe(**plain)
