@@ -6,7 +6,10 @@ import os
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Executor, Future, ThreadPoolExecutor
+from threading import Event
 from typing import TypeVar
+
+from colmap_ihe.captures.decoders import stoppable
 
 _Item = TypeVar("_Item")
 _Result = TypeVar("_Result")
@@ -23,19 +26,31 @@ def local_executor() -> ThreadPoolExecutor:
 
 
 def in_order(
-    executor: Executor, function: Callable[[_Item], _Result], items: Iterable[_Item]
+    executor: Executor,
+    function: Callable[[_Item], _Result],
+    items: Iterable[_Item],
+    at_once: int | None = None,
 ) -> Iterator[_Result]:
     """`function` of every item, in order; no more results wait than there are workers and one, so memory does
-    not grow with the set. What `function` raises is raised here, after what is in flight has ended."""
+    not grow with the set, and never more than `at_once` are begun and not yet fetched. What `function` raises
+    is raised here, after what is in flight has ended; reads of photographs end at once then."""
+    most = at_once or local_workers() + 1
+    over = Event()
+
+    def run(item: _Item) -> _Result:
+        with stoppable(over):
+            return function(item)
+
     waiting: deque[Future[_Result]] = deque()
     try:
         for item in items:
-            waiting.append(executor.submit(function, item))
-            if len(waiting) > local_workers():
+            waiting.append(executor.submit(run, item))
+            if len(waiting) >= most:
                 yield waiting.popleft().result()
         while waiting:
             yield waiting.popleft().result()
     finally:
+        over.set()
         for future in waiting:
             future.cancel()
         for future in waiting:

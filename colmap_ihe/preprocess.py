@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -28,7 +28,7 @@ from colmap_ihe.project import write_bytes
 
 @dataclass(frozen=True)
 class Surveyed:
-    """A capture with what its header says; sizes in pixels."""
+    """A capture with what its header says, its number of pixels among it; sizes in pixels."""
 
     capture: Capture
     width: int
@@ -43,7 +43,8 @@ def survey(
 
     def look(capture: Capture) -> Surveyed:
         width, height = read_size(capture)
-        return Surveyed(capture, width, height, read_metadata(capture.path, capture.kind))
+        known = replace(capture, pixels=width * height)
+        return Surveyed(known, width, height, read_metadata(capture.path, capture.kind))
 
     left_out: LeftOut = {}
     return list(each_usable(look, captures, executor, watch, strict, left_out)), left_out

@@ -9,7 +9,7 @@ from __future__ import annotations
 import shutil
 from collections import Counter
 from concurrent.futures import Executor
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -60,7 +60,13 @@ class Run:
         out: set[str] = set()
         for record in self.records.values():
             out |= set(record.get("left_out", {}))
-        return [c for c in self.discovery.captures if c.name not in out]
+        known = {s.capture.name: s.capture for s in self.surveyed}
+        largest = self.records.get("captures", {}).get("largest", 0)  # where the headers were read before
+        return [
+            known.get(c.name) or replace(c, pixels=largest)
+            for c in self.discovery.captures
+            if c.name not in out
+        ]
 
     def grey_names(self) -> list[str]:
         return sorted(self.records["convert"]["grey"].values())
@@ -75,7 +81,8 @@ def captures(run: Run, watch: Watch) -> Record:
         "paired": {s.capture.name: s.capture.paired for s in run.surveyed if s.capture.paired},
         "with_gps": sum(s.metadata.has_gps for s in run.surveyed),
         "shared_by": oddities.shared_by(run.surveyed),
-        "pixels": sum(s.width * s.height for s in run.surveyed),
+        "pixels": sum(s.capture.pixels for s in run.surveyed),
+        "largest": max(s.capture.pixels for s in run.surveyed),
         "ignored": list(run.discovery.ignored),
         "left_out": left_out,
         "warnings": [
