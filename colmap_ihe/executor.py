@@ -6,10 +6,11 @@ import os
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Executor, Future, ThreadPoolExecutor
+from contextlib import contextmanager
 from threading import Event
 from typing import TypeVar
 
-from colmap_ihe.captures.decoders import stoppable
+from colmap_ihe.captures import decoders
 
 _Item = TypeVar("_Item")
 _Result = TypeVar("_Result")
@@ -20,9 +21,14 @@ def local_workers() -> int:
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
-def local_executor() -> ThreadPoolExecutor:
-    """One thread a core. Threads, for LibRaw with OpenMP can deadlock in a forked process."""
-    return ThreadPoolExecutor(local_workers(), thread_name_prefix="image")
+@contextmanager
+def local_executor() -> Iterator[ThreadPoolExecutor]:
+    """One thread a core. Threads, for photographs are decoded in processes anyway, and sums are shared."""
+    try:
+        with ThreadPoolExecutor(local_workers(), thread_name_prefix="image") as executor:
+            yield executor
+    finally:
+        decoders.relax()
 
 
 def in_order(
@@ -38,7 +44,7 @@ def in_order(
     over = Event()
 
     def run(item: _Item) -> _Result:
-        with stoppable(over):
+        with decoders.stoppable(over):
             return function(item)
 
     waiting: deque[Future[_Result]] = deque()

@@ -16,6 +16,7 @@ from typing import Any
 import yaml
 
 from colmap_ihe import oddities
+from colmap_ihe.captures import decoders
 from colmap_ihe.captures.discover import Capture, Discovery
 from colmap_ihe.colmap import dense as dense_stereo
 from colmap_ihe.colmap.features import extract_features
@@ -139,6 +140,7 @@ def convert(run: Run, watch: Watch) -> Record:
         keep_finished=run.resumed,
     )
     warnings = oddities.fit_warnings(run.captures(), found.weights.values())
+    decoders.rest()  # COLMAP, which comes next, has a use for their memory
     return {"grey": grey, "left_out": left_out, "warnings": warnings}
 
 
