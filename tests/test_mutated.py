@@ -83,6 +83,7 @@ def photographs(folder: Path) -> dict[str, bytes]:
     save("cmyk.tif", picture.convert("CMYK"), format="TIFF", compression="tiff_adobe_deflate")
     deep_ways: dict[str, dict[str, Any]] = {
         "deep.tif": {"compression": "zlib"},
+        "strips.tif": {"rowsperstrip": 16},
         "tiles.tif": {"compression": "zlib", "tile": (64, 64)},
         "planes.tif": {"planarconfig": "separate"},
     }
