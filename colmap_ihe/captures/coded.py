@@ -171,6 +171,8 @@ def _read_with_tifffile(path: Path) -> NDArray[np.generic]:
                 )  # tifffile would leave what memory held before
             pixels = np.asarray(page.asarray())
             axes = page.axes
+    except OSError:
+        raise
     except Exception as error:
         raise OSError(
             f"{error}; a 16-bit TIFF that is turned, planar or CMYK can be read if it is not compressed"
