@@ -20,11 +20,12 @@ from colmap_ihe.fitting import Fit, Trial, fit_captures
 from colmap_ihe.grey.convert import Tone
 from colmap_ihe.grey.weights import Grey, grey_from_dict
 from colmap_ihe.ledger import Ledger, opened
-from colmap_ihe.options import ConvertOptions, FitOptions
+from colmap_ihe.options import ConvertOptions, DevelopOptions, FitOptions
 from colmap_ihe.per_image import LeftOut
-from colmap_ihe.preprocess import Surveyed, convert_captures, survey, weights_for
+from colmap_ihe.preprocess import Surveyed, convert_captures, weights_for
 from colmap_ihe.progress import SILENT, Audience
 from colmap_ihe.project import digest_file, fingerprint_of
+from colmap_ihe.recipes import prepared_set
 from colmap_ihe.version import __version__, library_versions
 
 _OF_THE_FIT = ("score", "tones", "images", "pixels")  # what a fit found, and what no pixel depends on
@@ -39,15 +40,18 @@ def convert_folder(
     fit: FitOptions | None = None,
     weights: Grey | None = None,
     options: ConvertOptions | None = None,
+    develop: DevelopOptions | None = None,
+    calibration: Path | None = None,
     strict: bool = False,
     audience: Audience = SILENT,
 ) -> tuple[Grey, dict[str, str], LeftOut]:
     """Grey images of the folder `images`, with their EXIF, in the folder `out`; with `colour`, also an 8-bit
     colour twin of each in that folder, with the same name and the same pixels.
 
-    `weights` are used if given, else fitted by `fit`. Returns the weights (of the larger part of a mixed
-    set), the names of the grey images by photograph, and what was left out. Of an earlier run, finished or
-    not, everything is kept that would come out the same. Raises `KnownError`s; `ProjectError` rather than
+    `weights` are used if given, else fitted by `fit`. `calibration`: a folder with calibration frames.
+    Returns the weights (of the larger part of a mixed set), the names of the grey images by photograph, and
+    what was left out. Of an earlier run, finished or not, everything is kept that would come out the same.
+    Raises `KnownError`s; `ProjectError` rather than
     write over anything that we did not write.
     """
     folders = [folder.resolve() for folder in (out, colour) if folder is not None]
@@ -56,8 +60,9 @@ def convert_folder(
     discovery = discover(images.absolute())
     with ExitStack() as stack:
         executor = stack.enter_context(local_executor())
-        with audience.stage("captures") as watch:
-            surveyed, left_out = survey(discovery.captures, executor, watch, strict=strict)
+        surveyed, left_out = stack.enter_context(
+            prepared_set(discovery.captures, develop, calibration, executor, audience, strict=strict)
+        )
         with audience.stage("content") as watch:
             watch.start(len(surveyed))
             digests = {}
@@ -150,7 +155,8 @@ def _fingerprint(one: Surveyed, digest: str, found: Fit, options: ConvertOptions
         how: list[Any] = ["colour", found.colour_white if linear else None]
     else:
         how = ["grey", weights, options.tone if linear else None]
-    return fingerprint_of(__version__, versions, digest, options.format, how)
+    recipe = one.capture.recipe.identity()
+    return fingerprint_of(__version__, versions, digest, recipe, options.format, how)
 
 
 def _fitted(
@@ -167,7 +173,8 @@ def _fitted(
     trial = Trial(tone) if options.method == "auto" else None
     versions = library_versions("rawpy", "libraw", *(["pycolmap"] if trial else []))
     about_trial = asdict(trial) if trial else None
-    key = fingerprint_of(__version__, versions, sorted(digests.items()), options.model_dump(), about_trial)
+    content = sorted([s.capture.name, digests[s.capture.name], s.capture.recipe.identity()] for s in surveyed)
+    key = fingerprint_of(__version__, versions, content, options.model_dump(), about_trial)
     kept = _kept_fit(ledger.notes.get("fit"), key)
     if kept is not None and not (strict and kept.left_out):
         audience.kept("fit")

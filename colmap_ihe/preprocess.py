@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -28,12 +28,13 @@ from colmap_ihe.project import write_bytes
 
 @dataclass(frozen=True)
 class Surveyed:
-    """A capture with what its header says; sizes in pixels."""
+    """A capture with what its header says; sizes in pixels. `sensor`: the kind of a RAW file's, else empty."""
 
     capture: Capture
     width: int
     height: int
     metadata: Metadata
+    sensor: str = ""
 
 
 def survey(
@@ -42,8 +43,9 @@ def survey(
     """Sizes and EXIF of all captures. Raises `PhotographError` if strict, `ProjectError` if none is usable."""
 
     def look(capture: Capture) -> Surveyed:
-        width, height = read_size(capture)
-        return Surveyed(capture, width, height, read_metadata(capture.path, capture.kind))
+        width, height, sensor = read_size(capture)
+        known = replace(capture, pixels=width * height)
+        return Surveyed(known, width, height, read_metadata(capture.path, capture.kind), sensor)
 
     left_out: LeftOut = {}
     return list(each_usable(look, captures, executor, watch, strict, left_out)), left_out

@@ -9,7 +9,7 @@ from __future__ import annotations
 import shutil
 from collections import Counter
 from concurrent.futures import Executor
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +17,7 @@ import yaml
 
 from colmap_ihe import oddities
 from colmap_ihe.captures.discover import Capture, Discovery
+from colmap_ihe.captures.recipe import recipe_from_dict
 from colmap_ihe.colmap import dense as dense_stereo
 from colmap_ihe.colmap.features import extract_features
 from colmap_ihe.colmap.mapping import map_images
@@ -29,6 +30,7 @@ from colmap_ihe.options import Options
 from colmap_ihe.preprocess import Surveyed, convert_captures, survey, write_masks
 from colmap_ihe.progress import Watch
 from colmap_ihe.project import Project, write_bytes
+from colmap_ihe.recipes import recipe_notes, with_recipes
 
 Record = dict[str, Any]
 
@@ -56,18 +58,29 @@ class Run:
         return self.options.captures.strict
 
     def captures(self) -> list[Capture]:
-        """The captures that every stage so far could use."""
+        """The captures that every stage so far could use, with their recipes."""
         out: set[str] = set()
         for record in self.records.values():
             out |= set(record.get("left_out", {}))
-        return [c for c in self.discovery.captures if c.name not in out]
+        first = self.records["captures"]
+        recipes = {name: recipe_from_dict(values) for name, values in first["recipes"].items()}
+        return [
+            replace(c, recipe=recipes.get(c.name, c.recipe), pixels=first["largest"])
+            for c in self.discovery.captures
+            if c.name not in out
+        ]
 
     def grey_names(self) -> list[str]:
         return sorted(self.records["convert"]["grey"].values())
 
 
 def captures(run: Run, watch: Watch) -> Record:
-    run.surveyed, left_out = survey(run.discovery.captures, run.executor, watch, strict=run.strict)
+    surveyed, left_out = survey(run.discovery.captures, run.executor, watch, strict=run.strict)
+    project, develop = run.project, run.options.develop
+    found = with_recipes(
+        surveyed, develop, project.calibration, project.masters, run.executor, watch, strict=run.strict
+    )
+    run.surveyed = found.surveyed
     sizes = Counter((s.metadata.make, s.metadata.model, s.width, s.height) for s in run.surveyed)
     return {
         "images": len(run.surveyed),
@@ -76,11 +89,15 @@ def captures(run: Run, watch: Watch) -> Record:
         "with_gps": sum(s.metadata.has_gps for s in run.surveyed),
         "shared_by": oddities.shared_by(run.surveyed),
         "pixels": sum(s.width * s.height for s in run.surveyed),
+        "largest": max(s.width * s.height for s in run.surveyed),
+        "development": found.steps,
+        "recipes": recipe_notes(run.surveyed),
         "ignored": list(run.discovery.ignored),
         "left_out": left_out,
         "warnings": [
             *oddities.odd_sizes(run.surveyed, sizes),
             *oddities.warnings_of(run.surveyed, run.discovery.ignored),
+            *found.warnings,
         ],
     }
 

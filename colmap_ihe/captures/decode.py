@@ -11,7 +11,7 @@ from PIL import UnidentifiedImageError
 
 from colmap_ihe.captures.coded import MAX_PIXELS, read_coded, stored_size
 from colmap_ihe.captures.discover import Capture
-from colmap_ihe.captures.raw import develop, size_of
+from colmap_ihe.captures.raw import develop, read_header
 from colmap_ihe.errors import PhotographError
 from colmap_ihe.grey.weights import Encoding
 
@@ -40,7 +40,7 @@ def read_photograph(capture: Capture) -> Photograph:
     """Decodes a capture, pixels in the sensor's own orientation. Raises `PhotographError`."""
     try:
         if capture.kind == "raw":
-            developed = develop(capture.path)
+            developed = develop(capture.path, capture.recipe)
             photograph = Photograph(developed.linear_rgb, "linear", developed.srgb_from_camera)
         else:
             rgb, profile = read_coded(capture.path)
@@ -52,17 +52,20 @@ def read_photograph(capture: Capture) -> Photograph:
     return photograph
 
 
-def read_size(capture: Capture) -> tuple[int, int]:
-    """Width and height from the file's header, without decoding. Raises `PhotographError`."""
+def read_size(capture: Capture) -> tuple[int, int, str]:
+    """Width, height and, of a RAW file, the kind of sensor, from the file's header, without decoding. Raises
+    `PhotographError`."""
+    sensor = ""
     if capture.kind == "raw":
-        width, height = size_of(capture.path)
+        header = read_header(capture.path)
+        width, height, sensor = header.width, header.height, header.sensor
     else:
         try:
             width, height = stored_size(capture.path)
         except OSError as error:
             raise _unreadable(capture, error) from error
     check_size(capture, width, height)
-    return width, height
+    return width, height, sensor
 
 
 def check_size(capture: Capture, width: int, height: int) -> None:
