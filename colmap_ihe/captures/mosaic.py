@@ -118,9 +118,9 @@ def repair(values: NDArray[np.uint16], pattern: NDArray[np.uint8], bad: NDArray[
         colour = pattern[rows % n, columns % n]
         known &= (colour == pattern[left[:, 0] % n, left[:, 1] % n][:, None]) & ~is_bad[rows, columns]
         enough = known.sum(axis=1) >= _FEWEST_NEIGHBOURS
-        around = np.ma.array(values[rows, columns], mask=~known)[enough]
-        guessed = np.ma.median(around, axis=1).filled(0) if enough.any() else np.empty(0)
-        values[left[enough, 0], left[enough, 1]] = np.rint(guessed).astype(np.uint16)
+        around = np.where(known, values[rows, columns].astype(np.float32), np.float32(np.nan))[enough]
+        if len(around):
+            values[left[enough, 0], left[enough, 1]] = np.rint(np.nanmedian(around, axis=1))
         left = left[~enough]
         if not len(left):
             return
