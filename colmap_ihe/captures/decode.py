@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
@@ -11,6 +11,7 @@ from PIL import UnidentifiedImageError
 
 from colmap_ihe.captures.coded import MAX_PIXELS, read_coded, stored_size
 from colmap_ihe.captures.discover import Capture
+from colmap_ihe.captures.prepare import prepared
 from colmap_ihe.captures.raw import develop, read_header
 from colmap_ihe.errors import PhotographError
 from colmap_ihe.grey.weights import Encoding
@@ -49,7 +50,7 @@ def read_photograph(capture: Capture) -> Photograph:
         raise _unreadable(capture, error) from error
     height, width = photograph.rgb.shape[:2]
     check_size(capture, width, height)
-    return photograph
+    return replace(photograph, rgb=prepared(photograph.rgb, capture.recipe))
 
 
 def read_size(capture: Capture) -> tuple[int, int, str]:
