@@ -69,9 +69,10 @@ def fit_files(
     discoveries = [discover(path) for path in paths if path.is_dir()]
     captures += [capture for found in discoveries for capture in found.captures]
     with local_executor() as executor, ExitStack() as stack:
-        surveyed, unreadable = stack.enter_context(
+        prepared = stack.enter_context(
             prepared_set(captures, develop, calibration, executor, audience, strict=strict)
         )
+        surveyed, unreadable = prepared.surveyed, prepared.left_out
         ignored = tuple(name for found in discoveries for name in found.ignored)
         for text in oddities.warnings_of(surveyed, ignored):
             audience.warn(text)

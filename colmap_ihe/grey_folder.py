@@ -55,20 +55,16 @@ def convert_folder(
     write over anything that we did not write.
     """
     folders = [folder.resolve() for folder in (out, colour) if folder is not None]
-    _require_apart(images.resolve(), folders)
+    require_apart(images.resolve(), folders)
     options = options or ConvertOptions()
     discovery = discover(images.absolute())
     with ExitStack() as stack:
         executor = stack.enter_context(local_executor())
-        surveyed, left_out = stack.enter_context(
+        prepared = stack.enter_context(
             prepared_set(discovery.captures, develop, calibration, executor, audience, strict=strict)
         )
-        with audience.stage("content") as watch:
-            watch.start(len(surveyed))
-            digests = {}
-            for one in surveyed:
-                digests[one.capture.name] = digest_file(one.capture.path)
-                watch.advance()
+        surveyed, left_out = prepared.surveyed, dict(prepared.left_out)
+        digests = digests_of(surveyed, audience)
         for text in oddities.warnings_of(surveyed, discovery.ignored):
             audience.warn(text)
         ledgers = [stack.enter_context(opened(folder)) for folder in folders]
@@ -114,7 +110,7 @@ def _convert(
         due |= {wanted[name] for name in ledger.begin(wanted, prints)}
         for name in sorted(ledger.changed):
             audience.warn(
-                f"{ledger.folder / name} was changed since convert wrote it, and is left as it is;"
+                f"{ledger.folder / name} was changed since it was written, and is left as it is;"
                 " delete it to have it written again"
             )
     if not due:
@@ -227,7 +223,19 @@ def _warn_of_the_fit(found: Fit, surveyed: Sequence[Surveyed], audience: Audienc
         audience.warn(text)
 
 
-def _require_apart(images: Path, folders: Sequence[Path]) -> None:
+def digests_of(surveyed: Sequence[Surveyed], audience: Audience) -> dict[str, str]:
+    """Of the content of each photograph, by name."""
+    digests = {}
+    with audience.stage("content") as watch:
+        watch.start(len(surveyed))
+        for one in surveyed:
+            digests[one.capture.name] = digest_file(one.capture.path)
+            watch.advance()
+    return digests
+
+
+def require_apart(images: Path, folders: Sequence[Path]) -> None:
+    """Raises `ProjectError` where one of the folders lies in another."""
     for folder in folders:
         if folder.is_relative_to(images) or images.is_relative_to(folder):
             raise ProjectError(

@@ -14,6 +14,7 @@ from typing import Annotated, Any, Literal
 import yaml
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
 
+from colmap_ihe.captures.recipe import Demosaic
 from colmap_ihe.errors import OptionError, WeightsError
 from colmap_ihe.grey.conversions import CONVERSIONS
 from colmap_ihe.grey.weights import triplets
@@ -31,7 +32,7 @@ class CapturesOptions(_Section):
 
 
 class DevelopOptions(_Section):
-    demosaic: Literal["linear", "vng", "ppg", "ahd", "dcb", "dht", "aahd"] = "linear"
+    demosaic: Demosaic = "linear"
     """LibRaw's algorithm. `linear` is bilinear, and gives most correct matches."""
     green_equilibrium: bool = True
     """Bring the two greens of a Bayer cell level."""

@@ -7,7 +7,6 @@ from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import Executor
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
-from itertools import chain
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -36,11 +35,12 @@ from colmap_ihe.progress import Audience, Watch
 @dataclass
 class Recipes:
     """`surveyed`: the photographs with their recipes. `steps`: what is done to those of each kind of camera, in
-    words, for the record; `warnings` what its owner should know."""
+    words, for the record; `warnings` what its owner should know; `left_out` those that cannot be used."""
 
     surveyed: list[Surveyed]
     steps: dict[str, list[str]] = field(default_factory=dict)
     warnings: list[str] = field(default_factory=list)
+    left_out: LeftOut = field(default_factory=dict)
 
 
 def with_recipes(
@@ -164,7 +164,7 @@ def prepared_set(
     audience: Audience,
     *,
     strict: bool,
-) -> Iterator[tuple[list[Surveyed], LeftOut]]:
+) -> Iterator[Recipes]:
     """Photographs surveyed and with their recipes, for work outside of a project: the means of calibration
     frames last as long as the context. Raises as `with_recipes`, and `ProjectError` for a `calibration` that is
     no folder."""
@@ -180,10 +180,10 @@ def prepared_set(
             found = with_recipes(surveyed, options, calibration, Path(store), executor, watch, strict=strict)
         for text in found.warnings:
             audience.warn(text)
-        yield found.surveyed, left_out
+        yield replace(found, left_out=left_out)
 
 
 def recipe_notes(surveyed: Sequence[Surveyed]) -> dict[str, Mapping[str, Any]]:
     """By photograph, what its recipe has beyond the default one; for a record."""
-    notes = chain((s.capture.name, s.capture.recipe.as_dict()) for s in surveyed)
-    return {name: recipe for name, recipe in notes if recipe}
+    notes = {s.capture.name: s.capture.recipe.as_dict() for s in surveyed}
+    return {name: recipe for name, recipe in notes.items() if recipe}

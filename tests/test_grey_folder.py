@@ -206,7 +206,7 @@ def test_a_strangers_file_in_the_way_is_refused(photos: Path, tmp_path: Path) ->
     (out / "d.png").write_bytes(b"somebody's")
     draw(photos / "d.png", 3)
     before = noted(out)
-    with pytest.raises(ProjectError, match=r"d\.png: is there already and was not written by convert"):
+    with pytest.raises(ProjectError, match=r"d\.png: is there already and was not written by colmap-ihe"):
         convert_folder(photos, out, weights=GREEN)
     assert noted(out) == before
 
@@ -232,7 +232,7 @@ def test_a_record_that_is_none_is_refused(photos: Path, tmp_path: Path, record: 
     with pytest.raises(ProjectError, match="is not a record of this version"):
         convert_folder(photos, out, weights=GREEN)
     (out / RECORD).write_text(record + "broken")
-    with pytest.raises(ProjectError, match="is not empty, and not of an earlier convert"):
+    with pytest.raises(ProjectError, match="is not empty, and not of an earlier run"):
         convert_folder(photos, out, weights=GREEN)
 
 
@@ -265,7 +265,7 @@ def test_two_runs_do_not_write_into_one_folder(photos: Path, tmp_path: Path) -> 
     (tmp_path / "grey").mkdir()
     handle = os.open(tmp_path / "grey", os.O_RDONLY)
     fcntl.flock(handle, fcntl.LOCK_EX)
-    with pytest.raises(ProjectError, match="another convert is writing into it"):
+    with pytest.raises(ProjectError, match="another run is writing into it"):
         convert_folder(photos, tmp_path / "grey", weights=GREEN)
     os.close(handle)
     convert_folder(photos, tmp_path / "grey", weights=GREEN)

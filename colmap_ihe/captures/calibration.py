@@ -69,14 +69,11 @@ class Master:
 
 
 def groups_of(shots: Iterable[tuple[str, Shot]], kind: Kind) -> list[tuple[Shot, list[str]]]:
-    """Frames that are averaged together, by name: those of one camera, and of one sensitivity and exposure; flat
-    fields, which hang on the light's way and not on its amount, of one lens, focal length and aperture."""
+    """Frames that are averaged together, by name: those of one camera, sensitivity and exposure; flat fields
+    besides of one lens, focal length and aperture."""
     groups: dict[Shot, list[str]] = defaultdict(list)
     for name, shot in shots:
-        if kind == "flats":
-            key = replace(shot, exposure_s=0.0, iso=0.0)
-        else:
-            key = replace(shot, lens="", focal_mm=0.0, f_number=0.0)
+        key = shot if kind == "flats" else replace(shot, lens="", focal_mm=0.0, f_number=0.0)
         if kind == "bias":
             key = replace(key, exposure_s=0.0)
         groups[key].append(name)
@@ -203,7 +200,7 @@ def matched(
         say(f"no dark frame of {shot.exposure_s:g} s, and no bias frame to scale one with")
     elif not darks and any(m.kind == "darks" for m in mine):
         say(f"no dark frame of ISO {shot.iso:g}")
-    flat = max(flats, key=lambda m: _shared(m.shot, shot), default=None)
+    flat = max(flats, key=lambda m: (_shared(m.shot, shot), m.frames), default=None)
     if flat is not None:
         recipe = replace(recipe, flat=flat.file)
         used.append(flat)

@@ -16,6 +16,7 @@ FULL = 65535
 """What saturation becomes."""
 _FLOOR = 1  # LibRaw takes 0 for a defect in the files of some makers
 _MARK_BELOW = 16  # of the black level: where it is lower, a pixel may well be 0 by itself
+_GREENS = (1, 3)
 _STRIP = 1 << 16  # pixels
 _CELLS = 48  # rows that are whole cells of every pattern: 2, 6, 8 and 16
 _MOST_UNEQUAL = 0.1  # greens further apart are no matter of the sensor
@@ -128,23 +129,25 @@ def repair(values: NDArray[np.uint16], pattern: NDArray[np.uint8], bad: NDArray[
 
 def green_gains(mosaic: Mosaic, frames: Frames) -> NDArray[np.float32]:
     """(n, n) float32: what to multiply by, so that the two greens of a Bayer cell have one mean; 1 for the other
-    colours and for any other pattern. The ratio is the median over tiles, so that a fine pattern in a part of
-    the picture is not taken for the sensor's, and counts if it is near 1."""
+    colours and for any other pattern.
+
+    Each of some second greens is compared with the four first ones around it, so that a slope of the light
+    cancels. The ratio is the median over tiles, so that a fine pattern in a part of the picture is not taken for
+    the sensor's, and counts if it is near 1.
+    """
     gains = np.ones(mosaic.pattern.shape, np.float32)
-    greens = [tuple(np.argwhere(mosaic.pattern == g)[0]) for g in (1, 3) if (mosaic.pattern == g).sum() == 1]
-    if mosaic.pattern.shape != (2, 2) or len(greens) != 2:
+    places = [np.argwhere(mosaic.pattern == g) for g in _GREENS]
+    if mosaic.pattern.shape != (2, 2) or any(len(p) != 1 for p in places):
         return gains
+    one, other = (tuple(p[0]) for p in places)
     step = 2 * max(1, min(mosaic.values.shape) // 1024)  # a quarter of a million cells are enough
-    dark = mosaic.black if frames.dark is None else frames.dark
-    seen, unclipped = [], []
-    for y, x in greens:
-        some = (slice(y, None, step), slice(x, None, step))
-        light = mosaic.values[some] - (dark[some] if dark.shape == mosaic.values.shape else dark[y, x])
-        seen.append(light if frames.flat is None else light * frames.flat[some])
-        unclipped.append(light < _CLIPPED * mosaic.span)
-    rows, columns = (min(part.shape[axis] for part in seen) for axis in (0, 1))
-    first, second = (part[:rows, :columns] for part in seen)
-    usable = unclipped[0][:rows, :columns] & unclipped[1][:rows, :columns]
+    corner = (other[0] + 2, other[1] + 2)
+    around = [_light(mosaic, frames, (corner[0] + y, corner[1] + x), step) for y in (-1, 1) for x in (-1, 1)]
+    second = _light(mosaic, frames, corner, step)
+    rows, columns = (min(part.shape[axis] for part in (*around, second)) for axis in (0, 1))
+    first = np.mean([part[:rows, :columns] for part in around], axis=0)
+    second = second[:rows, :columns]
+    usable = np.maximum(first, second) < _CLIPPED * mosaic.span
     ratios = []
     for tile_rows in np.array_split(np.arange(rows), _TILES):
         for tile_columns in np.array_split(np.arange(columns), _TILES):
@@ -154,5 +157,15 @@ def green_gains(mosaic: Mosaic, frames: Frames) -> NDArray[np.float32]:
                 ratios.append(float(second[tile][ok].sum() / first[tile][ok].sum()))
     ratio = median(ratios) if ratios else 1.0
     if abs(ratio - 1) <= _MOST_UNEQUAL:
-        gains[greens[0]], gains[greens[1]] = (1 + ratio) / 2, (1 + ratio) / (2 * ratio)
+        gains[one], gains[other] = (1 + ratio) / 2, (1 + ratio) / (2 * ratio)
     return gains
+
+
+def _light(mosaic: Mosaic, frames: Frames, corner: tuple[int, int], step: int) -> NDArray[np.float32]:
+    """Every `step`th pixel from `corner` on, above black, float32, in the sensor's units."""
+    some = (slice(corner[0], None, step), slice(corner[1], None, step))
+    dark = mosaic.black if frames.dark is None else frames.dark
+    n = dark.shape[0]
+    level = dark[some] if dark.shape == mosaic.values.shape else dark[corner[0] % n, corner[1] % n]
+    light = mosaic.values[some] - level
+    return np.asarray(light if frames.flat is None else light * frames.flat[some], np.float32)

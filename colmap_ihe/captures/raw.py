@@ -185,11 +185,11 @@ def _white(raw: rawpy.RawPy, black: float, path: Path) -> float:
 def _scale_layers(raw: rawpy.RawPy, path: Path) -> None:
     """Black to 0 and white to 65535, of a file that has all its colours in every pixel; in place."""
     layers = raw.raw_image_visible
-    levels = raw.black_level_per_channel or [0] * 4
-    white = _white(raw, min(levels), path)
-    for channel in range(layers.shape[2]):
-        above = cv2.subtract(np.ascontiguousarray(layers[..., channel]), np.full(4, levels[channel]))
-        layers[..., channel] = cv2.multiply(above, np.full(4, FULL / (white - min(levels))))
+    levels = (raw.black_level_per_channel or [0] * 4)[: raw.num_colors]
+    span = _white(raw, min(levels), path) - min(levels)
+    for channel, level in enumerate(levels):
+        above = cv2.subtract(np.ascontiguousarray(layers[..., channel]), np.full(4, level))
+        layers[..., channel] = cv2.multiply(above, np.full(4, FULL / span))
 
 
 def _demosaiced(raw: rawpy.RawPy, demosaic: Demosaic) -> NDArray[np.uint16]:
