@@ -2,16 +2,19 @@
 
 # zlib before pycolmap, which else binds the system's zlib to its own symbols (docs/decisions/0003).
 import zlib  # noqa: F401
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
 
-from colmap_ihe.errors import KnownError
-from colmap_ihe.grey.convert import to_grey
-from colmap_ihe.grey.histogram import Histogram
-from colmap_ihe.grey.ihe import fit_weights
-from colmap_ihe.grey.weights import Weights
-from colmap_ihe.grey_folder import convert_folder
-from colmap_ihe.options import Options, load_options
-from colmap_ihe.pipeline import Reconstruction, reconstruct, status
-from colmap_ihe.version import __version__
+if TYPE_CHECKING:
+    from colmap_ihe.errors import KnownError
+    from colmap_ihe.grey.convert import to_grey
+    from colmap_ihe.grey.histogram import Histogram
+    from colmap_ihe.grey.ihe import fit_weights
+    from colmap_ihe.grey.weights import Weights
+    from colmap_ihe.grey_folder import convert_folder
+    from colmap_ihe.options import Options, load_options
+    from colmap_ihe.pipeline import Reconstruction, reconstruct, status
+    from colmap_ihe.version import __version__
 
 __all__ = [
     "Histogram",
@@ -27,3 +30,31 @@ __all__ = [
     "status",
     "to_grey",
 ]
+
+_HOMES = {
+    "Histogram": "grey.histogram",
+    "KnownError": "errors",
+    "Options": "options",
+    "Reconstruction": "pipeline",
+    "Weights": "grey.weights",
+    "__version__": "version",
+    "convert_folder": "grey_folder",
+    "fit_weights": "grey.ihe",
+    "load_options": "options",
+    "reconstruct": "pipeline",
+    "status": "pipeline",
+    "to_grey": "grey.convert",
+}
+
+
+def __getattr__(name: str) -> Any:
+    """The public names, imported when first asked for: a decoder needs few modules, and not pycolmap's."""
+    if name not in _HOMES:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    value = getattr(import_module(f"{__name__}.{_HOMES[name]}"), name)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})

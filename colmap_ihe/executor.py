@@ -6,7 +6,11 @@ import os
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Executor, Future, ThreadPoolExecutor
+from contextlib import contextmanager
+from threading import Event
 from typing import TypeVar
+
+from colmap_ihe.captures import decoders
 
 _Item = TypeVar("_Item")
 _Result = TypeVar("_Result")
@@ -17,25 +21,42 @@ def local_workers() -> int:
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
-def local_executor() -> ThreadPoolExecutor:
-    """One thread a core. Threads, for LibRaw with OpenMP can deadlock in a forked process."""
-    return ThreadPoolExecutor(local_workers(), thread_name_prefix="image")
+@contextmanager
+def local_executor() -> Iterator[ThreadPoolExecutor]:
+    """One thread a core. Threads, for photographs are decoded in processes anyway, and sums are shared."""
+    try:
+        with ThreadPoolExecutor(local_workers(), thread_name_prefix="image") as executor:
+            yield executor
+    finally:
+        decoders.relax()
 
 
 def in_order(
-    executor: Executor, function: Callable[[_Item], _Result], items: Iterable[_Item]
+    executor: Executor,
+    function: Callable[[_Item], _Result],
+    items: Iterable[_Item],
+    at_once: int | None = None,
 ) -> Iterator[_Result]:
     """`function` of every item, in order; no more results wait than there are workers and one, so memory does
-    not grow with the set. What `function` raises is raised here, after what is in flight has ended."""
+    not grow with the set, and never more than `at_once` are begun and not yet fetched. What `function` raises
+    is raised here, after what is in flight has ended; reads of photographs end at once then."""
+    most = at_once or local_workers() + 1
+    over = Event()
+
+    def run(item: _Item) -> _Result:
+        with decoders.stoppable(over):
+            return function(item)
+
     waiting: deque[Future[_Result]] = deque()
     try:
         for item in items:
-            waiting.append(executor.submit(function, item))
-            if len(waiting) > local_workers():
+            waiting.append(executor.submit(run, item))
+            if len(waiting) >= most:
                 yield waiting.popleft().result()
         while waiting:
             yield waiting.popleft().result()
     finally:
+        over.set()
         for future in waiting:
             future.cancel()
         for future in waiting:

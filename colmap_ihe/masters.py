@@ -25,9 +25,10 @@ from colmap_ihe.captures.calibration import (
     shot_of,
 )
 from colmap_ihe.captures.discover import RAW_SUFFIXES
+from colmap_ihe.captures.frames import bad_pixel_candidates, read_header, read_mosaic
 from colmap_ihe.captures.metadata import read_metadata
 from colmap_ihe.captures.mosaic import Mosaic
-from colmap_ihe.captures.raw import bad_pixel_candidates, frames_of, read_header, read_mosaic
+from colmap_ihe.captures.raw import frames_of
 from colmap_ihe.captures.recipe import Recipe
 from colmap_ihe.errors import PhotographError
 from colmap_ihe.executor import in_order

@@ -6,9 +6,11 @@ from collections import Counter
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
+from colmap_ihe import memory
 from colmap_ihe.captures.decode import read_photograph
 from colmap_ihe.captures.discover import Capture
 from colmap_ihe.errors import PhotographError
+from colmap_ihe.executor import local_workers
 from colmap_ihe.grey.conversions import CONVERSIONS
 from colmap_ihe.grey.weights import Grey, Weights
 from colmap_ihe.preprocess import Surveyed
@@ -58,7 +60,17 @@ def warnings_of(surveyed: Sequence[Surveyed], ignored: tuple[str, ...] = ()) -> 
         *profile_warnings(surveyed),
         *page_warnings(surveyed),
         *unread_pictures(ignored),
+        *memory_warnings([s.capture for s in surveyed]),
     ]
+
+
+def memory_warnings(captures: Sequence[Capture]) -> list[str]:
+    """Says so where memory and not the number of cores decides how long the work takes."""
+    workers = local_workers()
+    count = memory.at_once(captures, workers)
+    if count == workers:
+        return []
+    return [f"{memory.in_words(captures, count)}; there are {workers} cores"]
 
 
 def exif_warnings(surveyed: Sequence[Surveyed]) -> list[str]:

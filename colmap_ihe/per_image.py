@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import Executor
 from typing import TypeVar
 
+from colmap_ihe import memory
 from colmap_ihe.captures.discover import Capture
 from colmap_ihe.errors import PhotographError, ProjectError
-from colmap_ihe.executor import in_order
+from colmap_ihe.executor import in_order, local_workers
 from colmap_ihe.progress import Watch
+
+logger = logging.getLogger(__name__)
 
 LeftOut = dict[str, str]
 """Captures that cannot be used, by name, each with the reason and what to do."""
@@ -25,7 +29,10 @@ def each_usable(
     strict: bool,
     left_out: LeftOut,
 ) -> Iterable[_Result]:
-    """`function` of every capture that can be used; the others go to `left_out`, or end the run if strict."""
+    """`function` of every capture that can be used; the others go to `left_out`, or end the run if strict.
+
+    As many at a time as there are workers, or fewer if memory has no room for so many of the largest.
+    """
 
     def guarded(capture: Capture) -> _Result | PhotographError:
         try:
@@ -35,7 +42,10 @@ def each_usable(
 
     watch.start(len(captures))
     usable = 0
-    for capture, result in zip(captures, in_order(executor, guarded, captures), strict=True):
+    at_once = memory.at_once(captures, local_workers())
+    logger.info("%s", memory.in_words(captures, at_once))
+    most = at_once if at_once < local_workers() else None
+    for capture, result in zip(captures, in_order(executor, guarded, captures, most), strict=True):
         watch.advance()
         if isinstance(result, PhotographError):
             if strict:

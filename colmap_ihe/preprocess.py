@@ -28,7 +28,8 @@ from colmap_ihe.project import write_bytes
 
 @dataclass(frozen=True)
 class Surveyed:
-    """A capture with what its header says; sizes in pixels. `sensor`: the kind of a RAW file's, else empty."""
+    """A capture with what its header says, its number of pixels among it; sizes in pixels. `sensor`: the kind of a
+    RAW file's, else empty."""
 
     capture: Capture
     width: int

@@ -16,6 +16,7 @@ from typing import Any
 import yaml
 
 from colmap_ihe import oddities
+from colmap_ihe.captures import decoders
 from colmap_ihe.captures.discover import Capture, Discovery
 from colmap_ihe.captures.recipe import recipe_from_dict
 from colmap_ihe.colmap import dense as dense_stereo
@@ -64,8 +65,9 @@ class Run:
             out |= set(record.get("left_out", {}))
         first = self.records["captures"]
         recipes = {name: recipe_from_dict(values) for name, values in first["recipes"].items()}
+        known = {s.capture.name: s.capture for s in self.surveyed}
         return [
-            replace(c, recipe=recipes.get(c.name, c.recipe), pixels=first["largest"])
+            known.get(c.name) or replace(c, recipe=recipes.get(c.name, c.recipe), pixels=first["largest"])
             for c in self.discovery.captures
             if c.name not in out
         ]
@@ -88,8 +90,8 @@ def captures(run: Run, watch: Watch) -> Record:
         "paired": {s.capture.name: s.capture.paired for s in run.surveyed if s.capture.paired},
         "with_gps": sum(s.metadata.has_gps for s in run.surveyed),
         "shared_by": oddities.shared_by(run.surveyed),
-        "pixels": sum(s.width * s.height for s in run.surveyed),
-        "largest": max(s.width * s.height for s in run.surveyed),
+        "pixels": sum(s.capture.pixels for s in run.surveyed),
+        "largest": max(s.capture.pixels for s in run.surveyed),
         "development": found.steps,
         "recipes": recipe_notes(run.surveyed),
         "ignored": list(run.discovery.ignored),
@@ -149,6 +151,7 @@ def convert(run: Run, watch: Watch) -> Record:
         keep_finished=run.resumed,
     )
     warnings = oddities.fit_warnings(run.captures(), found.weights.values())
+    decoders.rest()  # COLMAP, which comes next, has a use for their memory
     return {"grey": grey, "left_out": left_out, "warnings": warnings}
 
 

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-import sys
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -15,7 +16,7 @@ from PIL.Image import Transpose
 from PIL.TiffImagePlugin import TiffImageFile
 
 from colmap_ihe.captures.profile import cmyk_to_srgb, rgb_profile
-from colmap_ihe.errors import CapabilityError, PhotographError
+from colmap_ihe.errors import PhotographError
 
 MAX_PIXELS = 500_000_000
 """Of one photograph, checked before it is decoded: more is a damaged or a hostile header."""
@@ -24,18 +25,6 @@ Image.MAX_IMAGE_PIXELS = MAX_PIXELS
 _ORIENTATION, _BITS, _PHOTOMETRIC, _PLANES, _SAMPLE_FORMAT = 274, 258, 262, 284, 339  # tags of TIFF 6.0
 _WHITE_IS_ZERO, _BLACK_IS_ZERO, _RGB, _SEPARATED = 0, 1, 2, 5
 _UNSIGNED = 1
-
-
-def _zlib_clashes() -> bool:
-    """Whether the system's zlib was loaded by pycolmap, and so with pycolmap's symbols in its place. A Python
-    that has zlib built in is safe: it loaded the library first."""
-    loaded = list(sys.modules)
-    if "pycolmap" not in loaded or "zlib" in sys.builtin_module_names:
-        return False
-    return "zlib" not in loaded[: loaded.index("pycolmap")]
-
-
-_ZLIB_CLASHES = _zlib_clashes()
 
 _UNTURN = {
     2: Transpose.FLIP_LEFT_RIGHT,
@@ -49,13 +38,13 @@ _UNTURN = {
 """By the Orientation tag, what takes back the turn it asks for."""
 
 
-def read_coded(path: Path) -> tuple[NDArray[np.uint8], bytes]:
+def read_coded(path: Path, room: Callable[..., NDArray[Any]] = np.empty) -> tuple[NDArray[np.uint8], bytes]:
     """Pixels (H, W, 3) uint8, and the RGB profile they are in, empty for sRGB. Of several pages the first;
-    alpha is ignored. Pillow, unlike OpenCV, reports a truncated file; OpenCV reads 16 bits a channel.
+    alpha is ignored. Pillow, unlike OpenCV, reports a truncated file; OpenCV reads 16 bits a channel. A JPEG is
+    decoded into what `room(shape, dtype)` gives.
 
     Raises OSError for a broken file, `PhotographError` for a kind that is not read.
     """
-    _refuse_zlib(path)
     try:
         with Image.open(path) as image:
             # Of a PNG's depth Pillow tells only before it decodes: "RGB;16B" is the mode in the file.
@@ -64,7 +53,7 @@ def read_coded(path: Path) -> tuple[NDArray[np.uint8], bytes]:
             if isinstance(image, TiffImageFile) and _is_deep(image):
                 return _read_deep_tiff(path, image, turned)
             if image.format == "JPEG" and image.mode == "RGB":
-                pixels = _decode_jpeg(path)
+                pixels = _decode_jpeg(path, room((image.height, image.width, 3), np.uint8))
                 if pixels is not None:
                     return pixels, rgb_profile(image)
             image.load()
@@ -82,13 +71,14 @@ def read_coded(path: Path) -> tuple[NDArray[np.uint8], bytes]:
         raise OSError(str(error)) from error
 
 
-def _decode_jpeg(path: Path) -> NDArray[np.uint8] | None:
-    """(H, W, 3) of a sound JPEG, three times faster than Pillow and to the same pixels; None for one that
-    libjpeg has a word to say of, which Pillow judges."""
+def _decode_jpeg(path: Path, pixels: NDArray[np.uint8]) -> NDArray[np.uint8] | None:
+    """`pixels` (H, W, 3) filled with a sound JPEG, three times faster than Pillow and to the same pixels; None
+    for one that libjpeg has a word to say of, which Pillow judges."""
     try:
-        return np.asarray(simplejpeg.decode_jpeg(path.read_bytes(), "RGB", strict=True))
+        found = simplejpeg.decode_jpeg(path.read_bytes(), "RGB", buffer=pixels, strict=True)
     except ValueError:
         return None
+    return pixels if found.shape == pixels.shape else None
 
 
 def stored_size(path: Path) -> tuple[int, int]:
@@ -174,14 +164,6 @@ def _read_with_tifffile(path: Path) -> NDArray[np.generic]:
     if axes == "SYX":
         pixels = np.moveaxis(pixels, 0, 2)
     return np.repeat(pixels[..., None], 3, axis=2) if pixels.ndim == 2 else pixels
-
-
-def _refuse_zlib(path: Path) -> None:
-    if _ZLIB_CLASHES and path.suffix.lower() in (".png", ".tif", ".tiff"):
-        raise CapabilityError(
-            f"{path.name}: PNG and TIFF cannot be read, pycolmap was imported before colmap_ihe",
-            hint="import colmap_ihe first: pycolmap's zlib would corrupt the memory of this process",
-        )
 
 
 def _not_read(path: Path, what: str) -> PhotographError:

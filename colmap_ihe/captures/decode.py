@@ -1,14 +1,21 @@
-"""Photographs to arrays: colour as the file has it, upright as the sensor had it."""
+"""Photographs to arrays: colour as the file has it, upright as the sensor had it.
+
+`read_photograph` and `read_size` have a decoder do it, in a process of its own; the functions that end in
+`_here` are what it does there.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import Any
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 from PIL import UnidentifiedImageError
 
+from colmap_ihe.captures import decoders
 from colmap_ihe.captures.coded import MAX_PIXELS, read_coded, stored_size
 from colmap_ihe.captures.discover import Capture
 from colmap_ihe.captures.prepare import prepared
@@ -38,24 +45,54 @@ def encoding_of(capture: Capture) -> Encoding:
 
 
 def read_photograph(capture: Capture) -> Photograph:
-    """Decodes a capture, pixels in the sensor's own orientation. Raises `PhotographError`."""
+    """Decodes a capture, pixels in the sensor's own orientation. `rgb` lies in memory shared with no one any
+    more. Raises `PhotographError`, also where the decoder crashed or did not end; `CapabilityError`."""
+    found, rgb = decoders.ask("photograph", capture.name, capture.pixels, capture=message_of(capture))
+    if rgb is None:
+        raise PhotographError(f"{capture.name}: the decoder returned no pixels")
+    matrix = found["matrix"]
+    srgb_from_camera = None if matrix is None else np.array(matrix, np.float64)
+    return Photograph(rgb, found["encoding"], srgb_from_camera, found["profile"])
+
+
+def read_photograph_here(capture: Capture, room: Callable[..., NDArray[Any]] = np.empty) -> Photograph:
+    """As `read_photograph`, in this process. `room(shape, dtype)` may be asked for the array to decode into."""
+    width, height, _ = read_size_here(capture)  # what is too large is refused before there is memory for it
     try:
         if capture.kind == "raw":
             developed = develop(capture.path, capture.recipe)
             photograph = Photograph(developed.linear_rgb, "linear", developed.srgb_from_camera)
         else:
-            rgb, profile = read_coded(capture.path)
+            rgb, profile = read_coded(capture.path, room)
             photograph = Photograph(rgb, "coded", profile=profile)
-    except (OSError, MemoryError, cv2.error) as error:
+    except (OSError, cv2.error) as error:
         raise _unreadable(capture, error) from error
-    height, width = photograph.rgb.shape[:2]
-    check_size(capture, width, height)
+    if capture.kind == "coded" and photograph.rgb.shape != (height, width, 3):
+        found = f"{photograph.rgb.shape[1]}x{photograph.rgb.shape[0]}"
+        raise _unreadable(capture, OSError(f"{found} pixels where its header says {width}x{height}"))
     return replace(photograph, rgb=prepared(photograph.rgb, capture.recipe))
+
+
+def message_of(capture: Capture) -> dict[str, Any]:
+    """What a decoder is told of a capture, in plain values."""
+    return {
+        "name": capture.name,
+        "path": str(capture.path.absolute()),
+        "kind": capture.kind,
+        "grey_stem": capture.grey_stem,
+        "recipe": capture.recipe.as_dict(),
+    }
 
 
 def read_size(capture: Capture) -> tuple[int, int, str]:
     """Width, height and, of a RAW file, the kind of sensor, from the file's header, without decoding. Raises
-    `PhotographError`."""
+    `PhotographError`, `CapabilityError`."""
+    (width, height, sensor), _ = decoders.ask("size", capture.name, capture=message_of(capture))
+    return int(width), int(height), str(sensor)
+
+
+def read_size_here(capture: Capture) -> tuple[int, int, str]:
+    """As `read_size`, in this process."""
     sensor = ""
     if capture.kind == "raw":
         header = read_header(capture.path)

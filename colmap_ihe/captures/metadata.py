@@ -20,6 +20,7 @@ from exifread.utils import Ratio
 from PIL import Image, UnidentifiedImageError
 from PIL.TiffImagePlugin import IFDRational
 
+from colmap_ihe.captures import decoders
 from colmap_ihe.captures.profile import name_of_profile
 from colmap_ihe.captures.raw import preview_of
 from colmap_ihe.errors import PhotographError
@@ -77,7 +78,18 @@ class Metadata:
 
 
 def read_metadata(path: Path, kind: str) -> Metadata:
-    """Reads the EXIF of a capture; `kind` is "raw" or "coded". Never raises for what EXIF holds."""
+    """Reads the EXIF of a capture; `kind` is "raw" or "coded". Never raises for what EXIF holds. A decoder does
+    it, in a process of its own: profiles and previews are native libraries' work."""
+    try:
+        found, _ = decoders.ask("metadata", path.name, path=str(path.absolute()), kind=kind)
+    except PhotographError as error:
+        return Metadata(problem=f"EXIF not readable: {error}")
+    values: dict[str, Any] = {name: tuple(v) if isinstance(v, list) else v for name, v in found.items()}
+    return Metadata(**values)
+
+
+def read_metadata_here(path: Path, kind: str) -> Metadata:
+    """As `read_metadata`, in this process."""
     try:
         if kind == "coded":
             return _read_coded(path)

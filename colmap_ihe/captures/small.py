@@ -9,26 +9,38 @@ import numpy as np
 import simplejpeg
 from numpy.typing import NDArray
 
-from colmap_ihe.captures.decode import read_photograph
+from colmap_ihe.captures import decoders
+from colmap_ihe.captures.decode import message_of, read_photograph_here, read_size_here
 from colmap_ihe.captures.discover import Capture
 from colmap_ihe.captures.raw import half_size
+from colmap_ihe.errors import PhotographError
 
 _FULL = 99.5
 """Per cent of the values of a linear picture that are not clipped."""
 
 
 def small_picture(capture: Capture, side: int) -> NDArray[np.uint8]:
+    """As `small_picture_here`, by a decoder in a process of its own."""
+    message = message_of(capture)
+    _, picture = decoders.ask("small", capture.name, capture.pixels, capture=message, side=side)
+    if picture is None:
+        raise PhotographError(f"{capture.name}: the decoder returned no pixels")
+    return np.asarray(picture, np.uint8)
+
+
+def small_picture_here(capture: Capture, side: int) -> NDArray[np.uint8]:
     """The photograph, its longer side `side` pixels or less: (H, W, 3) uint8, gamma-coded as stored, turned as
     stored; of a RAW file sensor colours, coded by a square root. Raises `PhotographError`, though not for
     all that `read_photograph` would refuse.
     """
+    read_size_here(capture)
     if capture.kind == "raw":
         linear = _shrunk(half_size(capture.path), side).astype(np.float32)
         white = max(1.0, float(np.percentile(linear, _FULL)))
         return np.asarray(255 * np.sqrt(np.minimum(linear / white, 1)) + 0.5, np.uint8)
     rgb = _scaled_jpeg(capture.path, side)
     if rgb is None:
-        rgb = np.asarray(read_photograph(capture).rgb, np.uint8)
+        rgb = np.asarray(read_photograph_here(capture).rgb, np.uint8)
     return np.asarray(_shrunk(rgb, side), np.uint8)
 
 

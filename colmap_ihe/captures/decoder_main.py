@@ -1,0 +1,189 @@
+"""What runs in a decoder: it answers one question at a time about a photograph. `decoders` starts it."""
+
+from __future__ import annotations
+
+import fcntl
+import os
+import re
+import resource
+import socket
+import sys
+import traceback
+import warnings
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager, suppress
+from dataclasses import fields
+from pathlib import Path
+from typing import Any
+
+import cv2
+from numpy.typing import NDArray
+
+from colmap_ihe.captures import decode, metadata, raw, small
+from colmap_ihe.captures.discover import Capture
+from colmap_ihe.captures.recipe import recipe_from_dict
+from colmap_ihe.captures.wire import Message, Room, receive, send
+from colmap_ihe.errors import KnownError, PhotographError
+
+_STDERR = 2
+_DAMAGED = re.compile(r"data corrupted at|unexpected end of file", re.IGNORECASE)
+"""What LibRaw says of damaged data, and does not always raise."""
+
+_Answer = tuple[Any, NDArray[Any] | None]
+
+
+def _photograph(room: Room, *, capture: Message) -> _Answer:
+    found = decode.read_photograph_here(_capture(capture), room.array)
+    matrix = found.srgb_from_camera
+    if capture["kind"] == "raw" and _DAMAGED.search(_said()):
+        raise PhotographError(
+            f"{capture['name']}: LibRaw found damaged data in it",
+            hint="copy it from the card again, or take it out of the folder",
+        )
+    about = {
+        "encoding": found.encoding,
+        "matrix": None if matrix is None else matrix.tolist(),
+        "profile": found.profile,
+    }
+    return about, found.rgb
+
+
+def _size(_room: Room, *, capture: Message) -> _Answer:
+    return decode.read_size_here(_capture(capture)), None
+
+
+def _small(_room: Room, *, capture: Message, side: int) -> _Answer:
+    return None, small.small_picture_here(_capture(capture), side)
+
+
+def _metadata(_room: Room, *, path: str, kind: str) -> _Answer:
+    found = metadata.read_metadata_here(Path(path), kind)
+    return {f.name: getattr(found, f.name) for f in fields(found)}, None
+
+
+def _header(_room: Room, *, path: str) -> _Answer:
+    found = raw.read_header(Path(path))
+    return [found.width, found.height, found.sensor], None
+
+
+def _mosaic(_room: Room, *, path: str) -> _Answer:
+    found = raw.read_mosaic(Path(path))
+    varies = found.black.shape == found.values.shape
+    about = {
+        "pattern": found.pattern.tolist(),
+        "black": None if varies else found.black.tolist(),
+        "white": found.white,
+    }
+    return about, found.values
+
+
+def _black(_room: Room, *, path: str) -> _Answer:
+    return None, raw.read_mosaic(Path(path)).black
+
+
+def _bad_pixels(_room: Room, *, path: str) -> _Answer:
+    return raw.bad_pixel_candidates(Path(path)).tolist(), None
+
+
+TASKS: Mapping[str, Callable[..., _Answer]] = {
+    "photograph": _photograph,
+    "size": _size,
+    "small": _small,
+    "metadata": _metadata,
+    "header": _header,
+    "mosaic": _mosaic,
+    "black": _black,
+    "bad pixels": _bad_pixels,
+}
+
+
+def _capture(values: Message) -> Capture:
+    return Capture(
+        **values | {"path": Path(values["path"]), "recipe": recipe_from_dict(values["recipe"])},
+    )
+
+
+def main() -> None:
+    """Answers on the socket whose number is the first argument, until its other end is closed."""
+    warnings.simplefilter("ignore")  # of broken photographs, which we name ourselves
+    cv2.setNumThreads(1)
+    fcntl.fcntl(_STDERR, fcntl.F_SETFL, fcntl.fcntl(_STDERR, fcntl.F_GETFL) | os.O_APPEND)
+    with suppress(OSError):  # if memory runs out after all, then a decoder goes and not the run
+        Path("/proc/self/oom_score_adj").write_text("900", encoding="ascii")
+    with socket.socket(fileno=int(sys.argv[1])) as sock, suppress(ConnectionError):
+        send(sock, {"ready": True})
+        room = Room()
+        while (received := receive(sock)) is not None:
+            _answer(sock, received[0], room)
+
+
+def _answer(sock: socket.socket, request: Message, room: Room) -> None:
+    os.ftruncate(_STDERR, 0)
+    if not request["free"]:  # what was sent before is still in use
+        room.leave()
+    answer: Message
+    fd = None
+    try:
+        with _dying_with(sock), _memory_limit(request["memory"]):
+            value, array = TASKS[request["task"]](room, **request["arguments"])
+            answer = {"value": value}
+            if array is not None:
+                answer["array"], fd = room.put(array)
+    except KnownError as error:
+        answer = {"error": type(error).__name__, "message": str(error), "hint": error.hint}
+    except MemoryError:
+        message = f"{request['name']}: not enough memory to decode it"
+        answer = {"error": "PhotographError", "message": message, "hint": "free memory, or take it out"}
+    except Exception as error:  # noqa: BLE001  whatever a broken file brings a decoder to raise is about that file
+        reason = " ".join(f"{type(error).__name__}: {error}".split())
+        answer = {
+            "error": "PhotographError",
+            "message": f"{request['name']}: cannot be read ({reason})",
+            "hint": "copy it from the card again, or take it out of the folder",
+            "traceback": traceback.format_exc(),
+        }
+    send(sock, answer, fd)
+    if fd is not None:
+        room.sent()
+
+
+def _said() -> str:
+    return os.pread(_STDERR, 1 << 16, 0).decode("utf-8", "replace")
+
+
+@contextmanager
+def _dying_with(sock: socket.socket) -> Iterator[None]:
+    """Within, the end of the other side ends this process at once, be it deep in a native loop: by SIGIO."""
+    flags = fcntl.fcntl(sock, fcntl.F_GETFL)
+    if hasattr(fcntl, "F_SETOWN"):
+        fcntl.fcntl(sock, fcntl.F_SETOWN, os.getpid())
+    fcntl.fcntl(sock, fcntl.F_SETFL, flags | fcntl.FASYNC)
+    try:
+        yield
+    finally:
+        fcntl.fcntl(sock, fcntl.F_SETFL, flags)
+
+
+@contextmanager
+def _memory_limit(size: int) -> Iterator[None]:
+    """Within, this process may take so many more bytes; further ones are a MemoryError, or a native decoder's."""
+    held = _data_bytes()
+    if held is None:
+        yield
+        return
+    _, hard = resource.getrlimit(resource.RLIMIT_DATA)
+    soft = held + size if hard == resource.RLIM_INFINITY else min(held + size, hard)
+    resource.setrlimit(resource.RLIMIT_DATA, (soft, hard))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_DATA, (hard, hard))
+
+
+def _data_bytes() -> int | None:
+    """What counts for RLIMIT_DATA, which only Linux keeps to."""
+    try:
+        pages = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[5])
+    except (OSError, ValueError, IndexError):
+        return None
+    return pages * resource.getpagesize()

@@ -1,0 +1,105 @@
+"""How much memory there is, and how many photographs may be worked on at a time within it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Protocol
+
+_PROC, _CGROUP = Path("/proc"), Path("/sys/fs/cgroup")
+_KEPT_FREE = 0.1  # of what is available, for all else
+_UNLIMITED = 1 << 60  # cgroup v1 says "no limit" by a number near 2^63
+_BYTES_A_PIXEL = {"raw": 60, "coded": 30}
+"""At the most, decoder and run together: of a RAW file LibRaw's mosaic, its four channels and its picture, of a
+coded one the file's colours; then the photograph, and what is made from it. Measured: docs/decisions/0008."""
+
+
+class _Photograph(Protocol):
+    @property
+    def kind(self) -> str: ...
+    @property
+    def pixels(self) -> int: ...
+
+
+def available() -> int:
+    """Bytes that this process may still take: of the machine, or of its container where that has fewer. 0 if the
+    system does not say."""
+    machine = _meminfo()
+    rooms = [room for room in (machine, *_cgroup_rooms()) if room is not None]
+    return max(1, min(rooms)) if rooms else 0
+
+
+def needed(photographs: Sequence[_Photograph]) -> int:
+    """Bytes for the one that takes most, 0 if nothing is known of any."""
+    return max((p.pixels * _BYTES_A_PIXEL[p.kind] for p in photographs), default=0)
+
+
+def at_once(photographs: Sequence[_Photograph], workers: int) -> int:
+    """How many of these may be worked on at a time: `workers`, or as many as there is memory for, at least one."""
+    need, room = needed(photographs), available()
+    if not need or not room:
+        return workers
+    return max(1, min(workers, int(room * (1 - _KEPT_FREE)) // need))
+
+
+def in_words(photographs: Sequence[_Photograph], count: int) -> str:
+    """How many at a time, and why, for the log."""
+    need, room = needed(photographs), available()
+    if not need:
+        return f"{count} photographs at a time"
+    return (
+        f"{count} photographs at a time: the largest takes up to {_size(need)} of memory while it is worked on,"
+        f" and {_size(room)} are free"
+    )
+
+
+def _size(count: int) -> str:
+    return f"{count / 1e9:.1f} GB" if count >= 10**9 else f"{count / 1e6:.0f} MB"
+
+
+def _meminfo() -> int | None:
+    try:
+        lines = (_PROC / "meminfo").read_text(encoding="ascii").splitlines()
+        return next(int(line.split()[1]) * 1024 for line in lines if line.startswith("MemAvailable:"))
+    except (OSError, ValueError, IndexError, StopIteration):
+        return None
+
+
+def _cgroup_rooms() -> Iterator[int]:
+    """What the groups of this process leave it, of both versions of cgroups, up to the root."""
+    try:
+        lines = (_PROC / "self/cgroup").read_text(encoding="utf-8").splitlines()
+    except (OSError, ValueError):
+        return
+    for line in lines:
+        _, _, rest = line.partition(":")
+        controllers, _, path = rest.partition(":")
+        if not controllers:
+            root, limit, usage = _CGROUP, "memory.max", "memory.current"
+        elif "memory" in controllers.split(","):
+            root, limit, usage = _CGROUP / "memory", "memory.limit_in_bytes", "memory.usage_in_bytes"
+        else:
+            continue
+        inside = root / path.lstrip("/")
+        for group in (inside, *inside.parents):
+            if not group.is_relative_to(root):
+                break
+            most, used = _number(group / limit), _number(group / usage)
+            if most is not None and used is not None and most < _UNLIMITED:
+                yield max(0, most - used + _reclaimable(group / "memory.stat"))
+
+
+def _number(file: Path) -> int | None:
+    try:
+        return int(file.read_text(encoding="ascii"))
+    except (OSError, ValueError):  # there is none, or it says "max"
+        return None
+
+
+def _reclaimable(file: Path) -> int:
+    """Of the file cache, which counts as used and is given up when memory is wanted."""
+    try:
+        values = dict(line.split(maxsplit=1) for line in file.read_text(encoding="ascii").splitlines())
+        return int(values.get("total_inactive_file", values.get("inactive_file", 0)))
+    except (OSError, ValueError):
+        return 0
