@@ -5,12 +5,15 @@ from __future__ import annotations
 import os
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
-from concurrent.futures import Executor, Future, ThreadPoolExecutor
+from concurrent.futures import Executor, Future, ThreadPoolExecutor, wait
 from contextlib import contextmanager
 from threading import Event
 from typing import TypeVar
 
 from colmap_ihe.captures import decoders
+from colmap_ihe.progress import SILENT, Watch
+
+_TICK_SECONDS = 0.2  # how long Ctrl-C may take to be noticed while a photograph is worked on
 
 _Item = TypeVar("_Item")
 _Result = TypeVar("_Result")
@@ -36,10 +39,12 @@ def in_order(
     function: Callable[[_Item], _Result],
     items: Iterable[_Item],
     at_once: int | None = None,
+    watch: Watch = SILENT,
 ) -> Iterator[_Result]:
     """`function` of every item, in order; no more results wait than there are workers and one, so memory does
     not grow with the set, and never more than `at_once` are begun and not yet fetched. What `function` raises
-    is raised here, after what is in flight has ended; reads of photographs end at once then."""
+    is raised here, and so is `Cancelled` by `watch`, after what is in flight has ended; reads of photographs end
+    at once then."""
     most = at_once or local_workers() + 1
     over = Event()
 
@@ -52,9 +57,9 @@ def in_order(
         for item in items:
             waiting.append(executor.submit(run, item))
             if len(waiting) >= most:
-                yield waiting.popleft().result()
+                yield _fetched(waiting, watch)
         while waiting:
-            yield waiting.popleft().result()
+            yield _fetched(waiting, watch)
     finally:
         over.set()
         for future in waiting:
@@ -62,3 +67,9 @@ def in_order(
         for future in waiting:
             if not future.cancelled():
                 future.exception()
+
+
+def _fetched(waiting: deque[Future[_Result]], watch: Watch) -> _Result:
+    while not wait([waiting[0]], _TICK_SECONDS).done:
+        watch.check()
+    return waiting.popleft().result()

@@ -175,7 +175,7 @@ class _SetFit:
 
             self.watch.start(len(self.members), f"images, for {len(chosen)} triplets")
             total: NDArray[np.int64] = np.zeros((len(chosen), 256), np.int64)
-            for counts in in_order(self.executor, count, self.members):
+            for counts in in_order(self.executor, count, self.members, watch=self.watch):
                 total += counts
                 self.watch.advance()
             return total

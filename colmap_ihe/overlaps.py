@@ -86,7 +86,7 @@ def find_overlaps(
             return None
 
     watch.start(len(looked_at), "photographs looked at")
-    for capture, grey in zip(looked_at, in_order(executor, look, looked_at), strict=True):
+    for capture, grey in zip(looked_at, in_order(executor, look, looked_at, watch=watch), strict=True):
         watch.advance()
         if grey is not None:
             pictures.append((capture, grey))

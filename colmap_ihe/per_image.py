@@ -45,7 +45,7 @@ def each_usable(
     at_once = memory.at_once(captures, local_workers())
     logger.info("%s", memory.in_words(captures, at_once))
     most = at_once if at_once < local_workers() else None
-    for capture, result in zip(captures, in_order(executor, guarded, captures, most), strict=True):
+    for capture, result in zip(captures, in_order(executor, guarded, captures, most, watch), strict=True):
         watch.advance()
         if isinstance(result, PhotographError):
             if strict:

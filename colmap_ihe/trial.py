@@ -123,7 +123,7 @@ class _Bench:
                 return None
 
         both = (overlap.first, overlap.second)
-        first, second = in_order(self.executor, load, both)
+        first, second = in_order(self.executor, load, both, watch=self.watch)
         return None if first is None or second is None else (first, second)
 
     def views(self, overlap: Overlap, both: tuple[_Pixels, _Pixels], pixels: float) -> _Views:

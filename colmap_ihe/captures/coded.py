@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -25,6 +26,11 @@ Image.MAX_IMAGE_PIXELS = MAX_PIXELS
 _ORIENTATION, _BITS, _PHOTOMETRIC, _PLANES, _SAMPLE_FORMAT = 274, 258, 262, 284, 339  # tags of TIFF 6.0
 _WHITE_IS_ZERO, _BLACK_IS_ZERO, _RGB, _SEPARATED = 0, 1, 2, 5
 _UNSIGNED = 1
+
+_DAMAGE = re.compile(
+    r"bad Huffman code|bad arithmetic code|premature end of data|found marker|Inconsistent progression"
+)
+"""libjpeg's warnings of pixels that are lost; others are of bytes too many, or of what some cameras write."""
 
 _UNTURN = {
     2: Transpose.FLIP_LEFT_RIGHT,
@@ -73,10 +79,13 @@ def read_coded(path: Path, room: Callable[..., NDArray[Any]] = np.empty) -> tupl
 
 def _decode_jpeg(path: Path, pixels: NDArray[np.uint8]) -> NDArray[np.uint8] | None:
     """`pixels` (H, W, 3) filled with a sound JPEG, three times faster than Pillow and to the same pixels; None
-    for one that libjpeg has a word to say of, which Pillow judges."""
+    for one that libjpeg has a word to say of, which Pillow judges. Raises OSError where the word is of damage,
+    which Pillow passes over."""
     try:
         found = simplejpeg.decode_jpeg(path.read_bytes(), "RGB", buffer=pixels, strict=True)
-    except ValueError:
+    except ValueError as error:
+        if _DAMAGE.search(str(error)):
+            raise OSError(str(error)) from error
         return None
     return pixels if found.shape == pixels.shape else None
 

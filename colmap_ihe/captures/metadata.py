@@ -112,10 +112,19 @@ def _read_coded(source: Path | BytesIO) -> Metadata:
         exif, problem = _directory(found, EXIF_IFD)
         gps, gps_problem = _directory(found, GPS_IFD)
         profile, pages = _profile(image), _pages(image)
-    problem = problem or gps_problem
+    problem = problem or gps_problem or _why_not_written(blob)
     if not blob or problem:  # rebuilt from what could be read; else carried over to the letter
         blob = build_exif({t: v for t, v in tags.items() if t in _IMAGE_TAGS}, exif, gps)
     return replace(_describe(blob, tags, exif, gps, problem), profile=profile, pages=pages)
+
+
+def _why_not_written(blob: bytes) -> str:
+    """Why EXIF, though Pillow reads it, could not be written into another file; empty if it can."""
+    try:
+        with_size(with_size(blob, 1, 1), 2, 2)
+    except (*_UNREADABLE, AttributeError) as error:
+        return f"part of the EXIF cannot be carried over: {error or type(error).__name__}"
+    return ""
 
 
 def _profile(image: Image.Image) -> str:

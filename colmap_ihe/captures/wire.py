@@ -25,6 +25,8 @@ Message = dict[str, Any]
 
 _LENGTH = struct.Struct(">I")
 _MOST_BYTES = 1 << 28  # of one message, whose largest parts are EXIF and a colour profile
+_MOST_MAPPED = 64  # arrays, each with an open file that Python keeps for its memory
+_mapped: list[weakref.ref[NDArray[np.uint8]]] = []
 _DTYPES = {"uint8": np.uint8, "uint16": np.uint16}
 
 
@@ -116,7 +118,7 @@ class Room:
 
 
 class Window:
-    """The other side of a `Room`: arrays that are mapped and not copied."""
+    """The other side of a `Room`: arrays that are mapped and not copied, unless very many are held."""
 
     def __init__(self) -> None:
         self._memory: mmap.mmap | None = None
@@ -143,8 +145,13 @@ class Window:
         if self._memory is None or min(shape) < 1 or len(self._memory) < size:
             raise ValueError(f"{shape=} {dtype=} in {len(self._memory or b'')} bytes")
         whole = np.frombuffer(self._memory, np.uint8, size)
+        found = whole.view(dtype).reshape(shape)
+        _mapped[:] = [array for array in _mapped if array() is not None]
+        if len(_mapped) >= _MOST_MAPPED:
+            return found.copy()
         self._array = weakref.ref(whole)
-        return whole.view(dtype).reshape(shape)
+        _mapped.append(self._array)
+        return found
 
     def empty(self) -> None:
         """Gives the memory back to the system until it is used again, if it is free."""

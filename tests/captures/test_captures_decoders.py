@@ -1,0 +1,454 @@
+"""Decoders in processes of their own: what one photograph does to them, and what is left afterwards."""
+
+from __future__ import annotations
+
+import gc
+import io
+import json
+import os
+import signal
+import socket
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from PIL import Image
+
+from colmap_ihe import memory
+from colmap_ihe.captures import decoders, wire
+from colmap_ihe.captures.decode import read_photograph, read_photograph_here, read_size
+from colmap_ihe.captures.discover import Capture
+from colmap_ihe.captures.metadata import read_metadata
+from colmap_ihe.captures.small import small_picture, small_picture_here
+from colmap_ihe.errors import Cancelled, CapabilityError, PhotographError
+from colmap_ihe.executor import in_order
+
+ROOT = Path(__file__).parents[2]
+HOOK = """
+# Stands for a decoder with a bug: what it does to a JPEG is the JPEG's comment.
+import os, signal, time
+import simplejpeg
+decode = simplejpeg.decode_jpeg
+
+def decode_jpeg(data, *more, **named):
+    if b"do: crash" in data:
+        os.kill(os.getpid(), signal.SIGSEGV)
+    if b"do: hang" in data:
+        while True:
+            pass
+    if b"do: exit" in data:
+        print("out of luck", file=__import__("sys").stderr, flush=True)
+        os._exit(3)
+    if b"do: eat" in data:
+        eaten = [bytearray(1 << 26) for _ in range(1 << 16)]
+    if b"do: surprise" in data:
+        raise LookupError("a surprise")
+    return decode(data, *more, **named)
+
+simplejpeg.decode_jpeg = decode_jpeg
+"""
+
+
+@pytest.fixture
+def faulty(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """New decoders do what the comment of a JPEG says."""
+    (tmp_path / "hook").mkdir()
+    (tmp_path / "hook/sitecustomize.py").write_text(HOOK, encoding="utf-8")
+    monkeypatch.setenv("PYTHONPATH", os.pathsep.join((str(tmp_path / "hook"), str(ROOT))))
+    decoders.rest()
+    yield
+    decoders.rest()
+
+
+def colours(seed: int = 1, size: tuple[int, int] = (96, 128)) -> NDArray[np.uint8]:
+    return np.random.default_rng(seed).integers(0, 256, (*size, 3), np.uint8)
+
+
+def jpeg(folder: Path, does: str = "", seed: int = 1) -> Capture:
+    """A JPEG of noise whose comment is `does`."""
+    file = folder / f"{does or 'sound'}-{seed}.jpg"
+    Image.fromarray(colours(seed)).save(file, comment=f"do: {does}".encode())
+    return Capture(file.name, file, "coded", file.stem)
+
+
+def png(folder: Path, seed: int = 1, size: tuple[int, int] = (96, 128)) -> Capture:
+    file = folder / f"{seed}-{size[0]}x{size[1]}.png"
+    Image.fromarray(colours(seed, size)).save(file)
+    return Capture(file.name, file, "coded", file.stem)
+
+
+def children(of: int | None = None) -> list[int]:
+    """Processes whose parent is this one (or `of`), zombies among them."""
+    found = []
+    for stat in Path("/proc").glob("[0-9]*/stat"):
+        try:
+            after_name = stat.read_text(encoding="utf-8").rpartition(")")[2].split()
+        except OSError:
+            continue
+        if int(after_name[1]) == (of or os.getpid()):
+            found.append(int(stat.parent.name))
+    return found
+
+
+def is_gone(pid: int) -> bool:
+    """Whether it ended; a zombie has, for whoever is its parent."""
+    try:
+        return Path(f"/proc/{pid}/stat").read_text(encoding="utf-8").rpartition(")")[2].split()[0] == "Z"
+    except OSError:
+        return True
+
+
+def open_files() -> int:
+    return len(list(Path("/proc/self/fd").iterdir()))
+
+
+def soon(condition: Callable[[], bool], seconds: float = 20) -> bool:
+    end = time.monotonic() + seconds
+    while time.monotonic() < end:
+        if condition():
+            return True
+        time.sleep(0.01)
+    return condition()
+
+
+def test_pixels_and_words_are_those_of_this_process(tmp_path: Path) -> None:
+    for capture in (jpeg(tmp_path), png(tmp_path)):
+        near, far = read_photograph_here(capture), read_photograph(capture)
+        np.testing.assert_array_equal(near.rgb, far.rgb)
+        assert (near.encoding, near.profile) == (far.encoding, far.profile)
+        assert read_size(capture) == (128, 96)
+        np.testing.assert_array_equal(small_picture(capture, 64), small_picture_here(capture, 64))
+    far.rgb[0, 0] = 7  # an array like any other
+
+
+@pytest.mark.parametrize(
+    ("does", "said"),
+    [("crash", "the decoder crashed on it (SIGSEGV)"), ("exit", "crashed on it (out of luck)")],
+)
+@pytest.mark.usefixtures("faulty")
+def test_a_crash_is_of_one_photograph_only(tmp_path: Path, does: str, said: str) -> None:
+    sound = read_photograph(jpeg(tmp_path)).rgb
+    for _ in range(2):
+        with pytest.raises(PhotographError) as caught:
+            read_photograph(jpeg(tmp_path, does))
+        assert f"{does}-1.jpg: " in str(caught.value)
+        assert said in str(caught.value)
+        assert caught.value.hint
+        np.testing.assert_array_equal(read_photograph(jpeg(tmp_path)).rgb, sound)
+
+
+@pytest.mark.usefixtures("faulty")
+def test_a_hang_ends_after_its_time(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    read_size(jpeg(tmp_path))
+    monkeypatch.setattr(decoders, "SECONDS", 0.5)
+    monkeypatch.setattr(decoders, "SECONDS_A_MEGAPIXEL", 0)
+    with pytest.raises(PhotographError, match=r"hang-1\.jpg: the decoder did not finish within 0 seconds"):
+        read_photograph(jpeg(tmp_path, "hang"))
+    monkeypatch.setattr(decoders, "SECONDS", 60)
+    assert read_photograph(jpeg(tmp_path)).rgb.shape == (96, 128, 3)
+
+
+@pytest.mark.usefixtures("faulty")
+def test_memory_has_an_end(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(memory, "available", lambda: 1)
+    monkeypatch.setattr(decoders, "_HEADER_MEMORY", 1 << 27)
+    before = len(children())
+    read_size(jpeg(tmp_path))
+    with pytest.raises(PhotographError, match=r"eat-1\.jpg: not enough memory to decode it"):
+        read_photograph(jpeg(tmp_path, "eat"))
+    assert read_photograph(jpeg(tmp_path)).rgb.shape == (96, 128, 3)  # by the same one, which lived
+    assert len(children()) == before + 1
+
+
+@pytest.mark.usefixtures("faulty")
+def test_what_nobody_expects_is_about_the_photograph_too(tmp_path: Path) -> None:
+    with pytest.raises(PhotographError, match=r"surprise-1\.jpg: cannot be read \(LookupError: a surprise\)"):
+        read_photograph(jpeg(tmp_path, "surprise"))
+
+
+@pytest.mark.usefixtures("faulty")
+def test_many_crashes_leave_nothing_behind(tmp_path: Path) -> None:
+    bad, good = jpeg(tmp_path, "crash"), jpeg(tmp_path)
+    read_photograph(good)
+    gc.collect()
+    files, processes = open_files(), len(children())
+    for _ in range(3):
+        with pytest.raises(PhotographError):
+            read_photograph(bad)
+        read_photograph(good)
+    gc.collect()
+    assert open_files() == files
+    assert len(children()) == processes
+    decoders.rest()
+    assert open_files() < files
+
+
+def test_arrays_outlive_further_reads_and_give_their_memory_back(tmp_path: Path) -> None:
+    captures = [png(tmp_path, seed) for seed in range(6)]
+    read_photograph(captures[0])
+    before, mapped = len(children()), shared_mappings()
+    held = [read_photograph(c).rgb for c in captures]
+    for seed, rgb in enumerate(held):
+        np.testing.assert_array_equal(rgb, colours(seed))
+    assert len(children()) == before  # one thread, one decoder
+    part = held[2][10:20, 5:9, 1]
+    expected = part.copy()
+    del rgb, held
+    for capture in captures:
+        read_photograph(capture)
+    np.testing.assert_array_equal(part, expected)  # a view alone keeps its memory
+    del part
+    read_photograph(captures[0])
+    assert shared_mappings() <= mapped
+
+
+def test_any_number_of_arrays_may_be_held(tmp_path: Path) -> None:
+    captures = [png(tmp_path, seed) for seed in range(4)]
+    files = open_files()
+    held = [read_photograph(captures[n % 4]).rgb for n in range(150)]
+    assert open_files() - files < 80
+    for number, rgb in enumerate(held):
+        np.testing.assert_array_equal(rgb, colours(number % 4))
+
+
+def shared_mappings() -> int:
+    return Path("/proc/self/maps").read_text(encoding="utf-8").count("memfd:colmap-ihe")
+
+
+def test_a_larger_photograph_after_a_smaller_one(tmp_path: Path) -> None:
+    for size in ((96, 128), (300, 200), (64, 70), (300, 201)):
+        capture = png(tmp_path, 3, size)
+        np.testing.assert_array_equal(read_photograph(capture).rgb, colours(3, size))
+
+
+def test_memory_given_back_is_used_again(tmp_path: Path) -> None:
+    capture = png(tmp_path)
+    held = read_photograph(capture).rgb
+    decoders.relax()
+    np.testing.assert_array_equal(held, colours())  # not while somebody looks at it
+    del held
+    decoders.relax()
+    np.testing.assert_array_equal(read_photograph(capture).rgb, colours())
+
+
+def test_threads_have_a_decoder_each(tmp_path: Path) -> None:
+    captures = [png(tmp_path, seed) for seed in range(4)]
+    decoders.rest()
+    before = len(children())
+    with ThreadPoolExecutor(3) as executor:
+        found = list(executor.map(lambda n: read_photograph(captures[n % 4]).rgb, range(60)))
+    for number, rgb in enumerate(found):
+        np.testing.assert_array_equal(rgb, colours(number % 4))
+    assert 1 <= len(children()) - before <= 3
+
+
+@pytest.mark.usefixtures("faulty")
+def test_a_run_that_stops_does_not_wait_for_a_slow_decoder(tmp_path: Path) -> None:
+    captures = [jpeg(tmp_path), jpeg(tmp_path, "hang"), jpeg(tmp_path, "hang", 2), jpeg(tmp_path, "hang", 3)]
+    read_size(captures[0])
+    stopped = []
+
+    def read(capture: Capture) -> None:
+        try:
+            read_photograph(capture)
+        except Cancelled:
+            stopped.append(capture.name)
+            raise
+
+    with ThreadPoolExecutor(2) as executor:
+        results = in_order(executor, read, captures)
+        next(results)
+        began = time.monotonic()
+        results.close()  # type: ignore[attr-defined]  # it is a generator
+    assert time.monotonic() - began < 5
+    assert stopped[:1] == ["hang-1.jpg"]
+
+
+def test_where_no_decoder_can_be_started(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    decoders.rest()
+    for executable, reason in (("/bin/false", "exit status 1"), ("/no/such/python", "No such file")):
+        monkeypatch.setattr(sys, "executable", executable)
+        with pytest.raises(CapabilityError, match=reason):
+            read_photograph(png(tmp_path))
+    monkeypatch.undo()
+    assert read_photograph(png(tmp_path)).rgb.shape == (96, 128, 3)
+
+
+def test_a_metadata_reader_that_crashes_loses_the_metadata_only(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def crash(*_: object, **__: object) -> None:
+        raise PhotographError("a.jpg: the decoder crashed on it (SIGSEGV)")
+
+    monkeypatch.setattr(decoders, "ask", crash)
+    assert "the decoder crashed on it" in read_metadata(tmp_path / "a.jpg", "coded").problem
+
+
+def test_a_decoder_is_small() -> None:
+    code = "import sys, colmap_ihe.captures.decoder_main; print(*sys.modules)"
+    done = subprocess.run(
+        [sys.executable, "-c", code],
+        env=os.environ | {"PYTHONPATH": str(ROOT)},
+        capture_output=True,
+        check=True,
+    )
+    assert not {"pycolmap", "pydantic", "rich", "yaml"} & set(done.stdout.decode().split())
+
+
+READ = """
+import sys, threading, time
+from pathlib import Path
+from colmap_ihe.captures.decode import read_photograph, read_size
+from colmap_ihe.captures.discover import Capture
+from colmap_ihe.captures import decoders
+file = Path(sys.argv[1])
+capture = Capture(file.name, file, "coded", file.stem)
+read_size(capture)
+def read():
+    try:
+        read_photograph(capture)
+    except Exception as error:
+        print("ended:", error, flush=True)
+"""
+
+
+def script(code: str, *arguments: str) -> subprocess.Popen[str]:
+    return subprocess.Popen(
+        [sys.executable, "-W", "error", "-c", READ + code, *arguments],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+
+
+@pytest.mark.parametrize("does", ["hang", ""])
+@pytest.mark.usefixtures("faulty")
+def test_no_decoder_outlives_a_run_that_was_killed(tmp_path: Path, does: str) -> None:
+    code = (
+        "threading.Thread(target=read).start(); time.sleep(.3); print('reading', flush=True); time.sleep(99)"
+    )
+    with script(code, str(jpeg(tmp_path, does).path)) as process:
+        assert process.stdout is not None
+        process.stdout.readline()
+        (decoder,) = children(process.pid)
+        process.send_signal(signal.SIGKILL)
+        process.communicate()
+    assert soon(lambda: is_gone(decoder))
+
+
+def test_a_run_that_ends_leaves_no_decoder_and_no_warning(tmp_path: Path) -> None:
+    code = "read()\nfrom subprocess import run\nprint(decoders._pool.idle[0]._process.pid)"
+    with script(code, str(jpeg(tmp_path).path)) as process:
+        out, errors = process.communicate(timeout=60)
+    assert (process.returncode, errors) == (0, "")
+    assert is_gone(int(out))
+
+
+def test_a_forked_process_starts_decoders_of_its_own(tmp_path: Path) -> None:
+    code = """
+import os, warnings
+warnings.simplefilter("ignore")
+read()
+mine = decoders._pool.idle[0]._process.pid
+child = os.fork()
+if not child:
+    read()
+    theirs = decoders._pool.idle[0]._process.pid
+    decoders.rest()
+    os._exit(0 if theirs != mine else 1)
+print(os.waitpid(child, 0)[1], decoders._pool.idle[0]._process.poll(), flush=True)
+read()
+print(mine == decoders._pool.idle[0]._process.pid)
+"""
+    with script(code, str(jpeg(tmp_path).path)) as process:
+        out, errors = process.communicate(timeout=60)
+    assert (out.split(), errors) == (["0", "None", "True"], "")
+
+
+@pytest.mark.usefixtures("faulty")
+def test_ctrl_c_while_a_decoder_hangs(tmp_path: Path) -> None:
+    (tmp_path / "in").mkdir()
+    for seed in (1, 2, 3):
+        jpeg(tmp_path / "in", "hang", seed)
+    command = [sys.executable, "-m", "colmap_ihe.cli", "fit", str(tmp_path / "in")]
+    with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as process:
+        assert process.stderr is not None
+        while "fit" not in process.stderr.readline():
+            assert process.poll() is None
+        assert soon(lambda: bool(children(process.pid)))
+        pids = children(process.pid)
+        time.sleep(0.5)
+        process.send_signal(signal.SIGINT)
+        began = time.monotonic()
+        _, errors = process.communicate(timeout=30)
+    assert process.returncode == 130, errors
+    assert time.monotonic() - began < 10
+    assert "Traceback" not in errors
+    assert soon(lambda: all(map(is_gone, pids)))
+
+
+def test_messages_arrive_whole() -> None:
+    ours, theirs = socket.socketpair()
+    message = {"exif": bytes(range(256)) * 5000, "name": "a\udcffb ü", "numbers": [1, 2.5], "none": None}
+    with ours, theirs:
+        sender = threading.Thread(target=wire.send, args=(ours, message))
+        sender.start()
+        assert wire.receive(theirs) == (message, None)
+        sender.join()
+        ours.sendall(b"\0\0\0\x09{}")
+        ours.shutdown(socket.SHUT_WR)
+        assert wire.receive(theirs) is None
+
+
+def test_a_message_that_claims_to_be_huge_is_refused() -> None:
+    ours, theirs = socket.socketpair()
+    with ours, theirs:
+        ours.sendall(b"\xff\xff\xff\xff")
+        with pytest.raises(ValueError, match="4294967295 bytes"):
+            wire.receive(theirs)
+
+
+@pytest.mark.parametrize(
+    "about",
+    [
+        {"shape": [1000, 1000, 3], "dtype": "uint8"},
+        {"shape": [0, 4, 3], "dtype": "uint8"},
+        {"shape": [4, 4, 3], "dtype": "object"},
+    ],
+)
+def test_an_array_that_is_not_what_its_message_says_is_refused(about: wire.Message) -> None:
+    room, window = wire.Room(), wire.Window()
+    _, fd = room.put(np.zeros((8, 8, 3), np.uint8))
+    assert fd is not None
+    with pytest.raises((ValueError, KeyError)):
+        window.array(about, os.dup(fd))
+    room.leave()
+
+
+def test_what_a_decoder_says_of_the_photograph_is_plain(tmp_path: Path) -> None:
+    """JSON both ways: nothing that comes from a decoder is run."""
+    capture = png(tmp_path)
+    exif = Image.Exif()
+    exif[0x010F] = "Acme"
+    buffer = io.BytesIO()
+    Image.fromarray(colours()).save(buffer, "PNG", exif=exif)
+    capture.path.write_bytes(buffer.getvalue())
+    assert read_metadata(capture.path, "coded").make == "Acme"
+    json.dumps(decoders.ask("size", capture.name, capture=_message(capture)))
+
+
+def _message(capture: Capture) -> wire.Message:
+    return {
+        "name": capture.name,
+        "path": str(capture.path),
+        "kind": "coded",
+        "grey_stem": "a",
+        "recipe": {},
+    }
