@@ -18,6 +18,7 @@ from colmap_ihe import commands
 from colmap_ihe.captures.encode import SUFFIXES
 from colmap_ihe.errors import Cancelled, KnownError
 from colmap_ihe.grey.conversions import CONVERSIONS
+from colmap_ihe.grey.convert import TONES
 from colmap_ihe.grey.weights import Weights
 from colmap_ihe.grey_folder import convert_folder
 from colmap_ihe.options import ConvertOptions, FitOptions, load_options
@@ -198,7 +199,10 @@ def _add_convert(command: _Command) -> None:
         "--weights", type=Path, metavar="FILE", help="weights of another campaign, from fit -o"
     )
     parser.add_argument("--format", choices=tuple(SUFFIXES), default="png")
-    parser.add_argument("--tone", choices=("sqrt", "linear"), default="sqrt", help="of RAW photographs")
+    parser.add_argument("--tone", choices=TONES, default="sqrt", help="of RAW photographs")
+    parser.add_argument(
+        "--wallis", action="store_true", help="enhance local contrast; a colour is then not the same grey"
+    )
     parser.add_argument("--strict", action="store_true", help="stop at a photograph that cannot be used")
 
 
@@ -250,6 +254,7 @@ def _fit(parsed: argparse.Namespace, bars: Bars) -> None:
         [
             (name, ", ".join(map(str, v)) if isinstance(v, list) else str(v))
             for name, v in weights.as_dict().items()
+            if name != "curve"
         ],
     )
 
@@ -261,7 +266,7 @@ def _convert(parsed: argparse.Namespace, bars: Bars) -> None:
         colour=parsed.colour,
         fit=FitOptions(method=parsed.method),
         weights=commands.read_weights(parsed.weights) if parsed.weights else None,
-        options=ConvertOptions(tone=parsed.tone, format=parsed.format),
+        options=ConvertOptions(tone=parsed.tone, wallis=parsed.wallis, format=parsed.format),
         strict=parsed.strict,
         audience=bars,
     )

@@ -23,7 +23,7 @@ _FLATTEST = 0.1
 _CLIPPED = (0.002, 0.98)  # shares of the range in which values still vary both ways
 _LAPLACIAN = np.array([[1, -2, 1], [-2, 4, -2], [1, -2, 1]], np.float32)
 _LAPLACIAN_POWER = 36.0  # of its weights
-_STRIDE = 2  # demosaicing and halved chroma tie neighbours together, every second pixel is on its own
+_STRIDE = 2  # demosaicing and halved chroma tie neighbours together; every second pixel is on its own
 
 
 def denoised(rgb: _Pixels, strength: float) -> _Pixels:
@@ -55,17 +55,23 @@ def noise_of(even: NDArray[np.uint16]) -> NDArray[np.float64]:
     """Standard deviation of the noise of each channel, (3,), of (H, W, 3) uint16 whose noise is even over
     brightness; 0 where nothing can be told.
 
-    By the second difference that a plane or a straight edge leaves at 0 (Immerkaer, CVIU 64, 1996), of every
-    second pixel, in the flattest tenth of the blocks that are not clipped.
+    By the second difference that a plane or a straight edge leaves at 0 (Immerkaer, CVIU 64, 1996), in the
+    flattest tenth of the blocks that are not clipped. Of every second pixel, and of each such quarter of the
+    picture by itself: demosaicing leaves some of them with more noise than others.
     """
     phases = [(y, x) for y in range(_STRIDE) for x in range(_STRIDE)]
-    square = np.concatenate([_squares(even[y::_STRIDE, x::_STRIDE]) for y, x in phases])
+    found = [_flattest(_squares(even[y::_STRIDE, x::_STRIDE])) for y, x in phases]
+    return np.asarray(np.sqrt(np.mean(found, axis=0) / _LAPLACIAN_POWER))
+
+
+def _flattest(square: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The mean of (n, 3) over the flattest blocks that show anything, (3,)."""
     shows = square[(square > 0).all(axis=1)]
     if not len(shows):
         return np.zeros(3)
     roughness = (shows / np.median(shows, axis=0)).sum(axis=1)
     flattest = np.argsort(roughness, kind="stable")[: max(1, int(_FLATTEST * len(shows)))]
-    return np.asarray(np.sqrt(shows[flattest].mean(axis=0) / _LAPLACIAN_POWER))
+    return np.asarray(shows[flattest].mean(axis=0))
 
 
 def _squares(even: NDArray[np.uint16]) -> NDArray[np.float64]:
