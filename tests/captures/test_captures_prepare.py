@@ -14,6 +14,8 @@ from colmap_ihe.captures.denoise import denoised, noise_of
 from colmap_ihe.captures.prepare import prepared
 from colmap_ihe.captures.recipe import Recipe
 from colmap_ihe.errors import CapabilityError
+from colmap_ihe.options import Options, load_options
+from colmap_ihe.preflight import check_options
 
 pytest.importorskip("pywt", reason="denoising needs PyWavelets: pip install 'colmap-ihe[denoise]'")
 
@@ -140,6 +142,9 @@ def test_without_its_package_it_says_what_to_install(monkeypatch: pytest.MonkeyP
     with pytest.raises(CapabilityError, match="PyWavelets") as caught:
         denoised(photons(), 1.0)
     assert "denoise" in caught.value.hint
+    with pytest.raises(CapabilityError, match="PyWavelets"):
+        check_options(load_options(None, ["develop.denoise=1.5"]), 3)
+    check_options(Options(), 3)
 
 
 def test_more_strength_is_smoother_and_none_is_the_same_array() -> None:
