@@ -19,6 +19,7 @@ from colmap_ihe.captures.encode import SUFFIXES
 from colmap_ihe.captures.recipe import Demosaic
 from colmap_ihe.errors import Cancelled, KnownError
 from colmap_ihe.grey.conversions import CONVERSIONS
+from colmap_ihe.grey.convert import TONES
 from colmap_ihe.grey.weights import Weights
 from colmap_ihe.grey_folder import convert_folder
 from colmap_ihe.linear_folder import develop_folder
@@ -202,7 +203,10 @@ def _add_convert(command: _Command) -> None:
         "--weights", type=Path, metavar="FILE", help="weights of another campaign, from fit -o"
     )
     parser.add_argument("--format", choices=tuple(SUFFIXES), default="png")
-    parser.add_argument("--tone", choices=("sqrt", "linear"), default="sqrt", help="of RAW photographs")
+    parser.add_argument("--tone", choices=TONES, default="sqrt", help="of RAW photographs")
+    parser.add_argument(
+        "--wallis", action="store_true", help="enhance local contrast; a colour is then not the same grey"
+    )
     _add_development(parser)
     parser.add_argument("--strict", action="store_true", help="stop at a photograph that cannot be used")
 
@@ -322,6 +326,7 @@ def _fit(parsed: argparse.Namespace, bars: Bars) -> None:
         [
             (name, ", ".join(map(str, v)) if isinstance(v, list) else str(v))
             for name, v in weights.as_dict().items()
+            if name != "curve"
         ],
     )
 
@@ -333,7 +338,7 @@ def _convert(parsed: argparse.Namespace, bars: Bars) -> None:
         colour=parsed.colour,
         fit=FitOptions(method=parsed.method),
         weights=commands.read_weights(parsed.weights) if parsed.weights else None,
-        options=ConvertOptions(tone=parsed.tone, format=parsed.format),
+        options=ConvertOptions(tone=parsed.tone, wallis=parsed.wallis, format=parsed.format),
         develop=_development(parsed),
         calibration=parsed.calibration,
         strict=parsed.strict,

@@ -86,7 +86,9 @@ def fit_files(
     for text in oddities.fit_warnings(usable, found.weights.values()):
         audience.warn(text)
     if output is not None:
-        write_bytes(output, yaml.safe_dump(found.main.as_dict(), sort_keys=False).encode())
+        write_bytes(
+            output, yaml.safe_dump(found.main.as_dict(), sort_keys=False, default_flow_style=None).encode()
+        )
     return found.main, unreadable | found.left_out
 
 

@@ -17,7 +17,7 @@ from colmap_ihe.captures.encode import SUFFIXES
 from colmap_ihe.errors import KnownError, ProjectError, WeightsError
 from colmap_ihe.executor import local_executor
 from colmap_ihe.fitting import Fit, Trial, fit_captures
-from colmap_ihe.grey.convert import Tone
+from colmap_ihe.grey.convert import Tone, check_tone
 from colmap_ihe.grey.weights import Grey, grey_from_dict
 from colmap_ihe.ledger import Ledger, opened
 from colmap_ihe.options import ConvertOptions, DevelopOptions, FitOptions
@@ -79,14 +79,18 @@ def convert_folder(
             )
             left_out |= found.left_out
             _warn_of_the_fit(found, surveyed, audience)
+        for text in oddities.wallis_warnings(options.wallis):
+            audience.warn(text)
+        for grey in found.weights.values():
+            check_tone(grey, options.tone)
         usable = [s for s in surveyed if s.capture.name not in left_out]
         for one in usable:
             weights_for(one.capture, found)  # a kind without weights is refused before anything is written
-        grey, failed = _convert(usable, digests, found, options, ledgers, executor, audience, strict)
+        names, failed = _convert(usable, digests, found, options, ledgers, executor, audience, strict)
         left_out |= failed
     for reason in left_out.values():
         audience.warn(f"left out: {reason}")
-    return found.main, grey, left_out
+    return found.main, names, left_out
 
 
 def _convert(
@@ -144,13 +148,14 @@ def _end(ledgers: Sequence[Ledger]) -> None:
 
 def _fingerprint(one: Surveyed, digest: str, found: Fit, options: ConvertOptions, is_colour: bool) -> str:
     """Of everything that the bytes of a grey image, or of a colour twin, come from."""
-    weights = {k: v for k, v in weights_for(one.capture, found).as_dict().items() if k not in _OF_THE_FIT}
     linear = encoding_of(one.capture) == "linear"
+    unused = _OF_THE_FIT if options.tone == "equalise" else (*_OF_THE_FIT, "curve")
+    weights = {k: v for k, v in weights_for(one.capture, found).as_dict().items() if k not in unused}
     versions = library_versions("rawpy", "libraw") if linear else {}
     if is_colour:
         how: list[Any] = ["colour", found.colour_white if linear else None]
     else:
-        how = ["grey", weights, options.tone if linear else None]
+        how = ["grey", weights, options.tone if linear else None, options.wallis]
     recipe = one.capture.recipe.identity()
     return fingerprint_of(__version__, versions, digest, recipe, options.format, how)
 

@@ -122,3 +122,13 @@ def fit_warnings(captures: Sequence[Capture], weights: Iterable[Grey]) -> list[s
         "the photographs are greyscale (R = G = B): every triplet of weights gives the same grey, so none was"
         " found to be better"
     ]
+
+
+def wallis_warnings(wallis: bool) -> list[str]:
+    """Of what is done to grey images after the conversion."""
+    if not wallis:
+        return []
+    return [
+        "the Wallis filter goes by the surroundings of a pixel: the same colour is another grey in another place"
+        " and in another photograph; see docs/method.md"
+    ]

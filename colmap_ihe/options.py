@@ -76,8 +76,10 @@ class FitOptions(_Section):
 
 
 class ConvertOptions(_Section):
-    tone: Literal["sqrt", "linear"] = "sqrt"
+    tone: Literal["sqrt", "linear", "equalise"] = "sqrt"
     """How linear grey (RAW) becomes 8 bit; gamma-coded photographs keep the tones they have."""
+    wallis: bool = False
+    """Bring local mean and contrast of the grey images to a target. Local: a colour is then not the same grey."""
     format: Literal["png", "tiff", "jpeg"] = "png"
 
 

@@ -18,7 +18,8 @@ from colmap_ihe.captures.metadata import Metadata, read_metadata
 from colmap_ihe.captures.png import encode_png
 from colmap_ihe.errors import ProjectError, WeightsError
 from colmap_ihe.fitting import Fit
-from colmap_ihe.grey.convert import to_colour, to_grey
+from colmap_ihe.grey.convert import check_tone, to_colour, to_grey
+from colmap_ihe.grey.wallis import wallis
 from colmap_ihe.grey.weights import Grey
 from colmap_ihe.options import ConvertOptions
 from colmap_ihe.per_image import LeftOut, each_usable
@@ -68,8 +69,10 @@ def convert_captures(
 
     Returns the names of the grey images by capture, and what was left out. `keep_finished` leaves alone
     what is there under its final name: the caller knows that it comes from the same input. Raises as
-    `survey`, `WeightsError` if the weights are for another encoding, `DiskFullError`.
+    `survey`, `WeightsError` if the weights are for another encoding or cannot have the tone, `DiskFullError`.
     """
+    for weights in fit.weights.values():
+        check_tone(weights, options.tone)
     left_out: LeftOut = {}
 
     def convert(one: Surveyed) -> tuple[str, str]:
@@ -83,6 +86,8 @@ def convert_captures(
         exif, weights = one.metadata.exif, weights_for(one.capture, fit)
         if grey_due:
             grey = to_grey(photograph.rgb, weights, options.tone)
+            if options.wallis:
+                grey = wallis(grey)
             write_bytes(grey_file, encode_image(grey, exif, options.format))
         if colour_file is not None and colour_due:
             colour = _colour_twin(photograph, fit.colour_white)

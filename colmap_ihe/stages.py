@@ -151,6 +151,7 @@ def convert(run: Run, watch: Watch) -> Record:
         keep_finished=run.resumed,
     )
     warnings = oddities.fit_warnings(run.captures(), found.weights.values())
+    warnings += oddities.wallis_warnings(run.options.convert.wallis)
     decoders.rest()  # COLMAP, which comes next, has a use for their memory
     return {"grey": grey, "left_out": left_out, "warnings": warnings}
 
@@ -287,7 +288,7 @@ def fit_of(record: Record) -> Fit:
 def write_weights(run: Run) -> None:
     """report/weights.yaml, which `convert --weights` reads."""
     main = fit_of(run.records["fit"]).main
-    text = yaml.safe_dump(main.as_dict(), sort_keys=False)
+    text = yaml.safe_dump(main.as_dict(), sort_keys=False, default_flow_style=None)
     write_bytes(run.project.weights_file, text.encode())
 
 

@@ -146,6 +146,20 @@ def test_fit_without_json_prints_a_table(capsys: Captured, photos: Path) -> None
     assert "images" in text
 
 
+def test_the_curve_of_raw_is_in_the_file_and_not_in_the_table(
+    capsys: Captured, small_demo: Path, tmp_path: Path
+) -> None:
+    raw, file = small_demo / "images/portico_01.dng", tmp_path / "weights.yaml"
+    assert "curve" not in output_of(capsys, "fit", raw, "--method", "mean", "-o", file)
+    assert len(file.read_text().splitlines()) < 40
+    assert len(json_of(capsys, "fit", raw, "--method", "mean")["curve"]) == 255
+    (tmp_path / "photos").mkdir()
+    shutil.copy(raw, tmp_path / "photos")
+    options = ("--weights", file, "--tone", "equalise", "--wallis")
+    found = json_of(capsys, "convert", tmp_path / "photos", tmp_path / "grey", *options)
+    assert found["grey"] == {"portico_01.dng": "portico_01.png"}
+
+
 def test_a_photograph_that_is_left_out_is_named(capsys: Captured, photos: Path) -> None:
     (photos / "broken.jpg").write_text("no photograph")
     found = json_of(capsys, "fit", photos, "--step", "0.1")

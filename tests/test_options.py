@@ -47,7 +47,7 @@ def test_the_names_that_are_contracts() -> None:
         1.0,
         "pixel",
     )
-    assert (options.convert.tone, options.convert.format) == ("sqrt", "png")
+    assert (options.convert.tone, options.convert.wallis, options.convert.format) == ("sqrt", False, "png")
     assert options.features.max_image_size is None
     assert options.matches.strategy == "auto"
     assert (options.dense.enabled, options.dense.backend, options.dense.max_image_size) == (

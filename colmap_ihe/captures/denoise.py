@@ -1,21 +1,27 @@
-"""Denoising by non-local means, its strength in standard deviations of the noise that a photograph shows.
+"""Denoising by soft thresholds on wavelets, the strength in standard deviations of the noise that is found.
 
-A pixel becomes the mean of those whose surroundings look like its own (Buades, Coll and Morel, CVPR 2005), as
-OpenCV has it. It weighs all differences alike, so noise has to be even over brightness: gamma-coded values are
-taken as they are, linear ones as their square root, in which noise of photons is even.
+BayesShrink (Chang, Yu and Vetterli, IEEE Transactions on Image Processing 9, 2000): in every subband of the wavelet
+transform, noise of variance v on detail of standard deviation d is thresholded at v / d. It takes noise to be
+even over brightness, so gamma-coded values are taken as they are and linear ones as their square root, in
+which the noise of photons is even.
 """
 
 from __future__ import annotations
+
+from typing import Any
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from colmap_ihe.errors import CapabilityError
+
 _Pixels = NDArray[np.uint8] | NDArray[np.uint16]
 
-_PATCH, _SEARCH = 5, 13  # pixels a side; 7 and 21 take 2.4 times as long
-_STRIP = 512  # rows at once: what bounds the memory
-_MARGIN = _PATCH // 2 + 2 * (_SEARCH // 2)
+_WAVELET, _LEVELS = "db2", 4
+_STRIP = 1024  # rows at once, which bounds the memory; a multiple of 2^_LEVELS, so that all see the same grid
+_MARGIN = 64  # rows that the coarsest wavelet reaches, and more
+_REMOVED = 9  # pixels a side over which removed noise is averaged
 _DEPTH = 65535
 _OF_8_BIT = _DEPTH // 255
 _BLOCK = 16
@@ -23,49 +29,86 @@ _FLATTEST = 0.1
 _CLIPPED = (0.002, 0.98)  # shares of the range in which values still vary both ways
 _LAPLACIAN = np.array([[1, -2, 1], [-2, 4, -2], [1, -2, 1]], np.float32)
 _LAPLACIAN_POWER = 36.0  # of its weights
-_STRIDE = 2  # demosaicing and halved chroma tie neighbours together, every second pixel is on its own
+_STRIDE = 2  # demosaicing and halved chroma tie neighbours together; every second pixel is on its own
+
+
+def require_wavelets() -> Any:
+    """PyWavelets. Raises `CapabilityError` where it is not installed."""
+    try:
+        import pywt
+    except ImportError as error:
+        raise CapabilityError(
+            "denoising needs PyWavelets, which is not installed",
+            hint="pip install 'colmap-ihe[denoise]', or leave develop.denoise at 0",
+        ) from error
+    return pywt
 
 
 def denoised(rgb: _Pixels, strength: float) -> _Pixels:
     """The photograph with less noise, (H, W, 3) in its own dtype.
 
-    rgb: (H, W, 3), uint8 gamma-coded or uint16 linear. `strength` is the h of non-local means in standard
-    deviations of the noise, each channel's own; 0 gives the same array. The same input gives the same output,
-    whatever the number of threads. What is smoothed keeps its mean.
+    rgb: (H, W, 3), uint8 gamma-coded or uint16 linear. `strength` multiplies the standard deviation of the noise
+    that is found, each channel's own: 1 is BayesShrink as it was meant, 0 gives the same array, and so does a
+    photograph of which no noise is known. What is smoothed keeps its mean. The same input gives the same output.
+    Raises `CapabilityError` where PyWavelets is not installed.
     """
     if strength <= 0:
         return rgb
+    wavelets = require_wavelets()
     even = _even(rgb)
-    sigma = noise_of(even)
+    sigma = strength * noise_of(even)
     if not sigma.any():
         return rgb
-    height = np.maximum(strength * sigma, 1.0)
     result = np.empty_like(rgb)
     for top in range(0, len(even), _STRIP):
         first, last = max(0, top - _MARGIN), min(len(even), top + _STRIP + _MARGIN)
-        noisy = even[first:last]
-        h = [float(v) for v in height]
-        smooth = np.asarray(cv2.fastNlMeansDenoising(noisy, h, None, _PATCH, _SEARCH, cv2.NORM_L1), np.uint16)
-        back = _linear(noisy, smooth) if rgb.dtype == np.uint16 else _coded(smooth)
-        result[top : top + _STRIP] = back[top - first : top - first + _STRIP]
+        inside = slice(top - first, top - first + _STRIP)
+        for channel in range(3):
+            noisy = np.ascontiguousarray(even[first:last, :, channel], np.float32)
+            smooth = _shrunk(wavelets, noisy, float(sigma[channel]))
+            back = _linear(noisy, smooth) if rgb.dtype == np.uint16 else smooth * np.float32(1 / _OF_8_BIT)
+            whole = np.clip(np.rint(back[inside]), 0, np.iinfo(rgb.dtype).max)
+            result[top : top + _STRIP, :, channel] = whole
     return result
+
+
+def _shrunk(wavelets: Any, noisy: NDArray[np.float32], sigma: float) -> NDArray[np.float32]:
+    """(H, W) without its noise of this standard deviation."""
+    coarse, *details = wavelets.wavedec2(noisy, _WAVELET, mode="symmetric", level=_LEVELS)
+    kept = [tuple(_thresholded(band, sigma**2) for band in bands) for bands in details]
+    smooth = wavelets.waverec2([coarse, *kept], _WAVELET, mode="symmetric")
+    return np.asarray(smooth[: noisy.shape[0], : noisy.shape[1]], np.float32)
+
+
+def _thresholded(band: NDArray[np.float32], variance: float) -> NDArray[np.float32]:
+    detail = float(np.mean(np.square(band, dtype=np.float32), dtype=np.float64)) - variance
+    if detail <= 0:
+        return np.zeros_like(band)
+    threshold = np.float32(variance / detail**0.5)
+    return np.asarray(np.sign(band) * np.maximum(np.abs(band) - threshold, 0), np.float32)
 
 
 def noise_of(even: NDArray[np.uint16]) -> NDArray[np.float64]:
     """Standard deviation of the noise of each channel, (3,), of (H, W, 3) uint16 whose noise is even over
     brightness; 0 where nothing can be told.
 
-    By the second difference that a plane or a straight edge leaves at 0 (Immerkaer, CVIU 64, 1996), of every
-    second pixel, in the flattest tenth of the blocks that are not clipped.
+    By the second difference that a plane or a straight edge leaves at 0 (Immerkaer, CVIU 64, 1996), in the
+    flattest tenth of the blocks that are not clipped. Of every second pixel, and of each such quarter of the
+    picture by itself: demosaicing leaves some of them with more noise than others.
     """
     phases = [(y, x) for y in range(_STRIDE) for x in range(_STRIDE)]
-    square = np.concatenate([_squares(even[y::_STRIDE, x::_STRIDE]) for y, x in phases])
+    found = [_flattest(_squares(even[y::_STRIDE, x::_STRIDE])) for y, x in phases]
+    return np.asarray(np.sqrt(np.mean(found, axis=0) / _LAPLACIAN_POWER))
+
+
+def _flattest(square: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The mean of (n, 3) over the flattest blocks that show anything, (3,)."""
     shows = square[(square > 0).all(axis=1)]
     if not len(shows):
         return np.zeros(3)
     roughness = (shows / np.median(shows, axis=0)).sum(axis=1)
     flattest = np.argsort(roughness, kind="stable")[: max(1, int(_FLATTEST * len(shows)))]
-    return np.asarray(np.sqrt(shows[flattest].mean(axis=0) / _LAPLACIAN_POWER))
+    return np.asarray(shows[flattest].mean(axis=0))
 
 
 def _squares(even: NDArray[np.uint16]) -> NDArray[np.float64]:
@@ -90,16 +133,12 @@ def _even(rgb: _Pixels) -> NDArray[np.uint16]:
     return np.asarray(_ROOT[rgb], np.uint16)
 
 
-def _coded(smooth: NDArray[np.uint16]) -> NDArray[np.uint8]:
-    return np.asarray((smooth.astype(np.uint32) + _OF_8_BIT // 2) // _OF_8_BIT, np.uint8)
-
-
-def _linear(noisy: NDArray[np.uint16], smooth: NDArray[np.uint16]) -> NDArray[np.uint16]:
-    """The mean of a square is the square of the mean and the variance that was taken out."""
-    root = smooth.astype(np.float32)
-    removed = cv2.blur((noisy.astype(np.float32) - root) ** 2, (_SEARCH, _SEARCH))
-    linear = (root * root + removed) * np.float32(1 / _DEPTH)
-    return np.asarray(np.minimum(linear + np.float32(0.5), _DEPTH), np.uint16)
+def _linear(noisy: NDArray[np.float32], smooth: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Linear values of square roots: the mean of a square is the square of the mean, and the variance that was
+    taken out."""
+    removed = np.asarray(cv2.blur((noisy - smooth) ** 2, (_REMOVED, _REMOVED)))
+    root = np.maximum(smooth, 0)
+    return np.asarray((root * root + removed) * np.float32(1 / _DEPTH), np.float32)
 
 
 _ROOT = np.rint(np.sqrt(np.arange(_DEPTH + 1) * float(_DEPTH))).astype(np.uint16)

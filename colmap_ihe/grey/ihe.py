@@ -13,6 +13,7 @@ are counted from their histogram, which holds every colour; linear ones from the
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from typing import Literal
 
 import numpy as np
@@ -21,6 +22,7 @@ from numpy.typing import NDArray
 from colmap_ihe.grey import kernels
 from colmap_ihe.grey.boxes import NO_BOXES, Pyramid, Triplet, bounds_of, counts_of, whites_of
 from colmap_ihe.grey.contrast import Contrast
+from colmap_ihe.grey.equalise import curve_of
 from colmap_ihe.grey.histogram import Histogram
 from colmap_ihe.grey.weights import FIXED, Weights, triplets
 
@@ -66,7 +68,8 @@ def fit_weights(
             sum(count_levels(np.asarray(i, np.uint16), chosen, whites) for i in images), np.int64
         )
 
-    return fit_histogram(histogram, admitted, recount if histogram.encoding == "linear" else None)
+    found = fit_histogram(histogram, admitted, recount if histogram.encoding == "linear" else None)
+    return replace(found, curve=curve_of(histogram, found.triplet)) if found.encoding == "linear" else found
 
 
 def fit_histogram(
