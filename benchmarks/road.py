@@ -78,7 +78,7 @@ def main() -> None:
     parser.add_argument("--seeds", type=int, default=3, help="of the noise and of the mapper")
     parser.add_argument("--work", type=Path, help="where the projects go; a temporary folder if not given")
     parsed = parser.parse_args()
-    rows = []
+    rows: list[tuple[str, ...]] = []
     with tempfile.TemporaryDirectory() as temporary:
         for iso in parsed.iso:
             found: dict[str, list[tuple[float, ...]]] = {kind: [] for kind in VARIANTS}
@@ -109,7 +109,7 @@ def measured(work: Path, kind: str, method: str, seed: int) -> tuple[float, ...]
 
 def table_of(iso: int, found: dict[str, list[tuple[float, ...]]]) -> list[tuple[str, ...]]:
     usual = np.array(found["usual"])
-    rows = []
+    rows: list[tuple[str, ...]] = []
     for kind, values in found.items():
         one = np.array(values)
         ratio = 100 * (one[:, 1] / usual[:, 1] - 1)
