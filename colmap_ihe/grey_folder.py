@@ -20,7 +20,7 @@ from colmap_ihe.fitting import Fit, Trial, fit_captures
 from colmap_ihe.grey.convert import Tone
 from colmap_ihe.grey.weights import Grey, grey_from_dict
 from colmap_ihe.ledger import Ledger, opened
-from colmap_ihe.options import ConvertOptions, FitOptions
+from colmap_ihe.options import CamerasOptions, ConvertOptions, FitOptions
 from colmap_ihe.per_image import LeftOut
 from colmap_ihe.preprocess import Surveyed, convert_captures, survey, weights_for
 from colmap_ihe.progress import SILENT, Audience
@@ -39,25 +39,26 @@ def convert_folder(
     fit: FitOptions | None = None,
     weights: Grey | None = None,
     options: ConvertOptions | None = None,
+    cameras: CamerasOptions | None = None,
     strict: bool = False,
     audience: Audience = SILENT,
 ) -> tuple[Grey, dict[str, str], LeftOut]:
     """Grey images of the folder `images`, with their EXIF, in the folder `out`; with `colour`, also an 8-bit
     colour twin of each in that folder, with the same name and the same pixels.
 
-    `weights` are used if given, else fitted by `fit`. Returns the weights (of the larger part of a mixed
-    set), the names of the grey images by photograph, and what was left out. Of an earlier run, finished or
-    not, everything is kept that would come out the same. Raises `KnownError`s; `ProjectError` rather than
-    write over anything that we did not write.
+    `weights` are used if given, else fitted by `fit`; `cameras` fill in what EXIF does not say. Returns the
+    weights (of the larger part of a mixed set), the names of the grey images by photograph, and what was left
+    out. Of an earlier run, finished or not, everything is kept that would come out the same. Raises
+    `KnownError`s; `ProjectError` rather than write over anything that we did not write.
     """
     folders = [folder.resolve() for folder in (out, colour) if folder is not None]
     _require_apart(images.resolve(), folders)
-    options = options or ConvertOptions()
+    options, cameras = options or ConvertOptions(), cameras or CamerasOptions()
     discovery = discover(images.absolute())
     with ExitStack() as stack:
         executor = stack.enter_context(local_executor())
         with audience.stage("captures") as watch:
-            surveyed, left_out = survey(discovery.captures, executor, watch, strict=strict)
+            surveyed, left_out = survey(discovery.captures, executor, watch, strict=strict, cameras=cameras)
         with audience.stage("content") as watch:
             watch.start(len(surveyed))
             digests = {}
@@ -65,6 +66,8 @@ def convert_folder(
                 digests[one.capture.name] = digest_file(one.capture.path)
                 watch.advance()
         for text in oddities.warnings_of(surveyed, discovery.ignored):
+            audience.warn(text)
+        for text in oddities.camera_warnings(cameras, surveyed, left_out):
             audience.warn(text)
         ledgers = [stack.enter_context(opened(folder)) for folder in folders]
         wanted = {s.capture.grey_stem + SUFFIXES[options.format]: s.capture.name for s in surveyed}
@@ -150,7 +153,7 @@ def _fingerprint(one: Surveyed, digest: str, found: Fit, options: ConvertOptions
         how: list[Any] = ["colour", found.colour_white if linear else None]
     else:
         how = ["grey", weights, options.tone if linear else None]
-    return fingerprint_of(__version__, versions, digest, options.format, how)
+    return fingerprint_of(__version__, versions, digest, one.metadata.exif.hex(), options.format, how)
 
 
 def _fitted(

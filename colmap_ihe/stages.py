@@ -67,7 +67,10 @@ class Run:
 
 
 def captures(run: Run, watch: Watch) -> Record:
-    run.surveyed, left_out = survey(run.discovery.captures, run.executor, watch, strict=run.strict)
+    cameras = run.options.cameras
+    run.surveyed, left_out = survey(
+        run.discovery.captures, run.executor, watch, strict=run.strict, cameras=cameras
+    )
     sizes = Counter((s.metadata.make, s.metadata.model, s.width, s.height) for s in run.surveyed)
     return {
         "images": len(run.surveyed),
@@ -81,6 +84,7 @@ def captures(run: Run, watch: Watch) -> Record:
         "warnings": [
             *oddities.odd_sizes(run.surveyed, sizes),
             *oddities.warnings_of(run.surveyed, run.discovery.ignored),
+            *oddities.camera_warnings(cameras, run.surveyed, left_out),
         ],
     }
 
@@ -119,7 +123,10 @@ def convert(run: Run, watch: Watch) -> Record:
         _require_room(project, run.records["captures"]["pixels"] * 3)
     found = fit_of(run.records["fit"])
     captures_left = {c.name for c in run.captures()}
-    surveyed = run.surveyed or survey(run.captures(), run.executor, watch, strict=run.strict)[0]
+    surveyed = run.surveyed
+    if not surveyed:
+        cameras = run.options.cameras
+        surveyed, _ = survey(run.captures(), run.executor, watch, strict=run.strict, cameras=cameras)
     grey, left_out = convert_captures(
         [s for s in surveyed if s.capture.name in captures_left],
         found,
@@ -161,7 +168,7 @@ def features(run: Run, watch: Watch) -> Record:
     if counts.with_focal_prior < counts.images and run.options.camera.params is None:
         warnings.append(
             f"{counts.images - counts.with_focal_prior} of {counts.images} photographs do not say their focal"
-            " length: COLMAP guesses it; give camera.params if you know it"
+            " length: COLMAP guesses it; if you know it, give it in `cameras:` or as camera.params"
         )
     return {**asdict(counts), "left_out": left_out, "warnings": warnings}
 
