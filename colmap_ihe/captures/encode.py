@@ -32,9 +32,7 @@ def encode_image(pixels: NDArray[np.uint8], exif: bytes, file_format: Format, pr
     buffer = BytesIO()
     image = Image.fromarray(pixels)
     if file_format == "tiff":
-        found = Image.Exif()
-        found.load(for_tiff(exif))
-        image.save(buffer, "TIFF", exif=found, icc_profile=profile or None)
+        image.save(buffer, "TIFF", exif=for_tiff(exif), icc_profile=profile or None)
     else:
         kept = slimmed(exif, _JPEG_EXIF_LIMIT)
         image.save(

@@ -54,12 +54,13 @@ _SAME = 0.03  # of a side: a RAW file has a few rows and columns more than the c
 
 @dataclass(frozen=True)
 class Directories:
-    """What is in a block; `lost` tags could not be read."""
+    """What is in a block; `lost` tags could not be read; `interoperability` is its index, as "R98"."""
 
     image: Tags = field(default_factory=dict)
     shot: Tags = field(default_factory=dict)
     gps: Tags = field(default_factory=dict)
     lost: int = 0
+    interoperability: str = ""
 
 
 class _Text(str):
@@ -82,10 +83,17 @@ def take_apart(block: bytearray | mmap) -> Directories:
     lost = mend(block)
     found = Image.Exif()
     found.load_from_fp(BytesIO(block) if isinstance(block, bytearray) else block)  # type: ignore[arg-type]
+    return contents(found, lost)
+
+
+def contents(found: Image.Exif, lost: int = 0) -> Directories:
+    """What Pillow found; `lost` are those that it did not."""
     image, image_lost = _read(found)
     shot, shot_lost = _read(found, EXIF_IFD)
     gps, gps_lost = _read(found, GPS_IFD)
-    return Directories(image, shot, gps, lost + image_lost + shot_lost + gps_lost)
+    index = _read(found, INTEROPERABILITY_IFD)[0].get(1) if INTEROPERABILITY_IFD in shot else ""
+    lost += image_lost + shot_lost + gps_lost
+    return Directories(image, shot, gps, lost, index.strip("\x00") if isinstance(index, str) else "")
 
 
 def _read(found: Image.Exif, directory: int | None = None) -> tuple[Tags, int]:
@@ -93,7 +101,7 @@ def _read(found: Image.Exif, directory: int | None = None) -> tuple[Tags, int]:
     tags: Tags = {}
     lost = 0
     try:
-        inner = found if directory is None else found.get_ifd(directory) if directory in found else {}
+        inner = found if directory is None else found.get_ifd(directory)
     except UNREADABLE:
         return {}, 1
     for tag in list(inner):
@@ -143,12 +151,16 @@ def _present(tags: Tags) -> Tags:
     return {tag: value for tag, value in tags.items() if value is not None}
 
 
-def for_tiff(block: bytes) -> bytes:
-    """The block for the first directory of a TIFF file, which has tags of its own for size and layout."""
-    if not block:
-        return b""
-    found = take_apart(bytearray(block))
-    return put_together(photographic(found.image), found.shot, found.gps)
+def for_tiff(block: bytes) -> Image.Exif:
+    """The block for Pillow to write into a TIFF file, whose first directory has tags of its own for size and
+    layout."""
+    target = Image.Exif()
+    if block:
+        found = take_apart(bytearray(block))
+        target.load(put_together(photographic(found.image), found.shot, found.gps))
+        for tags in (target, target.get_ifd(EXIF_IFD), target.get_ifd(GPS_IFD)):
+            tags.update({tag: _as_written(tags[tag]) for tag in list(tags)})
+    return target
 
 
 def photographic(image: Mapping[int, Any]) -> Tags:
@@ -204,7 +216,8 @@ def _scaled(plane: Tags, x: float, y: float) -> Tags:
     if abs(x / y - 1) > _SAME:
         return {PLANE_X: None, PLANE_Y: None, PLANE_UNIT: None}
     return {
-        t: rational(number(v) * s) if v else None for (t, v), s in zip(plane.items(), (x, y), strict=True)
+        t: rational(number(v) * s) if number(v) else None
+        for (t, v), s in zip(plane.items(), (x, y), strict=True)
     }
 
 

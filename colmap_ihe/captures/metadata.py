@@ -37,6 +37,7 @@ from colmap_ihe.captures.exif import (
     UNREADABLE,
     Directories,
     Tags,
+    contents,
     number,
     photographic,
     pixels_per_mm,
@@ -50,7 +51,7 @@ from colmap_ihe.captures.profile import name_of_profile
 from colmap_ihe.captures.raw import Noted, noted_by_libraw, preview_of
 from colmap_ihe.errors import PhotographError
 
-_UNREADABLE = (PhotographError, UnidentifiedImageError, *UNREADABLE)
+_UNREADABLE = (PhotographError, UnidentifiedImageError, Image.DecompressionBombError, *UNREADABLE)
 # Of the shot, where makers write it into the first directory, as TIFF/EP allows.
 _OF_THE_SHOT = frozenset(
     {EXPOSURE_TIME, F_NUMBER, ISO, TAKEN, 0x9004, 0x9290, 0x9291, 0x9292, FOCAL_LENGTH, FOCAL_LENGTH_35MM}
@@ -91,7 +92,7 @@ def read_metadata(path: Path, kind: str) -> Metadata:
     try:
         return _read_coded(path) if kind == "coded" else _read_raw(path)
     except _UNREADABLE as error:
-        return Metadata(problem=f"EXIF not readable: {error or type(error).__name__}")
+        return Metadata(problem=_unreadable(error))
 
 
 def describe(block: bytes, known: Metadata | None = None) -> Metadata:
@@ -125,43 +126,45 @@ def sized(metadata: Metadata, width: int, height: int) -> Metadata:
 
 def _read_coded(source: Path | BytesIO) -> Metadata:
     with Image.open(source) as image:
-        about = Metadata(profile=_profile(image), pages=_pages(image))
-        if image.format == "TIFF" and isinstance(source, Path):
-            found = _of_file(source) or _of_image(image)
-            block = put_together(photographic(found.image), found.shot, found.gps)
-            return describe(block, replace(about, problem=_problem(found.lost)))
-        if "exif" not in image.info:
-            image.getexif()  # of a PNG it may come behind the pixels
-        block = image.info.get("exif", b"")
-        if not block and image.getexif():
-            found = _of_image(image)
-            block = put_together(found.image, found.shot, found.gps)
+        try:
+            block, found = _block_of(image, source)
+            problem = _problem(found.lost)
+        except UNREADABLE as error:
+            block, found, problem = b"", Directories(), _unreadable(error)
+        profile = name_of_profile(image, found.interoperability)
+        return describe(block, Metadata(profile=profile, pages=_pages(image), problem=problem))
+
+
+def _block_of(image: Image.Image, source: Path | BytesIO) -> tuple[bytes, Directories]:
+    """The EXIF of an opened photograph, mended, and what is in it. Raises one of `UNREADABLE`."""
+    if image.format == "TIFF" and isinstance(source, Path):
+        found = _of_file(source) or _of_image(image)
+        return put_together(photographic(found.image), found.shot, found.gps), found
+    if "exif" not in image.info and image.format == "PNG":
+        image.getexif()  # it may come behind the pixels
+    block = bytearray(image.info.get("exif", b""))
     while block.startswith(PREFIX):
-        block = block.removeprefix(PREFIX)
-    if not block:
-        return about
-    try:
-        mended = bytearray(block)
-        lost = take_apart(mended).lost
-    except UNREADABLE as error:
-        return replace(about, problem=f"EXIF not readable: {error or type(error).__name__}")
-    return describe(bytes(mended), replace(about, problem=_problem(lost)))
+        del block[: len(PREFIX)]
+    if block:
+        found = take_apart(block)
+        return bytes(block), found
+    if not image.getexif():
+        return b"", Directories()
+    found = _of_image(image)
+    return put_together(found.image, found.shot, found.gps), found
 
 
 def _problem(lost: int) -> str:
     return f"{lost} tags of its EXIF are broken" if lost else ""
 
 
+def _unreadable(error: BaseException) -> str:
+    return f"EXIF not readable: {error or type(error).__name__}"
+
+
 def _of_image(image: Image.Image) -> Directories:
     """As Pillow finds it, where it is in no block of its own: a TIFF of 64 bits, the text of a PNG."""
-    return take_apart(bytearray(image.getexif().tobytes().removeprefix(PREFIX)))
-
-
-def _profile(image: Image.Image) -> str:
-    try:
-        return name_of_profile(image)
-    except _UNREADABLE:
-        return "sRGB"  # EXIF is broken where it could say more, and `problem` says so
+    return contents(image.getexif())
 
 
 def _pages(image: Image.Image) -> int:
@@ -181,7 +184,7 @@ def _read_raw(path: Path) -> Metadata:
         if found is not None:
             metadata = describe(_raw_block(found), Metadata(problem=_problem(found.lost)))
     except UNREADABLE as error:
-        metadata = Metadata(problem=f"EXIF not readable: {error or type(error).__name__}")
+        metadata = Metadata(problem=_unreadable(error))
     with suppress(PhotographError):  # whoever develops it will say so
         if not metadata.make and not metadata.focal_mm:
             metadata = _of_preview(preview_of(path)) or metadata
