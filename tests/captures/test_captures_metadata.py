@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from PIL import ExifTags, Image
 
+from colmap_ihe.captures.coded import stored_size
 from colmap_ihe.captures.encode import SUFFIXES, Format, encode_image
 from colmap_ihe.captures.metadata import Metadata, read_metadata
 from colmap_ihe.colmap.native import pycolmap
@@ -39,8 +40,7 @@ def photograph(folder: Path, name: str = "a.jpg", **changes: Any) -> Path:
 
 def grey_of(file: Path, metadata: Metadata, folder: Path, file_format: Format) -> Path:
     """A grey file of the photograph's size with its EXIF, as `convert` writes it."""
-    with Image.open(file) as image:
-        grey = np.zeros((image.height, image.width), np.uint8)
+    grey = np.zeros(stored_size(file)[::-1], np.uint8)
     target = folder / f"grey{SUFFIXES[file_format]}"
     target.write_bytes(encode_image(grey, metadata.exif, file_format))
     return target
@@ -65,8 +65,11 @@ def camera(file: Path) -> tuple[Any, ...]:
     ],
     ids=lambda changes: "+".join(changes) or "all",
 )
-def test_colmap_infers_the_same_camera(tmp_path: Path, file_format: Format, changes: dict[str, Any]) -> None:
-    source = photograph(tmp_path, **changes)
+@pytest.mark.parametrize("name", ["a.jpg", "a.png", "a.tif"])
+def test_colmap_infers_the_same_camera(
+    tmp_path: Path, name: str, file_format: Format, changes: dict[str, Any]
+) -> None:
+    source = photograph(tmp_path, name, **changes)
     metadata = read_metadata(source, "coded")
     assert metadata.problem == ""
     assert camera(grey_of(source, metadata, tmp_path, file_format)) == camera(source)
