@@ -107,6 +107,7 @@ def _parser() -> argparse.ArgumentParser:
     _add_develop(command)
     one = command("status", _status, "Where each stage of a project stands, and why it would run again.")
     _add_project(one)
+    _add_camera(one)
     command("doctor", _doctor, "What this installation and this machine can do.")
     return parser
 
@@ -125,6 +126,29 @@ def _add_project(parser: argparse.ArgumentParser) -> None:
         dest="assignments",
         help="change an option, as in --set dense.max_image_size=2400; see docs/options.md",
     )
+
+
+def _add_camera(parser: argparse.ArgumentParser) -> None:
+    group = parser.add_argument_group(
+        "photographs without EXIF",
+        "For scans, and for photographs by drones, old lenses and programs that leave their focal length out: the"
+        " grey images say what is given here, and COLMAP need not guess. What EXIF says is left as it is. For"
+        " several cameras write `cameras:` into project.yaml; see docs/options.md.",
+    )
+    group.add_argument(
+        "--focal-length", type=float, metavar="MM", help="as on the lens, not the 35 mm equivalent"
+    )
+    group.add_argument(
+        "--sensor-width",
+        type=float,
+        metavar="MM",
+        help="of the sensor along the longer side of the photographs, as 36 of full frame",
+    )
+
+
+def _camera_assignments(parsed: argparse.Namespace) -> list[str]:
+    given = {"focal_length": parsed.focal_length, "sensor_width": parsed.sensor_width}
+    return [f"cameras.*.{name}={value}" for name, value in given.items() if value is not None]
 
 
 def _add_demo(command: _Command) -> None:
@@ -160,6 +184,7 @@ def _add_reconstruct(command: _Command) -> None:
     parser.add_argument("--until", choices=NAMES, help="end after this stage")
     parser.add_argument("--no-dense", action="store_true", help="end with the sparse model")
     parser.add_argument("--strict", action="store_true", help="stop at a photograph that cannot be used")
+    _add_camera(parser)
 
 
 def _add_fit(command: _Command) -> None:
@@ -209,6 +234,7 @@ def _add_convert(command: _Command) -> None:
     )
     _add_development(parser)
     parser.add_argument("--strict", action="store_true", help="stop at a photograph that cannot be used")
+    _add_camera(parser)
 
 
 def _add_develop(command: _Command) -> None:
@@ -273,7 +299,7 @@ def _develop(parsed: argparse.Namespace, bars: Bars) -> None:
 
 
 def _reconstruct(parsed: argparse.Namespace, bars: Bars) -> None:
-    assignments = list(parsed.assignments)
+    assignments = [*parsed.assignments, *_camera_assignments(parsed)]
     if parsed.no_dense:
         assignments.append("dense.enabled=false")
     if parsed.strict:
@@ -341,6 +367,7 @@ def _convert(parsed: argparse.Namespace, bars: Bars) -> None:
         options=ConvertOptions(tone=parsed.tone, wallis=parsed.wallis, format=parsed.format),
         develop=_development(parsed),
         calibration=parsed.calibration,
+        cameras=load_options(None, _camera_assignments(parsed)).cameras,
         strict=parsed.strict,
         audience=bars,
     )
@@ -352,7 +379,7 @@ def _convert(parsed: argparse.Namespace, bars: Bars) -> None:
 
 
 def _status(parsed: argparse.Namespace, _bars: Bars) -> None:
-    options = commands.project_options(parsed.project, parsed.assignments)
+    options = commands.project_options(parsed.project, [*parsed.assignments, *_camera_assignments(parsed)])
     states = status(parsed.project, options, parsed.images)
     if parsed.json:
         _print_json([asdict(state) for state in states])

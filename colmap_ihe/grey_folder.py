@@ -20,7 +20,7 @@ from colmap_ihe.fitting import Fit, Trial, fit_captures
 from colmap_ihe.grey.convert import Tone, check_tone
 from colmap_ihe.grey.weights import Grey, grey_from_dict
 from colmap_ihe.ledger import Ledger, opened
-from colmap_ihe.options import ConvertOptions, DevelopOptions, FitOptions
+from colmap_ihe.options import CamerasOptions, ConvertOptions, DevelopOptions, FitOptions
 from colmap_ihe.per_image import LeftOut
 from colmap_ihe.preprocess import Surveyed, convert_captures, weights_for
 from colmap_ihe.progress import SILENT, Audience
@@ -42,30 +42,34 @@ def convert_folder(
     options: ConvertOptions | None = None,
     develop: DevelopOptions | None = None,
     calibration: Path | None = None,
+    cameras: CamerasOptions | None = None,
     strict: bool = False,
     audience: Audience = SILENT,
 ) -> tuple[Grey, dict[str, str], LeftOut]:
     """Grey images of the folder `images`, with their EXIF, in the folder `out`; with `colour`, also an 8-bit
     colour twin of each in that folder, with the same name and the same pixels.
 
-    `weights` are used if given, else fitted by `fit`. `calibration`: a folder with calibration frames.
-    Returns the weights (of the larger part of a mixed set), the names of the grey images by photograph, and
-    what was left out. Of an earlier run, finished or not, everything is kept that would come out the same.
-    Raises `KnownError`s; `ProjectError` rather than
-    write over anything that we did not write.
+    `weights` are used if given, else fitted by `fit`. `calibration`: a folder with calibration frames; `cameras`
+    fill in what EXIF does not say. Returns the weights (of the larger part of a mixed set), the names of the grey
+    images by photograph, and what was left out. Of an earlier run, finished or not, everything is kept that would
+    come out the same. Raises `KnownError`s; `ProjectError` rather than write over anything that we did not write.
     """
     folders = [folder.resolve() for folder in (out, colour) if folder is not None]
     require_apart(images.resolve(), folders)
-    options = options or ConvertOptions()
+    options, cameras = options or ConvertOptions(), cameras or CamerasOptions()
     discovery = discover(images.absolute())
     with ExitStack() as stack:
         executor = stack.enter_context(local_executor())
         prepared = stack.enter_context(
-            prepared_set(discovery.captures, develop, calibration, executor, audience, strict=strict)
+            prepared_set(
+                discovery.captures, develop, calibration, executor, audience, strict=strict, cameras=cameras
+            )
         )
         surveyed, left_out = prepared.surveyed, dict(prepared.left_out)
         digests = digests_of(surveyed, audience)
         for text in oddities.warnings_of(surveyed, discovery.ignored):
+            audience.warn(text)
+        for text in oddities.camera_warnings(cameras, surveyed, left_out):
             audience.warn(text)
         ledgers = [stack.enter_context(opened(folder)) for folder in folders]
         wanted = {s.capture.grey_stem + SUFFIXES[options.format]: s.capture.name for s in surveyed}
@@ -157,7 +161,8 @@ def _fingerprint(one: Surveyed, digest: str, found: Fit, options: ConvertOptions
     else:
         how = ["grey", weights, options.tone if linear else None, options.wallis]
     recipe = one.capture.recipe.identity()
-    return fingerprint_of(__version__, versions, digest, recipe, options.format, how)
+    about = [digest, recipe, one.metadata.exif.hex()]
+    return fingerprint_of(__version__, versions, about, options.format, how)
 
 
 def _fitted(

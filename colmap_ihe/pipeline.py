@@ -41,7 +41,7 @@ class Stage:
 
 
 ROAD = (
-    Stage("captures", stages.captures, ("develop",), ("rawpy", "libraw")),
+    Stage("captures", stages.captures, ("develop", "cameras"), ("rawpy", "libraw")),
     Stage("fit", stages.fit, ("fit",), ("rawpy", "libraw")),
     Stage("convert", stages.convert, ("convert",)),
     Stage("features", stages.features, ("camera", "features"), ("pycolmap",)),

@@ -11,17 +11,18 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
+from colmap_ihe.cameras import filled_in
 from colmap_ihe.captures.decode import Photograph, encoding_of, read_photograph, read_size
 from colmap_ihe.captures.discover import Capture
 from colmap_ihe.captures.encode import SUFFIXES, encode_image
-from colmap_ihe.captures.metadata import Metadata, read_metadata
+from colmap_ihe.captures.metadata import Metadata, read_metadata, sized
 from colmap_ihe.captures.png import encode_png
 from colmap_ihe.errors import ProjectError, WeightsError
 from colmap_ihe.fitting import Fit
 from colmap_ihe.grey.convert import check_tone, to_colour, to_grey
 from colmap_ihe.grey.wallis import wallis
 from colmap_ihe.grey.weights import Grey
-from colmap_ihe.options import ConvertOptions
+from colmap_ihe.options import CamerasOptions, ConvertOptions
 from colmap_ihe.per_image import LeftOut, each_usable
 from colmap_ihe.progress import Watch
 from colmap_ihe.project import write_bytes
@@ -40,14 +41,22 @@ class Surveyed:
 
 
 def survey(
-    captures: Sequence[Capture], executor: Executor, watch: Watch, *, strict: bool
+    captures: Sequence[Capture],
+    executor: Executor,
+    watch: Watch,
+    *,
+    strict: bool,
+    cameras: CamerasOptions | None = None,
 ) -> tuple[list[Surveyed], LeftOut]:
-    """Sizes and EXIF of all captures. Raises `PhotographError` if strict, `ProjectError` if none is usable."""
+    """Sizes and EXIF of all captures, with what is known of their cameras. Raises `PhotographError` if strict,
+    `ProjectError` if none is usable."""
+    known = cameras or CamerasOptions()
 
     def look(capture: Capture) -> Surveyed:
         width, height, sensor = read_size(capture)
-        known = replace(capture, pixels=width * height)
-        return Surveyed(known, width, height, read_metadata(capture.path, capture.kind), sensor)
+        seen = replace(capture, pixels=width * height)
+        metadata = sized(read_metadata(capture.path, capture.kind), width, height)
+        return Surveyed(seen, width, height, filled_in(metadata, known, capture.name, width, height), sensor)
 
     left_out: LeftOut = {}
     return list(each_usable(look, captures, executor, watch, strict, left_out)), left_out

@@ -26,7 +26,7 @@ from colmap_ihe.captures.recipe import Recipe
 from colmap_ihe.errors import ProjectError
 from colmap_ihe.exposure import exposure_gains
 from colmap_ihe.masters import camera_of, found_over_the_set, kept, masters_of, united
-from colmap_ihe.options import DevelopOptions
+from colmap_ihe.options import CamerasOptions, DevelopOptions
 from colmap_ihe.per_image import LeftOut
 from colmap_ihe.preprocess import Surveyed, survey
 from colmap_ihe.progress import Audience, Watch
@@ -164,6 +164,7 @@ def prepared_set(
     audience: Audience,
     *,
     strict: bool,
+    cameras: CamerasOptions | None = None,
 ) -> Iterator[Recipes]:
     """Photographs surveyed and with their recipes, for work outside of a project: the means of calibration
     frames last as long as the context. Raises as `with_recipes`, and `ProjectError` for a `calibration` that is
@@ -175,7 +176,7 @@ def prepared_set(
         )
     with TemporaryDirectory(prefix="colmap-ihe-") as store:
         with audience.stage("captures") as watch:
-            surveyed, left_out = survey(captures, executor, watch, strict=strict)
+            surveyed, left_out = survey(captures, executor, watch, strict=strict, cameras=cameras)
             options = options or DevelopOptions()
             found = with_recipes(surveyed, options, calibration, Path(store), executor, watch, strict=strict)
         for text in found.warnings:

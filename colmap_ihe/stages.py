@@ -77,10 +77,18 @@ class Run:
 
 
 def captures(run: Run, watch: Watch) -> Record:
-    surveyed, left_out = survey(run.discovery.captures, run.executor, watch, strict=run.strict)
-    project, develop = run.project, run.options.develop
+    cameras, project = run.options.cameras, run.project
+    surveyed, left_out = survey(
+        run.discovery.captures, run.executor, watch, strict=run.strict, cameras=cameras
+    )
     found = with_recipes(
-        surveyed, develop, project.calibration, project.masters, run.executor, watch, strict=run.strict
+        surveyed,
+        run.options.develop,
+        project.calibration,
+        project.masters,
+        run.executor,
+        watch,
+        strict=run.strict,
     )
     run.surveyed = found.surveyed
     sizes = Counter((s.metadata.make, s.metadata.model, s.width, s.height) for s in run.surveyed)
@@ -100,6 +108,7 @@ def captures(run: Run, watch: Watch) -> Record:
             *oddities.odd_sizes(run.surveyed, sizes),
             *oddities.warnings_of(run.surveyed, run.discovery.ignored),
             *found.warnings,
+            *oddities.camera_warnings(cameras, run.surveyed, left_out),
         ],
     }
 
@@ -138,7 +147,10 @@ def convert(run: Run, watch: Watch) -> Record:
         _require_room(project, run.records["captures"]["pixels"] * 3)
     found = fit_of(run.records["fit"])
     captures_left = {c.name for c in run.captures()}
-    surveyed = run.surveyed or survey(run.captures(), run.executor, watch, strict=run.strict)[0]
+    surveyed = run.surveyed
+    if not surveyed:
+        cameras = run.options.cameras
+        surveyed, _ = survey(run.captures(), run.executor, watch, strict=run.strict, cameras=cameras)
     grey, left_out = convert_captures(
         [s for s in surveyed if s.capture.name in captures_left],
         found,
@@ -182,7 +194,7 @@ def features(run: Run, watch: Watch) -> Record:
     if counts.with_focal_prior < counts.images and run.options.camera.params is None:
         warnings.append(
             f"{counts.images - counts.with_focal_prior} of {counts.images} photographs do not say their focal"
-            " length: COLMAP guesses it; give camera.params if you know it"
+            " length: COLMAP guesses it; if you know it, give it in `cameras:` or as camera.params"
         )
     return {**asdict(counts), "left_out": left_out, "warnings": warnings}
 

@@ -6,10 +6,10 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from PIL import Image, TiffTags
+from PIL import TiffTags
 from PIL.TiffImagePlugin import ImageFileDirectory_v2
 
-from colmap_ihe.captures.metadata import EXIF_IFD, GPS_IFD, with_size
+from colmap_ihe.captures.exif import EXIF_IFD, GPS_IFD, for_tiff, with_size
 
 _HEADER = b"II*\0\x08\0\0\0"  # little-endian, the first directory follows at once
 
@@ -20,9 +20,7 @@ def encode_linear_tiff(linear_rgb: NDArray[np.uint16], exif: bytes) -> bytes:
     if linear_rgb.ndim != 3 or linear_rgb.shape[2] != 3 or linear_rgb.dtype != np.uint16:
         raise ValueError(f"{linear_rgb.shape=} {linear_rgb.dtype=}, expected (H, W, 3) uint16")
     height, width = linear_rgb.shape[:2]
-    found = Image.Exif()
-    if exif:
-        found.load(b"Exif\x00\x00" + with_size(exif, width, height))
+    found = for_tiff(with_size(exif, width, height))
     directory = ImageFileDirectory_v2()
     for tag, value in found.items():
         if tag not in (EXIF_IFD, GPS_IFD):

@@ -124,6 +124,29 @@ def frames_of(recipe: Recipe) -> Frames:
     return Frames(dark, load(recipe.flat), bad)
 
 
+@dataclass(frozen=True)
+class Noted:
+    """What LibRaw knows of a shot, whatever its maker's format: millimetres, seconds; 0 or empty if nothing."""
+
+    focal_mm: float = 0.0
+    exposure_s: float = 0.0
+    f_number: float = 0.0
+    iso: float = 0.0
+    lens: str = ""
+    lens_make: str = ""
+
+
+def noted_by_libraw(path: Path) -> Noted:
+    """Raises `PhotographError` if LibRaw refuses the file."""
+    with _opened(path) as raw:
+        if not hasattr(raw, "other"):  # rawpy before 0.26
+            return Noted()
+        shot, lens = raw.other, raw.lens
+        return Noted(
+            shot.focal_length, shot.shutter_speed, shot.aperture, shot.iso_speed, lens.model, lens.make
+        )
+
+
 @contextmanager
 def _opened(path: Path) -> Iterator[rawpy.RawPy]:
     try:
