@@ -9,12 +9,14 @@ from typing import Protocol
 _PROC, _CGROUP = Path("/proc"), Path("/sys/fs/cgroup")
 _KEPT_FREE = 0.1  # of what is available, for all else
 _UNLIMITED = 1 << 60  # cgroup v1 says "no limit" by a number near 2^63
-_BYTES_A_PIXEL = {"raw": 60, "coded": 30}
-"""At the most, decoder and run together: of a RAW file LibRaw's mosaic, its four channels and its picture, of a
-coded one the file's colours; then the photograph, and what is made from it. Measured: docs/decisions/0008."""
+_RAW_BYTES, _JPEG_BYTES, _OTHER_BYTES = 60, 25, 50
+"""A pixel, decoder and run together, at the most: LibRaw's mosaic and channels, CMYK, or 16 bits on their way to
+8; then the photograph, and what is made from it. Measured, with some to spare: docs/decisions/0008."""
 
 
 class _Photograph(Protocol):
+    @property
+    def name(self) -> str: ...
     @property
     def kind(self) -> str: ...
     @property
@@ -31,7 +33,13 @@ def available() -> int:
 
 def needed(photographs: Sequence[_Photograph]) -> int:
     """Bytes for the one that takes most, 0 if nothing is known of any."""
-    return max((p.pixels * _BYTES_A_PIXEL[p.kind] for p in photographs), default=0)
+    return max((p.pixels * _bytes_a_pixel(p) for p in photographs), default=0)
+
+
+def _bytes_a_pixel(photograph: _Photograph) -> int:
+    if photograph.kind == "raw":
+        return _RAW_BYTES
+    return _JPEG_BYTES if photograph.name.lower().endswith((".jpg", ".jpeg", ".jpe")) else _OTHER_BYTES
 
 
 def at_once(photographs: Sequence[_Photograph], workers: int) -> int:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Callable
 from pathlib import Path
@@ -164,6 +165,10 @@ def _read_with_tifffile(path: Path) -> NDArray[np.generic]:
     try:
         with tifffile.TiffFile(path) as tiff:
             page = tiff.pages.first
+            if not page.is_contiguous and len(page.dataoffsets) * math.prod(page.chunks) < page.size:
+                raise OSError(
+                    "some of its pixels are missing"
+                )  # tifffile would leave what memory held before
             pixels = np.asarray(page.asarray())
             axes = page.axes
     except Exception as error:

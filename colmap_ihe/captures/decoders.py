@@ -74,7 +74,7 @@ def ask(
         answer, array = decoder.ask(request, name, seconds)
     if "error" in answer:
         if answer.get("traceback"):
-            logger.info("%s: %s", name, answer["traceback"])
+            logger.debug("%s: %s", name, answer["traceback"])
         raise _KNOWN.get(answer["error"], PhotographError)(answer["message"], answer["hint"])
     return answer["value"], array
 
@@ -91,7 +91,7 @@ class _Decoder:
         try:
             with theirs:
                 self._process = subprocess.Popen(
-                    [sys.executable, "-c", _START, str(theirs.fileno()), *sys.path],
+                    [sys.executable or "python3", "-c", _START, str(theirs.fileno()), *sys.path],
                     pass_fds=[theirs.fileno()],
                     stdin=subprocess.DEVNULL,
                     stdout=subprocess.DEVNULL,
@@ -173,6 +173,10 @@ class _Decoder:
                 return f"{died_of}, perhaps for want of memory" if died_of == "SIGKILL" else died_of
         return words[-1] if words else f"exit status {status}"
 
+    @property
+    def is_alive(self) -> bool:
+        return self._process.poll() is None
+
     def end(self) -> None:
         if not self.dead:
             self.dead = True
@@ -206,9 +210,14 @@ class _Pool:
     @contextmanager
     def lent(self) -> Iterator[_Decoder]:
         """The decoder that was used last and is idle, else a new one."""
-        with self.lock:
-            decoder = self.idle.pop() if self.idle else None
-        decoder = decoder or _Decoder()
+        decoder: _Decoder | None = None
+        while decoder is None or decoder.dead:
+            with self.lock:
+                decoder = self.idle.pop() if self.idle else None
+            if decoder is None:
+                decoder = _Decoder()
+            elif not decoder.is_alive:  # else the next photograph would be blamed
+                decoder.end()
         with self.lock:
             self.busy.add(decoder)
         try:

@@ -104,7 +104,8 @@ class Room:
         inside = self.array(array.shape, array.dtype)
         if array.__array_interface__["data"] != inside.__array_interface__["data"]:
             inside[...] = array
-        return {"shape": list(array.shape), "dtype": str(array.dtype)}, self._fd
+        is_new = self._fd is not None
+        return {"shape": list(array.shape), "dtype": str(array.dtype), "is_new": is_new}, self._fd
 
     def sent(self) -> None:
         if self._fd is not None:
@@ -140,6 +141,8 @@ class Window:
                 self._memory = mmap.mmap(fd, os.fstat(fd).st_size)
             finally:
                 os.close(fd)
+        if about["is_new"] != (fd is not None):  # a process that has no room for another open file gets none
+            raise ValueError("the file of an array was lost on the way")
         shape, dtype = tuple(int(n) for n in about["shape"]), np.dtype(_DTYPES[about["dtype"]])
         size = math.prod(shape) * dtype.itemsize
         if self._memory is None or min(shape) < 1 or len(self._memory) < size:

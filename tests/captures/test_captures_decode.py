@@ -362,3 +362,30 @@ def test_the_png_writer_takes_an_array_that_is_not_contiguous(tmp_path: Path) ->
     (tmp_path / "a.png").write_bytes(encode_png(pixels))
     with Image.open(tmp_path / "a.png") as image:
         np.testing.assert_array_equal(np.asarray(image), pixels)
+
+
+def test_a_tiff_without_some_of_its_planes_is_refused(tmp_path: Path) -> None:
+    """Not filled up with what happened to be in memory."""
+    file = tmp_path / "a.tif"
+    write_tiff(file, deep(), photometric="rgb", compression="zlib")
+    with tifffile.TiffFile(file, mode="r+") as tiff:
+        tiff.pages.first.tags["PlanarConfiguration"].overwrite(2)
+    assert "some of its pixels are missing" in refused(file)
+
+
+def test_a_jpeg_with_lost_pixels_is_refused(tmp_path: Path) -> None:
+    file = tmp_path / "a.jpg"
+    Image.fromarray(smooth()).save(file, progressive=True)
+    data = bytearray(file.read_bytes())
+    scan = data.rindex(b"\xff\xda") + 12
+    data[scan : scan + 40] = b"\xff\x00" * 20  # no Huffman code is all ones
+    file.write_bytes(data)
+    assert "JPEG data" in refused(file)
+
+
+def test_a_tiff_that_says_nothing_sensible_of_its_planes_is_refused(tmp_path: Path) -> None:
+    file = tmp_path / "a.tif"
+    write_tiff(file, deep(), photometric="rgb", compression="zlib")
+    with tifffile.TiffFile(file, mode="r+") as tiff:
+        tiff.pages.first.tags["PlanarConfiguration"].overwrite(0)
+    assert "some of its pixels are missing" in refused(file)

@@ -190,6 +190,18 @@ def test_many_crashes_leave_nothing_behind(tmp_path: Path) -> None:
     assert open_files() < files
 
 
+def test_an_idle_decoder_that_was_killed_is_no_photographs_fault(tmp_path: Path) -> None:
+    capture = png(tmp_path)
+    decoders.rest()
+    before = set(children())
+    read_photograph(capture)
+    (decoder,) = set(children()) - before
+    os.kill(decoder, signal.SIGKILL)
+    assert soon(lambda: is_gone(decoder))
+    assert read_photograph(capture).rgb.shape == (96, 128, 3)
+    assert decoder not in children()
+
+
 def test_arrays_outlive_further_reads_and_give_their_memory_back(tmp_path: Path) -> None:
     captures = [png(tmp_path, seed) for seed in range(6)]
     read_photograph(captures[0])
@@ -418,9 +430,10 @@ def test_a_message_that_claims_to_be_huge_is_refused() -> None:
 @pytest.mark.parametrize(
     "about",
     [
-        {"shape": [1000, 1000, 3], "dtype": "uint8"},
-        {"shape": [0, 4, 3], "dtype": "uint8"},
-        {"shape": [4, 4, 3], "dtype": "object"},
+        {"shape": [1000, 1000, 3], "dtype": "uint8", "is_new": True},
+        {"shape": [0, 4, 3], "dtype": "uint8", "is_new": True},
+        {"shape": [4, 4, 3], "dtype": "object", "is_new": True},
+        {"shape": [4, 4, 3], "dtype": "uint8", "is_new": False},
     ],
 )
 def test_an_array_that_is_not_what_its_message_says_is_refused(about: wire.Message) -> None:
