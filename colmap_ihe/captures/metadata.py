@@ -59,6 +59,7 @@ _OF_THE_SHOT = frozenset(
 )
 _OF_DNG = {0xC62F: SERIAL, 0xC630: LENS_RANGE}  # DNG 1.4: CameraSerialNumber, LensInfo
 _NEVER_ZERO = (EXPOSURE_TIME, F_NUMBER, ISO, FOCAL_LENGTH, FOCAL_LENGTH_35MM)
+_NO_EXIF = "no EXIF found"
 _TIFF, _BIG_TIFF = (b"II*\x00", b"MM\x00*"), (b"II+\x00", b"MM\x00+")
 
 
@@ -107,7 +108,7 @@ def read_metadata_here(path: Path, kind: str) -> Metadata:
 
 
 def describe(block: bytes, known: Metadata | None = None) -> Metadata:
-    """What a block of EXIF says; what it does not hold is as in `known`."""
+    """What a block of EXIF says; what is not of EXIF (profile, pages, problem) is as in `known`."""
     found = take_apart(bytearray(block)) if block else Directories()
     image, shot = found.image, found.shot
     orientation = image.get(ORIENTATION, 1)
@@ -189,7 +190,7 @@ def _pages(image: Image.Image) -> int:
 def _read_raw(path: Path) -> Metadata:
     """From its own directories; else from the preview, where Fujifilm's RAF keeps them; and from LibRaw, which
     knows makers' older formats, what is still missing."""
-    metadata = Metadata(problem="no EXIF found")
+    metadata = Metadata(problem=_NO_EXIF)
     try:
         found = _of_file(path)
         if found is not None:
@@ -251,7 +252,8 @@ def _with_noted(metadata: Metadata, noted: Noted) -> Metadata:
     if FOCAL_LENGTH not in new:
         return metadata
     block = put_together(found.image, found.shot | new, found.gps)
-    return describe(block, replace(metadata, problem=""))
+    problem = "" if metadata.problem == _NO_EXIF else metadata.problem
+    return describe(block, replace(metadata, problem=problem))
 
 
 def _text(value: Any) -> str:
