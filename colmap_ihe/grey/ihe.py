@@ -86,20 +86,25 @@ def fit_histogram(
     """
     if not histogram.pixels:
         raise ValueError("the histogram is empty, expected at least one pixel")
-    pyramid = Pyramid(histogram)
     if histogram.encoding == "coded":
-        return _best(histogram, _search_coded(pyramid, list(grid), advance), None)
+        return _best(histogram, _search_coded(histogram, list(grid), advance), None)
     if recount is None:
         raise ValueError("a linear histogram needs `recount`: its cells are wider than one value")
+    pyramid = Pyramid(histogram)
     white = dict(zip(grid, whites_of(pyramid.boxes(_WHITE_BITS), grid), strict=True))
     counted = _search_linear(pyramid, white, recount, advance, whole=histogram.pixels <= _SMALL)
     return _best(histogram, counted, white)
 
 
-def _search_coded(pyramid: Pyramid, alive: list[Triplet], advance: Callable[[int], None]) -> _Counted:
+def _search_coded(histogram: Histogram, alive: list[Triplet], advance: Callable[[int], None]) -> _Counted:
+    if len(alive) <= _FEW:
+        counts = histogram.levels(kernels.coded_rules(alive)).astype(np.int64)
+        advance(len(alive))
+        return dict(zip(alive, counts, strict=True))
+    pyramid = Pyramid(histogram)
     colours = pyramid.boxes(0)
     counted: _Counted = {}
-    for bits, heavy in _COARSE_TO_FINE if len(alive) > _FEW else ():
+    for bits, heavy in _COARSE_TO_FINE:
         bounds, estimates = bounds_of(*pyramid.adaptive(bits, heavy), kernels.coded_rules(alive))
         promising = alive[int(np.argmin(estimates))]
         counted[promising] = counts_of(colours, kernels.coded_rules([promising]))[0].astype(np.int64)
