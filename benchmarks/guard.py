@@ -153,8 +153,13 @@ def reference_geometry(given: Set) -> None:
 
 
 def measure(given: Set, triplet: tuple[float, float, float], tone: str) -> dict[str, Any]:
-    found = [features(g) for g in grey_images(given, triplet, tone)]
-    row: dict[str, Any] = {"weights": triplet, "features": [len(f[0]) for f in found]}
+    return {"weights": triplet, **measure_greys(given, grey_images(given, triplet, tone))}
+
+
+def measure_greys(given: Set, greys: list[NDArray[np.uint8]]) -> dict[str, Any]:
+    """Features an image, and correct matches a pair in each way of keeping features."""
+    found = [features(g) for g in greys]
+    row: dict[str, Any] = {"features": [len(f[0]) for f in found]}
     ways = {
         "budget": [strongest(f, BUDGET) for f in found],
         "default": [coarsest(f, DEFAULT) for f in found],

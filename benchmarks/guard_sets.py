@@ -156,18 +156,25 @@ def developed(path: Path, demosaic: str = "LINEAR") -> NDArray[np.uint16]:
 
 
 def raw_set(
-    name: str, folder: Path, gains: str, iso: int, exposure: float = 1.0, demosaic: str = "LINEAR"
+    name: str,
+    folder: Path,
+    gains: str,
+    iso: int,
+    exposure: float | tuple[float, float, float] = 1.0,
+    demosaic: str = "LINEAR",
+    lights: tuple[tuple[float, float, float], ...] = ((1.0, 1.0, 1.0),) * 3,
 ) -> Set:
-    """RAW of the same scenes: see `expose`."""
+    """RAW of the same scenes, of one exposure or of one each, in one light or in one each: see `expose`."""
     scenes = [
         cv2.resize(linear_of(i), None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA)
         for i in originals(name, 1)
     ]
     scenes = [s[: s.shape[0] // 2 * 2, : s.shape[1] // 2 * 2] for s in scenes]
     brightest = float(np.percentile(np.stack([s[::4, ::4] for s in scenes]), 99.8))
-    found = expose(
-        [s * np.float32(exposure / brightest) for s in scenes], folder, GAINS[gains], iso, demosaic
-    )
+    exposures = np.broadcast_to(np.array(exposure, np.float32), 3)
+    factors = [e * np.array(light, np.float32) for e, light in zip(exposures, lights, strict=True)]
+    lit = [s * (f / np.float32(brightest)) for s, f in zip(scenes, factors, strict=True)]
+    found = expose(lit, folder, GAINS[gains], iso, demosaic)
     found.pairs = [(0, 1), (1, 2)]
     if name == "fountain-p11":
         found.fundamental = fountain_truth(0.5)

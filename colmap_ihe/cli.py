@@ -12,15 +12,18 @@ import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 from colmap_ihe import commands
 from colmap_ihe.captures.encode import SUFFIXES
+from colmap_ihe.captures.recipe import Demosaic
 from colmap_ihe.errors import Cancelled, KnownError
 from colmap_ihe.grey.conversions import CONVERSIONS
+from colmap_ihe.grey.convert import TONES
 from colmap_ihe.grey.weights import Weights
 from colmap_ihe.grey_folder import convert_folder
-from colmap_ihe.options import ConvertOptions, FitOptions, load_options
+from colmap_ihe.linear_folder import develop_folder
+from colmap_ihe.options import ConvertOptions, DevelopOptions, FitOptions, load_options
 from colmap_ihe.pipeline import NAMES, reconstruct, status
 from colmap_ihe.report.summary import weights_in_words
 from colmap_ihe.terminal import Bars, print_summary, print_table
@@ -101,8 +104,10 @@ def _parser() -> argparse.ArgumentParser:
     _add_reconstruct(command)
     _add_fit(command)
     _add_convert(command)
+    _add_develop(command)
     one = command("status", _status, "Where each stage of a project stands, and why it would run again.")
     _add_project(one)
+    _add_camera(one)
     command("doctor", _doctor, "What this installation and this machine can do.")
     return parser
 
@@ -121,6 +126,29 @@ def _add_project(parser: argparse.ArgumentParser) -> None:
         dest="assignments",
         help="change an option, as in --set dense.max_image_size=2400; see docs/options.md",
     )
+
+
+def _add_camera(parser: argparse.ArgumentParser) -> None:
+    group = parser.add_argument_group(
+        "photographs without EXIF",
+        "For scans, and for photographs by drones, old lenses and programs that leave their focal length out: the"
+        " grey images say what is given here, and COLMAP need not guess. What EXIF says is left as it is. For"
+        " several cameras write `cameras:` into project.yaml; see docs/options.md.",
+    )
+    group.add_argument(
+        "--focal-length", type=float, metavar="MM", help="as on the lens, not the 35 mm equivalent"
+    )
+    group.add_argument(
+        "--sensor-width",
+        type=float,
+        metavar="MM",
+        help="of the sensor along the longer side of the photographs, as 36 of full frame",
+    )
+
+
+def _camera_assignments(parsed: argparse.Namespace) -> list[str]:
+    given = {"focal_length": parsed.focal_length, "sensor_width": parsed.sensor_width}
+    return [f"cameras.*.{name}={value}" for name, value in given.items() if value is not None]
 
 
 def _add_demo(command: _Command) -> None:
@@ -156,6 +184,7 @@ def _add_reconstruct(command: _Command) -> None:
     parser.add_argument("--until", choices=NAMES, help="end after this stage")
     parser.add_argument("--no-dense", action="store_true", help="end with the sparse model")
     parser.add_argument("--strict", action="store_true", help="stop at a photograph that cannot be used")
+    _add_camera(parser)
 
 
 def _add_fit(command: _Command) -> None:
@@ -173,6 +202,7 @@ def _add_fit(command: _Command) -> None:
     parser.add_argument(
         "--weighting", choices=("pixel", "image"), default="pixel", help="what counts equally"
     )
+    _add_development(parser)
     parser.add_argument("--strict", action="store_true", help="stop at a photograph that cannot be used")
 
 
@@ -198,12 +228,78 @@ def _add_convert(command: _Command) -> None:
         "--weights", type=Path, metavar="FILE", help="weights of another campaign, from fit -o"
     )
     parser.add_argument("--format", choices=tuple(SUFFIXES), default="png")
-    parser.add_argument("--tone", choices=("sqrt", "linear"), default="sqrt", help="of RAW photographs")
+    parser.add_argument("--tone", choices=TONES, default="sqrt", help="of RAW photographs")
+    parser.add_argument(
+        "--wallis", action="store_true", help="enhance local contrast; a colour is then not the same grey"
+    )
+    _add_development(parser)
+    parser.add_argument("--strict", action="store_true", help="stop at a photograph that cannot be used")
+    _add_camera(parser)
+
+
+def _add_develop(command: _Command) -> None:
+    parser = command(
+        "develop",
+        _develop,
+        "The RAW photographs of a folder as linear TIFFs of 16 bit, developed as little as possible: black point, "
+        "calibration frames, green equilibrium, demosaicing. No white balance, no colour matrix, no gamma. EXIF and "
+        "subfolders are kept; run again, it writes only what a change makes stale.",
+    )
+    parser.add_argument("images", type=Path, metavar="IMAGES", help="a folder of photographs")
+    parser.add_argument("out", type=Path, metavar="OUT", help="the folder for the TIFFs, 6 bytes a pixel")
+    _add_development(parser)
     parser.add_argument("--strict", action="store_true", help="stop at a photograph that cannot be used")
 
 
+def _add_development(parser: argparse.ArgumentParser) -> None:
+    group = parser.add_argument_group("development of RAW, as `develop` in docs/options.md")
+    group.add_argument(
+        "--calibration", type=Path, metavar="DIR", help="holds bias/, darks/, flats/ or bad-pixels.txt"
+    )
+    group.add_argument("--demosaic", choices=get_args(Demosaic), default="linear")
+    group.add_argument("--green-equilibrium", action=argparse.BooleanOptionalAction, default=True)
+    group.add_argument(
+        "--find-bad-pixels", action="store_true", help="look for them over the set, without dark frames"
+    )
+    group.add_argument(
+        "--exposure", choices=("as_shot", "normalise"), default="as_shot", help="normalise: by EXIF"
+    )
+    group.add_argument(
+        "--balance", action="store_true", help="colour balance across the set, of any photographs"
+    )
+    group.add_argument(
+        "--denoise",
+        type=float,
+        default=0.0,
+        metavar="N",
+        help="in deviations of the noise, of any photographs",
+    )
+
+
+def _development(parsed: argparse.Namespace) -> DevelopOptions:
+    names = DevelopOptions.model_fields
+    return load_options(None, [f"develop.{n}={json.dumps(getattr(parsed, n))}" for n in names]).develop
+
+
+def _develop(parsed: argparse.Namespace, bars: Bars) -> None:
+    names, steps, left_out = develop_folder(
+        parsed.images,
+        parsed.out,
+        options=_development(parsed),
+        calibration=parsed.calibration,
+        strict=parsed.strict,
+        audience=bars,
+    )
+    if parsed.json:
+        _print_json({"linear": names, "steps": steps, "left_out": left_out})
+        return
+    print(f"{len(names)} linear TIFFs in {parsed.out}")
+    for camera, done in steps.items():
+        print(f"{camera}: {', '.join(done)}")
+
+
 def _reconstruct(parsed: argparse.Namespace, bars: Bars) -> None:
-    assignments = list(parsed.assignments)
+    assignments = [*parsed.assignments, *_camera_assignments(parsed)]
     if parsed.no_dense:
         assignments.append("dense.enabled=false")
     if parsed.strict:
@@ -237,7 +333,13 @@ def _fit(parsed: argparse.Namespace, bars: Bars) -> None:
     assignments = [f"fit.{name}={getattr(parsed, name)}" for name in names]
     options = load_options(None, assignments).fit
     weights, left_out = commands.fit_files(
-        parsed.images, options, output=parsed.output, strict=parsed.strict, audience=bars
+        parsed.images,
+        options,
+        output=parsed.output,
+        develop=_development(parsed),
+        calibration=parsed.calibration,
+        strict=parsed.strict,
+        audience=bars,
     )
     result = {**weights.as_dict(), "left_out": left_out}
     if parsed.json:
@@ -250,6 +352,7 @@ def _fit(parsed: argparse.Namespace, bars: Bars) -> None:
         [
             (name, ", ".join(map(str, v)) if isinstance(v, list) else str(v))
             for name, v in weights.as_dict().items()
+            if name != "curve"
         ],
     )
 
@@ -261,7 +364,10 @@ def _convert(parsed: argparse.Namespace, bars: Bars) -> None:
         colour=parsed.colour,
         fit=FitOptions(method=parsed.method),
         weights=commands.read_weights(parsed.weights) if parsed.weights else None,
-        options=ConvertOptions(tone=parsed.tone, format=parsed.format),
+        options=ConvertOptions(tone=parsed.tone, wallis=parsed.wallis, format=parsed.format),
+        develop=_development(parsed),
+        calibration=parsed.calibration,
+        cameras=load_options(None, _camera_assignments(parsed)).cameras,
         strict=parsed.strict,
         audience=bars,
     )
@@ -273,7 +379,7 @@ def _convert(parsed: argparse.Namespace, bars: Bars) -> None:
 
 
 def _status(parsed: argparse.Namespace, _bars: Bars) -> None:
-    options = commands.project_options(parsed.project, parsed.assignments)
+    options = commands.project_options(parsed.project, [*parsed.assignments, *_camera_assignments(parsed)])
     states = status(parsed.project, options, parsed.images)
     if parsed.json:
         _print_json([asdict(state) for state in states])

@@ -6,6 +6,7 @@ import os
 import platform
 import shutil
 from collections.abc import Sequence
+from contextlib import ExitStack
 from importlib import metadata
 from pathlib import Path
 from typing import Any
@@ -25,12 +26,12 @@ from colmap_ihe.executor import local_executor, local_workers
 from colmap_ihe.fitting import fit_captures
 from colmap_ihe.grey.convert import to_grey
 from colmap_ihe.grey.weights import Grey, grey_from_dict
-from colmap_ihe.options import FitOptions, Options, load_options
+from colmap_ihe.options import DevelopOptions, FitOptions, Options, load_options
 from colmap_ihe.per_image import LeftOut
 from colmap_ihe.pipeline import Reconstruction, reconstruct
-from colmap_ihe.preprocess import survey
 from colmap_ihe.progress import SILENT, Audience
 from colmap_ihe.project import write_bytes
+from colmap_ihe.recipes import prepared_set
 from colmap_ihe.version import __version__
 
 
@@ -55,6 +56,8 @@ def fit_files(
     options: FitOptions | None = None,
     *,
     output: Path | None = None,
+    develop: DevelopOptions | None = None,
+    calibration: Path | None = None,
     strict: bool = False,
     audience: Audience = SILENT,
 ) -> tuple[Grey, LeftOut]:
@@ -65,9 +68,11 @@ def fit_files(
     captures = captures_of_files(p for p in paths if not p.is_dir())
     discoveries = [discover(path) for path in paths if path.is_dir()]
     captures += [capture for found in discoveries for capture in found.captures]
-    with local_executor() as executor:
-        with audience.stage("captures") as watch:
-            surveyed, unreadable = survey(captures, executor, watch, strict=strict)
+    with local_executor() as executor, ExitStack() as stack:
+        prepared = stack.enter_context(
+            prepared_set(captures, develop, calibration, executor, audience, strict=strict)
+        )
+        surveyed, unreadable = prepared.surveyed, prepared.left_out
         ignored = tuple(name for found in discoveries for name in found.ignored)
         for text in oddities.warnings_of(surveyed, ignored):
             audience.warn(text)
@@ -81,7 +86,9 @@ def fit_files(
     for text in oddities.fit_warnings(usable, found.weights.values()):
         audience.warn(text)
     if output is not None:
-        write_bytes(output, yaml.safe_dump(found.main.as_dict(), sort_keys=False).encode())
+        write_bytes(
+            output, yaml.safe_dump(found.main.as_dict(), sort_keys=False, default_flow_style=None).encode()
+        )
     return found.main, unreadable | found.left_out
 
 

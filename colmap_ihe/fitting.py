@@ -18,6 +18,7 @@ from colmap_ihe.gathering import Gathered, Partial, sampled
 from colmap_ihe.grey.boxes import Triplet
 from colmap_ihe.grey.contrast import Contrast
 from colmap_ihe.grey.convert import Tone
+from colmap_ihe.grey.equalise import curve_of
 from colmap_ihe.grey.histogram import mass_of
 from colmap_ihe.grey.ihe import count_levels, fit_histogram, likely_winner, white_point
 from colmap_ihe.grey.weights import FIXED, Encoding, Formula, Grey, Weights, triplets
@@ -107,8 +108,9 @@ def fit_captures(
         one = _SetFit(partial[encoding].total(), members, options, executor, watch)
         if options.method == "auto":
             weights[encoding], tried[encoding] = one.tried(trial or Trial())
+            weights[encoding] = one.with_curve(weights[encoding])
         else:
-            weights[encoding] = one.grey(options.method)
+            weights[encoding] = one.with_curve(one.grey(options.method))
             if trial is not None:
                 tried[encoding] = one.against_rec709(weights[encoding], trial)
         if encoding == "linear":
@@ -164,6 +166,12 @@ class _SetFit:
             contrast=self.gathered.contrast.share_of(triplet),
         )
 
+    def with_curve(self, grey: Grey) -> Grey:
+        """The same grey, able to be equalised where it is one that can be."""
+        if self.encoding == "coded" or isinstance(grey, Formula) or grey.curve:
+            return grey
+        return replace(grey, curve=curve_of(self.gathered.histogram, grey.triplet))
+
     def flattest(self, grid: Sequence[Triplet]) -> Weights:
         """The winner of IHE among the triplets of `grid`."""
         options = self.options
@@ -210,6 +218,8 @@ class _SetFit:
     def measure(self, greys: Mapping[str, Grey], trial: Trial, screen: Mapping[str, Grey]) -> Measured:
         """A measurement that fails is no reason to end a run: it says so in its place."""
         try:
+            if trial.tone == "equalise":
+                greys, screen = ({n: self.with_curve(g) for n, g in some.items()} for some in (greys, screen))
             return measure(
                 self.members,
                 greys,

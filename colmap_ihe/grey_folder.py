@@ -17,14 +17,15 @@ from colmap_ihe.captures.encode import SUFFIXES
 from colmap_ihe.errors import KnownError, ProjectError, WeightsError
 from colmap_ihe.executor import local_executor
 from colmap_ihe.fitting import Fit, Trial, fit_captures
-from colmap_ihe.grey.convert import Tone
+from colmap_ihe.grey.convert import Tone, check_tone
 from colmap_ihe.grey.weights import Grey, grey_from_dict
 from colmap_ihe.ledger import Ledger, opened
-from colmap_ihe.options import ConvertOptions, FitOptions
+from colmap_ihe.options import CamerasOptions, ConvertOptions, DevelopOptions, FitOptions
 from colmap_ihe.per_image import LeftOut
-from colmap_ihe.preprocess import Surveyed, convert_captures, survey, weights_for
+from colmap_ihe.preprocess import Surveyed, convert_captures, weights_for
 from colmap_ihe.progress import SILENT, Audience
 from colmap_ihe.project import digest_file, fingerprint_of
+from colmap_ihe.recipes import prepared_set
 from colmap_ihe.version import __version__, library_versions
 
 _OF_THE_FIT = ("score", "tones", "images", "pixels")  # what a fit found, and what no pixel depends on
@@ -39,32 +40,36 @@ def convert_folder(
     fit: FitOptions | None = None,
     weights: Grey | None = None,
     options: ConvertOptions | None = None,
+    develop: DevelopOptions | None = None,
+    calibration: Path | None = None,
+    cameras: CamerasOptions | None = None,
     strict: bool = False,
     audience: Audience = SILENT,
 ) -> tuple[Grey, dict[str, str], LeftOut]:
     """Grey images of the folder `images`, with their EXIF, in the folder `out`; with `colour`, also an 8-bit
     colour twin of each in that folder, with the same name and the same pixels.
 
-    `weights` are used if given, else fitted by `fit`. Returns the weights (of the larger part of a mixed
-    set), the names of the grey images by photograph, and what was left out. Of an earlier run, finished or
-    not, everything is kept that would come out the same. Raises `KnownError`s; `ProjectError` rather than
-    write over anything that we did not write.
+    `weights` are used if given, else fitted by `fit`. `calibration`: a folder with calibration frames; `cameras`
+    fill in what EXIF does not say. Returns the weights (of the larger part of a mixed set), the names of the grey
+    images by photograph, and what was left out. Of an earlier run, finished or not, everything is kept that would
+    come out the same. Raises `KnownError`s; `ProjectError` rather than write over anything that we did not write.
     """
     folders = [folder.resolve() for folder in (out, colour) if folder is not None]
-    _require_apart(images.resolve(), folders)
-    options = options or ConvertOptions()
+    require_apart(images.resolve(), folders)
+    options, cameras = options or ConvertOptions(), cameras or CamerasOptions()
     discovery = discover(images.absolute())
     with ExitStack() as stack:
         executor = stack.enter_context(local_executor())
-        with audience.stage("captures") as watch:
-            surveyed, left_out = survey(discovery.captures, executor, watch, strict=strict)
-        with audience.stage("content") as watch:
-            watch.start(len(surveyed))
-            digests = {}
-            for one in surveyed:
-                digests[one.capture.name] = digest_file(one.capture.path)
-                watch.advance()
+        prepared = stack.enter_context(
+            prepared_set(
+                discovery.captures, develop, calibration, executor, audience, strict=strict, cameras=cameras
+            )
+        )
+        surveyed, left_out = prepared.surveyed, dict(prepared.left_out)
+        digests = digests_of(surveyed, audience)
         for text in oddities.warnings_of(surveyed, discovery.ignored):
+            audience.warn(text)
+        for text in oddities.camera_warnings(cameras, surveyed, left_out):
             audience.warn(text)
         ledgers = [stack.enter_context(opened(folder)) for folder in folders]
         wanted = {s.capture.grey_stem + SUFFIXES[options.format]: s.capture.name for s in surveyed}
@@ -78,14 +83,18 @@ def convert_folder(
             )
             left_out |= found.left_out
             _warn_of_the_fit(found, surveyed, audience)
+        for text in oddities.wallis_warnings(options.wallis):
+            audience.warn(text)
+        for grey in found.weights.values():
+            check_tone(grey, options.tone)
         usable = [s for s in surveyed if s.capture.name not in left_out]
         for one in usable:
             weights_for(one.capture, found)  # a kind without weights is refused before anything is written
-        grey, failed = _convert(usable, digests, found, options, ledgers, executor, audience, strict)
+        names, failed = _convert(usable, digests, found, options, ledgers, executor, audience, strict)
         left_out |= failed
     for reason in left_out.values():
         audience.warn(f"left out: {reason}")
-    return found.main, grey, left_out
+    return found.main, names, left_out
 
 
 def _convert(
@@ -109,7 +118,7 @@ def _convert(
         due |= {wanted[name] for name in ledger.begin(wanted, prints)}
         for name in sorted(ledger.changed):
             audience.warn(
-                f"{ledger.folder / name} was changed since convert wrote it, and is left as it is;"
+                f"{ledger.folder / name} was changed since it was written, and is left as it is;"
                 " delete it to have it written again"
             )
     if not due:
@@ -143,14 +152,17 @@ def _end(ledgers: Sequence[Ledger]) -> None:
 
 def _fingerprint(one: Surveyed, digest: str, found: Fit, options: ConvertOptions, is_colour: bool) -> str:
     """Of everything that the bytes of a grey image, or of a colour twin, come from."""
-    weights = {k: v for k, v in weights_for(one.capture, found).as_dict().items() if k not in _OF_THE_FIT}
     linear = encoding_of(one.capture) == "linear"
+    unused = _OF_THE_FIT if options.tone == "equalise" else (*_OF_THE_FIT, "curve")
+    weights = {k: v for k, v in weights_for(one.capture, found).as_dict().items() if k not in unused}
     versions = library_versions("rawpy", "libraw") if linear else {}
     if is_colour:
         how: list[Any] = ["colour", found.colour_white if linear else None]
     else:
-        how = ["grey", weights, options.tone if linear else None]
-    return fingerprint_of(__version__, versions, digest, options.format, how)
+        how = ["grey", weights, options.tone if linear else None, options.wallis]
+    recipe = one.capture.recipe.identity()
+    about = [digest, recipe, one.metadata.exif.hex()]
+    return fingerprint_of(__version__, versions, about, options.format, how)
 
 
 def _fitted(
@@ -167,7 +179,8 @@ def _fitted(
     trial = Trial(tone) if options.method == "auto" else None
     versions = library_versions("rawpy", "libraw", *(["pycolmap"] if trial else []))
     about_trial = asdict(trial) if trial else None
-    key = fingerprint_of(__version__, versions, sorted(digests.items()), options.model_dump(), about_trial)
+    content = sorted([s.capture.name, digests[s.capture.name], s.capture.recipe.identity()] for s in surveyed)
+    key = fingerprint_of(__version__, versions, content, options.model_dump(), about_trial)
     kept = _kept_fit(ledger.notes.get("fit"), key)
     if kept is not None and not (strict and kept.left_out):
         audience.kept("fit")
@@ -220,7 +233,19 @@ def _warn_of_the_fit(found: Fit, surveyed: Sequence[Surveyed], audience: Audienc
         audience.warn(text)
 
 
-def _require_apart(images: Path, folders: Sequence[Path]) -> None:
+def digests_of(surveyed: Sequence[Surveyed], audience: Audience) -> dict[str, str]:
+    """Of the content of each photograph, by name."""
+    digests = {}
+    with audience.stage("content") as watch:
+        watch.start(len(surveyed))
+        for one in surveyed:
+            digests[one.capture.name] = digest_file(one.capture.path)
+            watch.advance()
+    return digests
+
+
+def require_apart(images: Path, folders: Sequence[Path]) -> None:
+    """Raises `ProjectError` where one of the folders lies in another."""
     for folder in folders:
         if folder.is_relative_to(images) or images.is_relative_to(folder):
             raise ProjectError(

@@ -37,7 +37,7 @@ class Ledger:
         if record is None:
             if any(folder.iterdir()):
                 raise ProjectError(
-                    f"{folder}: is not empty, and not of an earlier convert",
+                    f"{folder}: is not empty, and not of an earlier run of colmap-ihe",
                     hint="name an empty or a new folder",
                 )
             return
@@ -54,7 +54,7 @@ class Ledger:
         for name in wanted:
             if name not in self.files and (self.folder / name).exists():
                 raise ProjectError(
-                    f"{self.folder / name}: is there already and was not written by convert",
+                    f"{self.folder / name}: is there already and was not written by colmap-ihe",
                     hint="move it away, or name another folder",
                 )
         there = {f["photograph"] for n, f in self.files.items() if (self.folder / n).exists()}
@@ -72,7 +72,7 @@ class Ledger:
         stale = {n for n in wanted if self.files.get(n, {}).get("fingerprint") != prints[n]}
         for name in sorted(stale & changed):
             raise ProjectError(
-                f"{self.folder / name}: is to be written again and was changed since convert wrote it",
+                f"{self.folder / name}: is to be written again and was changed since it was written",
                 hint="move it away to keep it, or delete it",
             )
         for name in (stale | set(self.files) - set(wanted)) - changed:
@@ -118,7 +118,7 @@ def opened(folder: Path) -> Iterator[Ledger]:
             fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError as error:
             raise ProjectError(
-                f"{folder}: another convert is writing into it", hint="wait for it, or stop it"
+                f"{folder}: another run is writing into it", hint="wait for it, or stop it"
             ) from error
         for path in folder.rglob(".*.tmp"):
             if _UNFINISHED.fullmatch(path.name):

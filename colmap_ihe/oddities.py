@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
-from collections import Counter
+from collections import Counter, defaultdict
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 from colmap_ihe import memory
+from colmap_ihe.cameras import focal_px, pattern_of, unused_patterns
 from colmap_ihe.captures.decode import read_photograph
 from colmap_ihe.captures.discover import Capture
-from colmap_ihe.errors import PhotographError
+from colmap_ihe.colmap.sensors import knows_sensor
+from colmap_ihe.errors import OptionError, PhotographError
 from colmap_ihe.executor import local_workers
 from colmap_ihe.grey.conversions import CONVERSIONS
 from colmap_ihe.grey.weights import Grey, Weights
+from colmap_ihe.options import CamerasOptions
+from colmap_ihe.per_image import LeftOut
 from colmap_ihe.preprocess import Surveyed
 
 _UNREAD = frozenset(
@@ -22,11 +26,17 @@ _UNREAD = frozenset(
 
 def shared_by(surveyed: list[Surveyed]) -> int:
     """The least number of photographs that one camera took, as COLMAP tells cameras apart by EXIF."""
-    groups = Counter(
-        (s.metadata.make, s.metadata.model, s.metadata.focal_mm, s.width, s.height) for s in surveyed
-    )
-    known = all(s.metadata.model and s.metadata.focal_mm for s in surveyed)
-    return min(groups.values()) if known else 1
+    groups = Counter(_camera_of(s) for s in surveyed)
+    return 1 if None in groups else min(groups.values())
+
+
+def _camera_of(one: Surveyed) -> tuple[str, str, float, int, int] | None:
+    """What COLMAP tells cameras apart by; None where EXIF does not say enough."""
+    about = one.metadata
+    focal = about.focal_35mm or about.focal_mm
+    if not (about.make and about.model and focal):
+        return None
+    return about.make, about.model, focal, one.width, one.height
 
 
 def odd_sizes(surveyed: list[Surveyed], sizes: Counter[tuple[str, str, int, int]]) -> list[str]:
@@ -74,8 +84,75 @@ def memory_warnings(captures: Sequence[Capture]) -> list[str]:
 
 
 def exif_warnings(surveyed: Sequence[Surveyed]) -> list[str]:
+    warnings = []
     broken = [f"{s.capture.name} ({s.metadata.problem})" for s in surveyed if s.metadata.problem]
-    return [f"EXIF could not be read in full: {', '.join(broken[:5])}"] if broken else []
+    if broken:
+        warnings.append(f"EXIF could not be read in full: {', '.join(broken[:5])}")
+    odd = [f"{s.capture.name} ({_focal_of(s):.2g})" for s in surveyed if not _is_plausible(s)]
+    if odd:
+        warnings.append(
+            f"EXIF says a focal length that COLMAP refuses, less than a tenth or more than ten times the longer"
+            f" side: {', '.join(odd[:5])}; another program may have resized the photographs: see `cameras:` with"
+            " override in docs/options.md"
+        )
+    return warnings
+
+
+def _focal_of(one: Surveyed) -> float:
+    """The focal length by EXIF, in longer sides of the image; 0 where it does not say."""
+    return focal_px(one.metadata, one.width, one.height) / max(one.width, one.height)
+
+
+def _is_plausible(one: Surveyed) -> bool:
+    """By the limits of COLMAP's mapper, min_ and max_focal_length_ratio."""
+    focal = _focal_of(one)
+    return not focal or 0.1 <= focal <= 10
+
+
+def camera_warnings(cameras: CamerasOptions, surveyed: Sequence[Surveyed], left_out: LeftOut) -> list[str]:
+    """Which patterns fit no photograph, and what is still missing where one fits. Raises `OptionError` for a
+    pattern that gives focal lengths or sensors and leaves every photograph without its focal length."""
+    names = {s.capture.name for s in surveyed} | set(left_out)
+    warnings = [
+        f"cameras: the pattern {pattern!r} fits no photograph, or only those of patterns before it; names are as"
+        f" {min(names)!r}"
+        for pattern in unused_patterns(cameras, names)
+    ]
+    for pattern, known in cameras.root.items():
+        if not (known.focal_length or known.sensor_width or known.focal_length_35mm):
+            continue
+        fitting = [s for s in surveyed if pattern_of(cameras, s.capture.name) == pattern]
+        lacking = [s for s in fitting if not _focal_is_known(s)]
+        if not lacking:
+            continue
+        missing = "the width of the sensor" if lacking[0].metadata.focal_mm else "the focal length"
+        said = f"cameras, {pattern!r}: {missing} of {lacking[0].capture.name} is neither given nor in EXIF"
+        if len(lacking) == len(fitting):
+            raise OptionError(
+                said, hint="give focal_length and sensor_width in mm, both, or focal_length_35mm"
+            )
+        warnings.append(f"{said}, {len(lacking)} of {len(fitting)} photographs: COLMAP guesses")
+    return warnings + _mixed_cameras(surveyed)
+
+
+def _focal_is_known(one: Surveyed) -> bool:
+    about = one.metadata
+    return bool(_focal_of(one) or (about.focal_mm and knows_sensor(about.make, about.model)))
+
+
+def _mixed_cameras(surveyed: Sequence[Surveyed]) -> list[str]:
+    """COLMAP does not tell photographs apart by the width of their sensors."""
+    found: dict[tuple[str, str, float, int, int], set[int]] = defaultdict(set)
+    for one in surveyed:
+        camera = _camera_of(one)
+        if camera is not None:
+            found[camera].add(round(1000 * _focal_of(one)))
+    return [
+        f"the photographs by {make} {model} at {focal:g} mm have sensors of several widths, and COLMAP takes them"
+        " for one camera: tell them apart by `model` in `cameras:`, with override"
+        for (make, model, focal, _, _), lengths in found.items()
+        if max(lengths) - min(lengths) > 1
+    ]
 
 
 def profile_warnings(surveyed: Sequence[Surveyed]) -> list[str]:
@@ -121,4 +198,14 @@ def fit_warnings(captures: Sequence[Capture], weights: Iterable[Grey]) -> list[s
     return [
         "the photographs are greyscale (R = G = B): every triplet of weights gives the same grey, so none was"
         " found to be better"
+    ]
+
+
+def wallis_warnings(wallis: bool) -> list[str]:
+    """Of what is done to grey images after the conversion."""
+    if not wallis:
+        return []
+    return [
+        "the Wallis filter goes by the surroundings of a pixel: the same colour is another grey in another place"
+        " and in another photograph; see docs/method.md"
     ]

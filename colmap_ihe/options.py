@@ -12,13 +12,24 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import yaml
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
+from pydantic import (
+    BaseModel,
+    ConfigDict,
+    Field,
+    RootModel,
+    ValidationError,
+    field_validator,
+    model_serializer,
+    model_validator,
+)
 
+from colmap_ihe.captures.recipe import Demosaic
 from colmap_ihe.errors import OptionError, WeightsError
 from colmap_ihe.grey.conversions import CONVERSIONS
 from colmap_ihe.grey.weights import triplets
 
 ColmapOptions = dict[str, Any]
+_Millimetres = Annotated[float, Field(gt=0, le=10_000, allow_inf_nan=False)]
 
 
 class _Section(BaseModel):
@@ -31,7 +42,7 @@ class CapturesOptions(_Section):
 
 
 class DevelopOptions(_Section):
-    demosaic: Literal["linear", "vng", "ppg", "ahd", "dcb", "dht", "aahd"] = "linear"
+    demosaic: Demosaic = "linear"
     """LibRaw's algorithm. `linear` is bilinear, and gives most correct matches."""
     green_equilibrium: bool = True
     """Bring the two greens of a Bayer cell level."""
@@ -43,6 +54,46 @@ class DevelopOptions(_Section):
     """Bring the mean of each channel of each photograph to that of the set."""
     denoise: Annotated[float, Field(ge=0, le=10)] = 0.0
     """Strength, in standard deviations of the noise; 0 is none."""
+
+
+class KnownCamera(_Section):
+    """What is known of a camera whose photographs do not say it."""
+
+    make: Annotated[str, Field(min_length=1)] | None = None
+    model: Annotated[str, Field(min_length=1)] | None = None
+    focal_length: _Millimetres | None = None
+    """In millimetres."""
+    sensor_width: _Millimetres | None = None
+    """In millimetres, along the longer side of the photograph, of what became its pixels."""
+    focal_length_35mm: _Millimetres | None = None
+    """The focal length with the same angle of view over the diagonal of 36 x 24 mm, a whole number as in EXIF."""
+    override: bool = False
+    """Goes over what EXIF says, instead of only filling in what it does not."""
+
+    @field_validator("focal_length_35mm")
+    @classmethod
+    def _whole_number(cls, value: float | None) -> float | None:
+        if value is not None and not value.is_integer():
+            raise ValueError("wanted a whole number; focal_length and sensor_width are exact")
+        return value
+
+    @model_validator(mode="after")
+    def _something_known(self) -> KnownCamera:
+        if not self.model_fields_set - {"override"}:
+            raise ValueError(f"wanted some of {', '.join(KnownCamera.model_fields)}")
+        return self
+
+
+class CamerasOptions(RootModel[dict[str, KnownCamera]]):
+    """By pattern of the photographs' names; the first that fits a photograph counts for it."""
+
+    model_config = ConfigDict(frozen=True, strict=True)
+    root: dict[str, KnownCamera] = Field(default_factory=dict)
+
+    @model_serializer
+    def _in_order(self) -> list[tuple[str, dict[str, Any]]]:
+        """As a list, since the order of the patterns counts."""
+        return [(pattern, known.model_dump(exclude_none=True)) for pattern, known in self.root.items()]
 
 
 class FitOptions(_Section):
@@ -75,8 +126,10 @@ class FitOptions(_Section):
 
 
 class ConvertOptions(_Section):
-    tone: Literal["sqrt", "linear"] = "sqrt"
+    tone: Literal["sqrt", "linear", "equalise"] = "sqrt"
     """How linear grey (RAW) becomes 8 bit; gamma-coded photographs keep the tones they have."""
+    wallis: bool = False
+    """Bring local mean and contrast of the grey images to a target. Local: a colour is then not the same grey."""
     format: Literal["png", "tiff", "jpeg"] = "png"
 
 
@@ -142,6 +195,7 @@ class Options(_Section):
     """Every option of a project. `Options()` holds the defaults."""
 
     captures: CapturesOptions = CapturesOptions()
+    cameras: CamerasOptions = CamerasOptions()
     develop: DevelopOptions = DevelopOptions()
     fit: FitOptions = FitOptions()
     convert: ConvertOptions = ConvertOptions()
@@ -174,7 +228,8 @@ def _read_yaml(path: Path) -> dict[str, Any]:
         values = yaml.safe_load(path.read_text(encoding="utf-8"))
     except (OSError, yaml.YAMLError, UnicodeDecodeError) as error:
         problem = str(error).replace("\n", " ")
-        raise OptionError(f"{path}: not readable as YAML: {problem}", hint="correct or remove it") from error
+        hint = 'put patterns into quotes, as in "*":' if "alias" in problem else "correct or remove it"
+        raise OptionError(f"{path}: not readable as YAML: {problem}", hint=hint) from error
     if values is None:
         return {}
     if not isinstance(values, dict) or not all(isinstance(v, dict | None) for v in values.values()):
@@ -197,12 +252,19 @@ def _assign(values: dict[str, Any], assignment: str) -> None:
     except yaml.YAMLError as error:
         raise OptionError(f"--set {assignment}: the value is not readable as YAML") from error
     target = values.setdefault(stage, {})
-    *parents, last = option.split(".")
+    *parents, last = option.split(".") if stage != "cameras" else _pattern_and_key(option, value)
     for parent in parents:  # colmap options nest: features.colmap.sift.max_num_features=4096
         target = target.setdefault(parent, {})
         if not isinstance(target, dict):
             raise OptionError(f"--set {assignment}: {parent!r} is not a mapping")
     target[last] = value
+
+
+def _pattern_and_key(option: str, value: Any) -> list[str]:
+    """Patterns hold dots: the key comes behind the last one, `cameras.*.JPG.focal_length=24`; a mapping is all
+    of a pattern, `cameras.*.JPG={focal_length: 24}`."""
+    pattern, dot, key = option.rpartition(".")
+    return [option] if isinstance(value, dict) or not dot else [pattern, key]
 
 
 def _validate(values: Mapping[str, Any], source: str) -> Options:
@@ -230,4 +292,6 @@ def _known(location: tuple[int | str, ...]) -> str:
     section = Options.model_fields.get(str(location[0]))
     if len(location) == 1 or section is None:
         return ", ".join(Options.model_fields)
+    if location[0] == "cameras":
+        return ", ".join(KnownCamera.model_fields)
     return ", ".join(type(section.default).model_fields)

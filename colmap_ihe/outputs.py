@@ -11,6 +11,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from colmap_ihe.captures.recipe import FILES
 from colmap_ihe.colmap.matching import forget_matches
 from colmap_ihe.colmap.workspace import remove_database
 from colmap_ihe.project import Project
@@ -35,7 +36,10 @@ def remove(stage: str, project: Project) -> None:
 def missing(stage: str, project: Project, record: Mapping[str, Any]) -> list[Path]:
     """The files of a finished stage that are no longer there."""
     files: list[Path] = []
-    if stage == "convert":
+    if stage == "captures":
+        named = [recipe.get(key) for recipe in record["recipes"].values() for key in FILES]
+        files = [Path(name) for name in dict.fromkeys(named) if name]
+    elif stage == "convert":
         files = [
             folder / name for name in record["grey"].values() for folder in (project.grey, project.colour)
         ]

@@ -41,7 +41,7 @@ class Stage:
 
 
 ROAD = (
-    Stage("captures", stages.captures),
+    Stage("captures", stages.captures, ("develop", "cameras"), ("rawpy", "libraw")),
     Stage("fit", stages.fit, ("fit",), ("rawpy", "libraw")),
     Stage("convert", stages.convert, ("convert",)),
     Stage("features", stages.features, ("camera", "features"), ("pycolmap",)),
@@ -50,6 +50,7 @@ ROAD = (
     Stage("dense", stages.dense, ("dense",), ("opencv",)),
 )
 NAMES = tuple(stage.name for stage in ROAD)
+_FRAMES = "../calibration/"  # before the names of its files, which no photograph can have
 _INPUT_CHANGED = "what it reads changed"
 
 
@@ -249,8 +250,10 @@ def _fingerprints(
     prints: dict[str, str] = {}
     for stage in ROAD:
         chosen = _options_of(options, stage)
-        masks = _content_of(project.masks) if stage.name == "features" else []
-        before = fingerprint_of(stage.name, chosen, _versions_of(stage), masks, before)
+        besides = _content_of(project.masks) if stage.name == "features" else []
+        if stage.name == "captures":
+            besides = [[name, found[-1]] for name, found in digests.items() if name.startswith(_FRAMES)]
+        before = fingerprint_of(stage.name, chosen, _versions_of(stage), besides, before)
         prints[stage.name] = before
     return prints
 
@@ -261,17 +264,21 @@ def _content_of(folder: Path) -> list[list[str]]:
 
 
 def _digests(project: Project, discovery: Discovery, watch: Watch) -> dict[str, list[Any]]:
-    """Size, time and digest of the content of every photograph, read again where size or time have changed."""
+    """Size, time and digest of the content of every photograph and calibration frame, read again where size or
+    time have changed."""
     known = read_json(project.digests_file) or {}
     found: dict[str, list[Any]] = {}
-    watch.start(len(discovery.captures))
-    for capture in discovery.captures:
+    files = {c.name: c.path for c in discovery.captures}
+    for frame in sorted(p for p in project.calibration.rglob("*") if p.is_file()):
+        files[_FRAMES + frame.relative_to(project.calibration).as_posix()] = frame
+    watch.start(len(files))
+    for name, path in files.items():
         try:
-            about = capture.path.stat()
+            about = path.stat()
             key = [about.st_size, about.st_mtime_ns]
-            old = known.get(capture.name, [])
-            found[capture.name] = [*key, old[2] if old[:2] == key else digest_file(capture.path)]
+            old = known.get(name, [])
+            found[name] = [*key, old[2] if old[:2] == key else digest_file(path)]
         except OSError as error:
-            found[capture.name] = [0, 0, f"unreadable: {error.strerror}"]
+            found[name] = [0, 0, f"unreadable: {error.strerror}"]
         watch.advance()
     return found

@@ -1,7 +1,9 @@
-"""What can be refused before any work: options that pycolmap does not know, a backend that is not there."""
+"""What can be refused before any work: options that pycolmap does not know, a backend or a package that is not
+there."""
 
 from __future__ import annotations
 
+from colmap_ihe.captures.denoise import require_wavelets
 from colmap_ihe.colmap import dense, features, mapping, matching
 from colmap_ihe.options import Options
 
@@ -9,6 +11,8 @@ from colmap_ihe.options import Options
 def check_options(options: Options, images: int) -> None:
     """Builds all of pycolmap's options once, so that a slip costs no finished work. `images` is how many there
     are, on which the matching strategy depends. Raises `OptionError`, `CapabilityError`."""
+    if options.develop.denoise > 0:
+        require_wavelets()
     model = features.choose_model(options.camera, images, images)
     features.native_options(options.camera, options.features, model)
     with_gps = images  # not known yet: spatial without GPS is refused when its turn comes

@@ -11,16 +11,18 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
+from colmap_ihe.cameras import filled_in
 from colmap_ihe.captures.decode import Photograph, encoding_of, read_photograph, read_size
 from colmap_ihe.captures.discover import Capture
 from colmap_ihe.captures.encode import SUFFIXES, encode_image
-from colmap_ihe.captures.metadata import Metadata, read_metadata
+from colmap_ihe.captures.metadata import Metadata, read_metadata, sized
 from colmap_ihe.captures.png import encode_png
 from colmap_ihe.errors import ProjectError, WeightsError
 from colmap_ihe.fitting import Fit
-from colmap_ihe.grey.convert import to_colour, to_grey
+from colmap_ihe.grey.convert import check_tone, to_colour, to_grey
+from colmap_ihe.grey.wallis import wallis
 from colmap_ihe.grey.weights import Grey
-from colmap_ihe.options import ConvertOptions
+from colmap_ihe.options import CamerasOptions, ConvertOptions
 from colmap_ihe.per_image import LeftOut, each_usable
 from colmap_ihe.progress import Watch
 from colmap_ihe.project import write_bytes
@@ -28,23 +30,33 @@ from colmap_ihe.project import write_bytes
 
 @dataclass(frozen=True)
 class Surveyed:
-    """A capture with what its header says, its number of pixels among it; sizes in pixels."""
+    """A capture with what its header says, its number of pixels among it; sizes in pixels. `sensor`: the kind of a
+    RAW file's, else empty."""
 
     capture: Capture
     width: int
     height: int
     metadata: Metadata
+    sensor: str = ""
 
 
 def survey(
-    captures: Sequence[Capture], executor: Executor, watch: Watch, *, strict: bool
+    captures: Sequence[Capture],
+    executor: Executor,
+    watch: Watch,
+    *,
+    strict: bool,
+    cameras: CamerasOptions | None = None,
 ) -> tuple[list[Surveyed], LeftOut]:
-    """Sizes and EXIF of all captures. Raises `PhotographError` if strict, `ProjectError` if none is usable."""
+    """Sizes and EXIF of all captures, with what is known of their cameras. Raises `PhotographError` if strict,
+    `ProjectError` if none is usable."""
+    known = cameras or CamerasOptions()
 
     def look(capture: Capture) -> Surveyed:
-        width, height = read_size(capture)
-        known = replace(capture, pixels=width * height)
-        return Surveyed(known, width, height, read_metadata(capture.path, capture.kind))
+        width, height, sensor = read_size(capture)
+        seen = replace(capture, pixels=width * height)
+        metadata = sized(read_metadata(capture.path, capture.kind), width, height)
+        return Surveyed(seen, width, height, filled_in(metadata, known, capture.name, width, height), sensor)
 
     left_out: LeftOut = {}
     return list(each_usable(look, captures, executor, watch, strict, left_out)), left_out
@@ -66,8 +78,10 @@ def convert_captures(
 
     Returns the names of the grey images by capture, and what was left out. `keep_finished` leaves alone
     what is there under its final name: the caller knows that it comes from the same input. Raises as
-    `survey`, `WeightsError` if the weights are for another encoding, `DiskFullError`.
+    `survey`, `WeightsError` if the weights are for another encoding or cannot have the tone, `DiskFullError`.
     """
+    for weights in fit.weights.values():
+        check_tone(weights, options.tone)
     left_out: LeftOut = {}
 
     def convert(one: Surveyed) -> tuple[str, str]:
@@ -81,6 +95,8 @@ def convert_captures(
         exif, weights = one.metadata.exif, weights_for(one.capture, fit)
         if grey_due:
             grey = to_grey(photograph.rgb, weights, options.tone)
+            if options.wallis:
+                grey = wallis(grey)
             write_bytes(grey_file, encode_image(grey, exif, options.format))
         if colour_file is not None and colour_due:
             colour = _colour_twin(photograph, fit.colour_white)

@@ -15,8 +15,12 @@ import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from io import BytesIO
 from pathlib import Path
 from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 from colmap_ihe.errors import DiskFullError, ProjectError
 
@@ -77,6 +81,15 @@ class Project:
     @property
     def masks(self) -> Path:
         return self.root / "masks"
+
+    @property
+    def calibration(self) -> Path:
+        return self.root / "calibration"
+
+    @property
+    def masters(self) -> Path:
+        """What is made of the calibration frames."""
+        return self.records / "calibration"
 
     @property
     def workspace(self) -> Path:
@@ -204,6 +217,13 @@ def write_bytes(path: Path, content: bytes) -> None:
 
 def write_json(path: Path, values: Any) -> None:
     write_bytes(path, (json.dumps(values, indent=2, ensure_ascii=False) + "\n").encode())
+
+
+def write_array(path: Path, array: NDArray[Any]) -> None:
+    """As numpy's .npy file, whole or not there."""
+    content = BytesIO()
+    np.save(content, array, allow_pickle=False)
+    write_bytes(path, content.getvalue())
 
 
 def replace_folder(temporary: Path, final: Path) -> None:

@@ -18,6 +18,7 @@ import yaml
 from colmap_ihe import oddities
 from colmap_ihe.captures import decoders
 from colmap_ihe.captures.discover import Capture, Discovery
+from colmap_ihe.captures.recipe import recipe_from_dict
 from colmap_ihe.colmap import dense as dense_stereo
 from colmap_ihe.colmap.features import extract_features
 from colmap_ihe.colmap.mapping import map_images
@@ -30,6 +31,7 @@ from colmap_ihe.options import Options
 from colmap_ihe.preprocess import Surveyed, convert_captures, survey, write_masks
 from colmap_ihe.progress import Watch
 from colmap_ihe.project import Project, write_bytes
+from colmap_ihe.recipes import recipe_notes, with_recipes
 
 Record = dict[str, Any]
 
@@ -57,14 +59,15 @@ class Run:
         return self.options.captures.strict
 
     def captures(self) -> list[Capture]:
-        """The captures that every stage so far could use."""
+        """The captures that every stage so far could use, with their recipes."""
         out: set[str] = set()
         for record in self.records.values():
             out |= set(record.get("left_out", {}))
+        first = self.records["captures"]
+        recipes = {name: recipe_from_dict(values) for name, values in first["recipes"].items()}
         known = {s.capture.name: s.capture for s in self.surveyed}
-        largest = self.records.get("captures", {}).get("largest", 0)  # where the headers were read before
         return [
-            known.get(c.name) or replace(c, pixels=largest)
+            known.get(c.name) or replace(c, recipe=recipes.get(c.name, c.recipe), pixels=first["largest"])
             for c in self.discovery.captures
             if c.name not in out
         ]
@@ -74,7 +77,20 @@ class Run:
 
 
 def captures(run: Run, watch: Watch) -> Record:
-    run.surveyed, left_out = survey(run.discovery.captures, run.executor, watch, strict=run.strict)
+    cameras, project = run.options.cameras, run.project
+    surveyed, left_out = survey(
+        run.discovery.captures, run.executor, watch, strict=run.strict, cameras=cameras
+    )
+    found = with_recipes(
+        surveyed,
+        run.options.develop,
+        project.calibration,
+        project.masters,
+        run.executor,
+        watch,
+        strict=run.strict,
+    )
+    run.surveyed = found.surveyed
     sizes = Counter((s.metadata.make, s.metadata.model, s.width, s.height) for s in run.surveyed)
     return {
         "images": len(run.surveyed),
@@ -84,11 +100,15 @@ def captures(run: Run, watch: Watch) -> Record:
         "shared_by": oddities.shared_by(run.surveyed),
         "pixels": sum(s.capture.pixels for s in run.surveyed),
         "largest": max(s.capture.pixels for s in run.surveyed),
+        "development": found.steps,
+        "recipes": recipe_notes(run.surveyed),
         "ignored": list(run.discovery.ignored),
         "left_out": left_out,
         "warnings": [
             *oddities.odd_sizes(run.surveyed, sizes),
             *oddities.warnings_of(run.surveyed, run.discovery.ignored),
+            *found.warnings,
+            *oddities.camera_warnings(cameras, run.surveyed, left_out),
         ],
     }
 
@@ -127,7 +147,10 @@ def convert(run: Run, watch: Watch) -> Record:
         _require_room(project, run.records["captures"]["pixels"] * 3)
     found = fit_of(run.records["fit"])
     captures_left = {c.name for c in run.captures()}
-    surveyed = run.surveyed or survey(run.captures(), run.executor, watch, strict=run.strict)[0]
+    surveyed = run.surveyed
+    if not surveyed:
+        cameras = run.options.cameras
+        surveyed, _ = survey(run.captures(), run.executor, watch, strict=run.strict, cameras=cameras)
     grey, left_out = convert_captures(
         [s for s in surveyed if s.capture.name in captures_left],
         found,
@@ -140,6 +163,7 @@ def convert(run: Run, watch: Watch) -> Record:
         keep_finished=run.resumed,
     )
     warnings = oddities.fit_warnings(run.captures(), found.weights.values())
+    warnings += oddities.wallis_warnings(run.options.convert.wallis)
     decoders.rest()  # COLMAP, which comes next, has a use for their memory
     return {"grey": grey, "left_out": left_out, "warnings": warnings}
 
@@ -170,7 +194,7 @@ def features(run: Run, watch: Watch) -> Record:
     if counts.with_focal_prior < counts.images and run.options.camera.params is None:
         warnings.append(
             f"{counts.images - counts.with_focal_prior} of {counts.images} photographs do not say their focal"
-            " length: COLMAP guesses it; give camera.params if you know it"
+            " length: COLMAP guesses it; if you know it, give it in `cameras:` or as camera.params"
         )
     return {**asdict(counts), "left_out": left_out, "warnings": warnings}
 
@@ -276,7 +300,7 @@ def fit_of(record: Record) -> Fit:
 def write_weights(run: Run) -> None:
     """report/weights.yaml, which `convert --weights` reads."""
     main = fit_of(run.records["fit"]).main
-    text = yaml.safe_dump(main.as_dict(), sort_keys=False)
+    text = yaml.safe_dump(main.as_dict(), sort_keys=False, default_flow_style=None)
     write_bytes(run.project.weights_file, text.encode())
 
 

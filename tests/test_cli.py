@@ -20,6 +20,7 @@ from PIL import Image
 
 from colmap_ihe import commands
 from colmap_ihe.cli import main
+from colmap_ihe.colmap.native import pycolmap
 from colmap_ihe.pipeline import NAMES
 from colmap_ihe.version import __version__
 
@@ -144,6 +145,20 @@ def test_fit_without_json_prints_a_table(capsys: Captured, photos: Path) -> None
     text = output_of(capsys, "fit", photos, "--step", "0.1")
     assert "weights" in text
     assert "images" in text
+
+
+def test_the_curve_of_raw_is_in_the_file_and_not_in_the_table(
+    capsys: Captured, small_demo: Path, tmp_path: Path
+) -> None:
+    raw, file = small_demo / "images/portico_01.dng", tmp_path / "weights.yaml"
+    assert "curve" not in output_of(capsys, "fit", raw, "--method", "mean", "-o", file)
+    assert len(file.read_text().splitlines()) < 40
+    assert len(json_of(capsys, "fit", raw, "--method", "mean")["curve"]) == 255
+    (tmp_path / "photos").mkdir()
+    shutil.copy(raw, tmp_path / "photos")
+    options = ("--weights", file, "--tone", "equalise", "--wallis")
+    found = json_of(capsys, "convert", tmp_path / "photos", tmp_path / "grey", *options)
+    assert found["grey"] == {"portico_01.dng": "portico_01.png"}
 
 
 def test_a_photograph_that_is_left_out_is_named(capsys: Captured, photos: Path) -> None:
@@ -367,6 +382,51 @@ def test_strict_and_no_dense_are_options(capsys: Captured, new_project: Make) ->
     assert "broken.jpg" in failure_of(capsys, "reconstruct", project, "--strict")
     found = json_of(capsys, "reconstruct", project, "--until", "captures", "--no-dense")
     assert list(found["left_out"]) == ["broken.jpg"]
+
+
+def without_exif(project: Path) -> None:
+    for file in (project / "images").iterdir():
+        with Image.open(file) as image:
+            image.convert("RGB").save(file)
+
+
+def test_a_focal_length_on_the_command_line_reaches_colmap(capsys: Captured, new_project: Make) -> None:
+    """The demo's lens is 30 mm on 36 mm: 400 pixels of 480. Without --focal-length the same run is stale."""
+    project = new_project(3)
+    without_exif(project)
+    lens = ("--focal-length", "30", "--sensor-width", "36")
+    assert main(["reconstruct", str(project), "--until", "features", "-q", *lens, *SETTINGS]) == 0
+    assert "focal length" not in capsys.readouterr().err
+    record = json.loads((project / "records/features.json").read_text())
+    assert (record["cameras"], record["with_focal_prior"]) == (1, 3)
+    camera = pycolmap.infer_camera_from_image(project / "workspace/images/portico_01.png")
+    assert camera.params[0] == pytest.approx(400, rel=1e-5)
+    states = {s["name"]: s["state"] for s in json_of(capsys, "status", project, *lens, *SETTINGS)}
+    assert states["features"] == "done"
+    states = {s["name"]: s["state"] for s in json_of(capsys, "status", project, *SETTINGS)}
+    assert states["captures"] == states["features"] == "stale"
+
+
+def test_half_of_what_a_focal_length_needs_is_one_line(
+    capsys: Captured, new_project: Make, tmp_path: Path
+) -> None:
+    project = new_project(3)
+    without_exif(project)
+    for command in (("reconstruct", project), ("convert", project / "images", tmp_path / "out")):
+        line = failure_of(capsys, *command, "--focal-length", "30")
+        assert "the width of the sensor of portico_01.jpg is neither given nor in EXIF" in line
+        assert "sensor_width" in line
+    assert "greater than 0" in failure_of(capsys, "reconstruct", project, "--focal-length", "-3")
+    assert "nan" in failure_of(capsys, "reconstruct", project, "--sensor-width", "nan")
+
+
+def test_convert_fills_in_a_focal_length(capsys: Captured, new_project: Make, tmp_path: Path) -> None:
+    project = new_project(3)
+    without_exif(project)
+    lens = ("--focal-length", "30", "--sensor-width", "36", "--method", "green")
+    output_of(capsys, "convert", project / "images", tmp_path / "out", *lens)
+    camera = pycolmap.infer_camera_from_image(tmp_path / "out/portico_02.png")
+    assert (camera.has_prior_focal_length, camera.params[0]) == (True, pytest.approx(400, rel=1e-5))
 
 
 def test_an_unforeseen_error_keeps_its_traceback(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Literal
@@ -145,3 +146,16 @@ def test_a_triplet_of_the_grid_is_as_complete_as_any(
     assert (found.triplet, found.images, found.method) == ((0, 0.75, 0.25), 3, "auto")
     assert found.pixels == 3 * 240 * 320
     assert found.contrast is not None
+
+
+@pytest.mark.parametrize("method", ["ihe", "auto"])
+def test_raw_weights_hold_a_curve_and_are_tried_with_it(
+    small_demo: Path, tmp_path: Path, method: str
+) -> None:
+    for n in (1, 2, 3):
+        shutil.copy(small_demo / f"images/portico_0{n}.dng", tmp_path)
+    found = fitted(tmp_path, FitOptions(method=method, step=0.25), trial=Trial("equalise"))
+    assert isinstance(found.main, Weights)
+    assert len(found.main.curve) == 255
+    assert found.tried["linear"].measured.candidates
+    assert not fitted(tmp_path, FitOptions(method="value")).main.as_dict().get("curve")

@@ -7,6 +7,7 @@ import json
 import os
 import shutil
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -17,9 +18,13 @@ from PIL import Image
 
 import colmap_ihe.grey_folder
 from colmap_ihe import Weights, convert_folder
+from colmap_ihe.captures.decode import read_photograph
+from colmap_ihe.captures.discover import discover
 from colmap_ihe.captures.encode import Format
 from colmap_ihe.colmap.native import pycolmap
 from colmap_ihe.errors import Cancelled, KnownError, PhotographError, ProjectError, WeightsError
+from colmap_ihe.grey.convert import to_grey
+from colmap_ihe.grey.wallis import wallis
 from colmap_ihe.ledger import RECORD
 from colmap_ihe.options import ConvertOptions, FitOptions
 from colmap_ihe.progress import Silent
@@ -121,6 +126,65 @@ def test_tone_makes_raw_stale_and_nothing_else(small_demo: Path, tmp_path: Path)
     assert rewritten(before, out) == {"raw.png"}
 
 
+def test_raw_is_equalised_and_another_campaign_reuses_the_curve(small_demo: Path, tmp_path: Path) -> None:
+    for folder, views in (("first", "123"), ("second", "45")):
+        (tmp_path / folder).mkdir()
+        for n in views:
+            shutil.copy(small_demo / f"images/portico_0{n}.dng", tmp_path / folder)
+    even = ConvertOptions(tone="equalise")
+    fitted, grey, _ = convert_folder(tmp_path / "first", tmp_path / "grey", fit=QUICK, options=even)
+    images = [np.asarray(Image.open(tmp_path / "grey" / name)) for name in grey.values()]
+    counts = np.bincount(np.concatenate([i.ravel() for i in images]), minlength=256)
+    assert np.sort(counts)[26:-26].min() > 0.4 * counts.mean()
+    assert np.sort(counts)[26:-26].max() < 2.5 * counts.mean()
+    told = Told()
+    convert_folder(tmp_path / "first", tmp_path / "grey", weights=fitted, options=even, audience=told)
+    assert told.up_to_date == ["convert"]
+    _, others, _ = convert_folder(tmp_path / "second", tmp_path / "others", weights=fitted, options=even)
+    rgb = read_photograph(discover(tmp_path / "second").captures[0]).rgb
+    with Image.open(tmp_path / "others" / others["portico_04.dng"]) as image:
+        np.testing.assert_array_equal(np.asarray(image), to_grey(rgb, fitted, "equalise"))
+
+
+def test_equalising_raw_without_a_curve_is_refused_before_anything_is_written(
+    small_demo: Path, tmp_path: Path
+) -> None:
+    (tmp_path / "photos").mkdir()
+    shutil.copy(small_demo / "images/portico_01.dng", tmp_path / "photos")
+    even = ConvertOptions(tone="equalise")
+    bare = Weights(0, 1, 0, encoding="linear", white=0.5)
+    with pytest.raises(WeightsError, match="no curve"):
+        convert_folder(tmp_path / "photos", tmp_path / "grey", weights=bare, options=even)
+    with pytest.raises(WeightsError, match="value is no triplet"):
+        convert_folder(tmp_path / "photos", tmp_path / "grey", fit=FitOptions(method="value"), options=even)
+    assert not list(tmp_path.glob("grey/*.png"))
+
+
+def test_a_curve_that_is_not_used_makes_nothing_stale(small_demo: Path, tmp_path: Path) -> None:
+    (tmp_path / "photos").mkdir()
+    shutil.copy(small_demo / "images/portico_01.dng", tmp_path / "photos")
+    out, told = tmp_path / "grey", Told()
+    fitted, _, _ = convert_folder(tmp_path / "photos", out, fit=FitOptions(method="mean"))
+    assert isinstance(fitted, Weights)
+    assert len(fitted.curve) == 255
+    convert_folder(tmp_path / "photos", out, weights=replace(fitted, curve=()), audience=told)
+    assert told.up_to_date == ["convert"]
+
+
+def test_wallis_makes_all_stale_and_warns(photos: Path, tmp_path: Path) -> None:
+    out, told = tmp_path / "grey", Told()
+    convert_folder(photos, out, weights=GREEN, audience=told)
+    assert not told.warnings
+    before = noted(out)
+    with Image.open(out / "a.png") as image:
+        plain = np.asarray(image)
+    convert_folder(photos, out, weights=GREEN, options=ConvertOptions(wallis=True), audience=told)
+    assert rewritten(before, out) == {"a.png", "b.png", "north/c.png"}
+    assert ["Wallis" in text and "another grey" in text for text in told.warnings] == [True]
+    with Image.open(out / "a.png") as image:
+        np.testing.assert_array_equal(np.asarray(image), wallis(plain))
+
+
 def test_the_fit_is_kept_while_the_set_and_its_options_are_the_same(photos: Path, tmp_path: Path) -> None:
     out, told = tmp_path / "grey", Told()
     first, _, _ = convert_folder(photos, out, fit=QUICK)
@@ -206,7 +270,7 @@ def test_a_strangers_file_in_the_way_is_refused(photos: Path, tmp_path: Path) ->
     (out / "d.png").write_bytes(b"somebody's")
     draw(photos / "d.png", 3)
     before = noted(out)
-    with pytest.raises(ProjectError, match=r"d\.png: is there already and was not written by convert"):
+    with pytest.raises(ProjectError, match=r"d\.png: is there already and was not written by colmap-ihe"):
         convert_folder(photos, out, weights=GREEN)
     assert noted(out) == before
 
@@ -232,7 +296,7 @@ def test_a_record_that_is_none_is_refused(photos: Path, tmp_path: Path, record: 
     with pytest.raises(ProjectError, match="is not a record of this version"):
         convert_folder(photos, out, weights=GREEN)
     (out / RECORD).write_text(record + "broken")
-    with pytest.raises(ProjectError, match="is not empty, and not of an earlier convert"):
+    with pytest.raises(ProjectError, match="is not empty, and not of an earlier run"):
         convert_folder(photos, out, weights=GREEN)
 
 
@@ -265,7 +329,7 @@ def test_two_runs_do_not_write_into_one_folder(photos: Path, tmp_path: Path) -> 
     (tmp_path / "grey").mkdir()
     handle = os.open(tmp_path / "grey", os.O_RDONLY)
     fcntl.flock(handle, fcntl.LOCK_EX)
-    with pytest.raises(ProjectError, match="another convert is writing into it"):
+    with pytest.raises(ProjectError, match="another run is writing into it"):
         convert_folder(photos, tmp_path / "grey", weights=GREEN)
     os.close(handle)
     convert_folder(photos, tmp_path / "grey", weights=GREEN)

@@ -47,7 +47,7 @@ def test_the_names_that_are_contracts() -> None:
         1.0,
         "pixel",
     )
-    assert (options.convert.tone, options.convert.format) == ("sqrt", "png")
+    assert (options.convert.tone, options.convert.wallis, options.convert.format) == ("sqrt", False, "png")
     assert options.features.max_image_size is None
     assert options.matches.strategy == "auto"
     assert (options.dense.enabled, options.dense.backend, options.dense.max_image_size) == (
@@ -110,6 +110,55 @@ def test_set_goes_over_the_file_and_the_last_one_wins(tmp_path: Path) -> None:
     assert options.features.colmap == {"use_gpu": False, "sift": {"max_num_features": 7}}
 
 
+CAMERAS = """
+cameras:
+  "drone/*.JPG": {make: DJI, model: FC6310, focal_length: 8.8, sensor_width: 13.2}
+  "*": {focal_length: 24, focal_length_35mm: 36}
+"""
+
+
+def test_cameras_are_known_by_pattern_in_the_order_of_the_file(tmp_path: Path) -> None:
+    known = load_options(written(tmp_path, CAMERAS)).cameras.root
+    assert list(known) == ["drone/*.JPG", "*"]
+    drone, other = known.values()
+    assert (drone.make, drone.model, drone.focal_length, drone.sensor_width) == ("DJI", "FC6310", 8.8, 13.2)
+    assert (other.focal_length, other.focal_length_35mm, other.override) == (24, 36, False)
+
+
+def test_the_order_of_patterns_is_part_of_what_is_noted(tmp_path: Path) -> None:
+    forth = load_options(written(tmp_path, CAMERAS)).cameras
+    back = type(forth).model_validate(dict(reversed(forth.root.items())))
+    assert forth.root == back.root
+    assert forth.model_dump(mode="json") != back.model_dump(mode="json")
+
+
+@pytest.mark.parametrize(
+    ("assignments", "pattern", "known"),
+    [
+        (["cameras.*.focal_length=24"], "*", {"focal_length": 24}),
+        (
+            ["cameras.*.focal_length=24", "cameras.*.sensor_width=36"],
+            "*",
+            {"focal_length": 24, "sensor_width": 36},
+        ),
+        (["cameras.drone/*.JPG.focal_length=8.8"], "drone/*.JPG", {"focal_length": 8.8}),
+        (["cameras.a.b/*.JPG={model: x, override: true}"], "a.b/*.JPG", {"model": "x", "override": True}),
+    ],
+)
+def test_set_knows_cameras(assignments: list[str], pattern: str, known: dict[str, Any]) -> None:
+    found = load_options(None, assignments).cameras.root
+    assert {p: k.model_dump(exclude_unset=True) for p, k in found.items()} == {pattern: known}
+
+
+def test_set_changes_a_pattern_of_the_file_in_its_place(tmp_path: Path) -> None:
+    known = load_options(
+        written(tmp_path, CAMERAS), ["cameras.drone/*.JPG.focal_length=9", "cameras.x.model=y"]
+    )
+    assert list(known.cameras.root) == ["drone/*.JPG", "*", "x"]
+    assert known.cameras.root["drone/*.JPG"].focal_length == 9
+    assert known.cameras.root["drone/*.JPG"].sensor_width == 13.2
+
+
 def test_camera_parameters_become_numbers() -> None:
     options = load_options(None, ["camera.model=SIMPLE_PINHOLE", "camera.params=[1, 2.5, 3]"])
     assert options.camera.params == (1.0, 2.5, 3.0)
@@ -135,6 +184,23 @@ def test_camera_parameters_become_numbers() -> None:
         ("camera:\n  params: [a, b]\n", ["camera.params"]),
         ("camera:\n  params: [1, 2, 3]\n", ["camera.params needs camera.model"]),
         pytest.param("camera:\n  params: [null]\n", ["camera.params"]),
+        ("cameras:\n  '*': {focal: 24}\n", ["cameras.*.focal'", "focal_length, sensor_width"]),
+        ("cameras:\n  'a.b/*': {focal_length: -1}\n", ["cameras.a.b/*.focal_length is -1", "greater than 0"]),
+        ("cameras:\n  '*': {focal_length: 0}\n", ["greater than 0"]),
+        ("cameras:\n  '*': {focal_length: .inf}\n", ["focal_length is inf"]),
+        ("cameras:\n  '*': {sensor_width: .nan}\n", ["sensor_width is nan"]),
+        ("cameras:\n  '*': {sensor_width: '36'}\n", ["sensor_width is '36'"]),
+        ("cameras:\n  '*': {focal_length: true}\n", ["focal_length is True"]),
+        ("cameras:\n  '*': {focal_length_35mm: 36.5}\n", ["is 36.5", "whole number", "sensor_width"]),
+        ("cameras:\n  '*': {model: 300}\n", ["cameras.*.model is 300"]),
+        ("cameras:\n  '*': {make: ''}\n", ["cameras.*.make is ''"]),
+        ("cameras:\n  '*': {override: true}\n", ["wanted some of make, model"]),
+        ("cameras:\n  '*': {}\n", ["wanted some of make, model"]),
+        ("cameras:\n  '*':\n", ["cameras.* is None"]),
+        ("cameras:\n  focal_length: 24\n", ["cameras.focal_length is 24"]),
+        ("cameras: 24\n", ["wanted sections"]),
+        ("cameras:\n  *: {focal_length: 24}\n", ["not readable as YAML", "quotes"]),
+        ("cameras:\n  2016: {focal_length: 24}\n", ["cameras.2016"]),
         ("fit: [step, 0.1]\n", ["wanted sections"]),
         ("fit: 3\n", ["wanted sections"]),
         ("- fit\n- dense\n", ["holds list", "wanted sections"]),
@@ -175,6 +241,7 @@ def test_a_folder_called_project_yaml_is_refused(tmp_path: Path) -> None:
             "dense.enabled=1",
             "dance.on=true",
         ),
+        *("cameras.*=24", "cameras.*.focal=24", "cameras.*.focal_length=wide", "cameras={}", "cameras.*={}"),
         *("fit.stepp=0.1", "fit.step.more=1", "fit.step=", "features.colmap=3", "nowhere.deep.er=1"),
     ],
 )

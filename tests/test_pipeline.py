@@ -14,6 +14,7 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
+import yaml
 from PIL import Image
 
 from colmap_ihe.captures.discover import discover
@@ -756,3 +757,27 @@ def test_the_summary_says_what_the_grey_brings(finished_summary: dict[str, Any])
     if tried["candidates"]:
         assert tried["candidates"]["rec709"]["gain"] == 0
         assert len(tried["pairs"]) <= 3
+
+
+def test_wallis_is_in_the_record_and_warned_of(new_project: Make, quick_options: MakeOptions) -> None:
+    project = new_project(2)
+    reconstruct(project, quick_options("convert.wallis=true"), until="convert")
+    record = json.loads((project / "records/convert.json").read_text())
+    assert record["options"]["convert"]["wallis"] is True
+    assert any("Wallis" in text for text in record["warnings"])
+    assert status(project, quick_options())[2].why == "its options changed"
+
+
+def test_raw_is_equalised_and_the_curve_is_in_the_record(
+    new_project: Make, quick_options: MakeOptions
+) -> None:
+    project = new_project(2, (".dng",))
+    reconstruct(project, quick_options("convert.tone=equalise"), until="convert")
+    weights = json.loads((project / "records/fit.json").read_text())["weights"]["linear"]
+    assert len(weights["curve"]) == 255
+    written = yaml.safe_load((project / "report/weights.yaml").read_text())
+    assert written == weights
+    with Image.open(project / "workspace/images/portico_01.png") as grey:
+        assert len(np.unique(np.asarray(grey))) > 240
+    reconstruct(project, quick_options("convert.tone=sqrt"), until="convert")
+    assert json.loads((project / "records/fit.json").read_text())["weights"]["linear"] == weights

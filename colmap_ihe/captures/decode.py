@@ -7,7 +7,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import cv2
@@ -18,7 +18,8 @@ from PIL import UnidentifiedImageError
 from colmap_ihe.captures import decoders
 from colmap_ihe.captures.coded import MAX_PIXELS, read_coded, stored_size
 from colmap_ihe.captures.discover import Capture
-from colmap_ihe.captures.raw import develop, size_of
+from colmap_ihe.captures.prepare import prepared
+from colmap_ihe.captures.raw import develop, read_header
 from colmap_ihe.errors import PhotographError
 from colmap_ihe.grey.weights import Encoding
 
@@ -56,20 +57,20 @@ def read_photograph(capture: Capture) -> Photograph:
 
 def read_photograph_here(capture: Capture, room: Callable[..., NDArray[Any]] = np.empty) -> Photograph:
     """As `read_photograph`, in this process. `room(shape, dtype)` may be asked for the array to decode into."""
-    width, height = read_size_here(capture)  # what is too large is refused before there is memory for it
+    width, height, _ = read_size_here(capture)  # what is too large is refused before there is memory for it
     try:
         if capture.kind == "raw":
-            developed = develop(capture.path)
+            developed = develop(capture.path, capture.recipe)
             photograph = Photograph(developed.linear_rgb, "linear", developed.srgb_from_camera)
         else:
             rgb, profile = read_coded(capture.path, room)
             photograph = Photograph(rgb, "coded", profile=profile)
     except (OSError, cv2.error) as error:
         raise _unreadable(capture, error) from error
-    if photograph.rgb.shape != (height, width, 3):
+    if capture.kind == "coded" and photograph.rgb.shape != (height, width, 3):
         found = f"{photograph.rgb.shape[1]}x{photograph.rgb.shape[0]}"
         raise _unreadable(capture, OSError(f"{found} pixels where its header says {width}x{height}"))
-    return photograph
+    return replace(photograph, rgb=prepared(photograph.rgb, capture.recipe))
 
 
 def message_of(capture: Capture) -> dict[str, Any]:
@@ -83,23 +84,26 @@ def message_of(capture: Capture) -> dict[str, Any]:
     }
 
 
-def read_size(capture: Capture) -> tuple[int, int]:
-    """Width and height from the file's header, without decoding. Raises `PhotographError`, `CapabilityError`."""
-    (width, height), _ = decoders.ask("size", capture.name, capture=message_of(capture))
-    return int(width), int(height)
+def read_size(capture: Capture) -> tuple[int, int, str]:
+    """Width, height and, of a RAW file, the kind of sensor, from the file's header, without decoding. Raises
+    `PhotographError`, `CapabilityError`."""
+    (width, height, sensor), _ = decoders.ask("size", capture.name, capture=message_of(capture))
+    return int(width), int(height), str(sensor)
 
 
-def read_size_here(capture: Capture) -> tuple[int, int]:
+def read_size_here(capture: Capture) -> tuple[int, int, str]:
     """As `read_size`, in this process."""
+    sensor = ""
     if capture.kind == "raw":
-        width, height = size_of(capture.path)
+        header = read_header(capture.path)
+        width, height, sensor = header.width, header.height, header.sensor
     else:
         try:
             width, height = stored_size(capture.path)
         except OSError as error:
             raise _unreadable(capture, error) from error
     check_size(capture, width, height)
-    return width, height
+    return width, height, sensor
 
 
 def check_size(capture: Capture, width: int, height: int) -> None:

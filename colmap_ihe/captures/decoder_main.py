@@ -19,7 +19,7 @@ from typing import Any
 import cv2
 from numpy.typing import NDArray
 
-from colmap_ihe.captures import decode, metadata, small
+from colmap_ihe.captures import decode, metadata, raw, small
 from colmap_ihe.captures.discover import Capture
 from colmap_ihe.captures.recipe import recipe_from_dict
 from colmap_ihe.captures.wire import Message, Room, receive, send
@@ -61,11 +61,39 @@ def _metadata(_room: Room, *, path: str, kind: str) -> _Answer:
     return {f.name: getattr(found, f.name) for f in fields(found)}, None
 
 
+def _header(_room: Room, *, path: str) -> _Answer:
+    found = raw.read_header(Path(path))
+    return [found.width, found.height, found.sensor], None
+
+
+def _mosaic(_room: Room, *, path: str) -> _Answer:
+    found = raw.read_mosaic(Path(path))
+    varies = found.black.shape == found.values.shape
+    about = {
+        "pattern": found.pattern.tolist(),
+        "black": None if varies else found.black.tolist(),
+        "white": found.white,
+    }
+    return about, found.values
+
+
+def _black(_room: Room, *, path: str) -> _Answer:
+    return None, raw.read_mosaic(Path(path)).black
+
+
+def _bad_pixels(_room: Room, *, path: str) -> _Answer:
+    return raw.bad_pixel_candidates(Path(path)).tolist(), None
+
+
 TASKS: Mapping[str, Callable[..., _Answer]] = {
     "photograph": _photograph,
     "size": _size,
     "small": _small,
     "metadata": _metadata,
+    "header": _header,
+    "mosaic": _mosaic,
+    "black": _black,
+    "bad pixels": _bad_pixels,
 }
 
 

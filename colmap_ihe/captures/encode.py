@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from colmap_ihe.captures.metadata import slimmed, with_size
+from colmap_ihe.captures.exif import PREFIX, for_tiff, slimmed, with_size
 from colmap_ihe.captures.png import encode_png
 
 Format = Literal["png", "tiff", "jpeg"]
@@ -23,8 +23,8 @@ def encode_image(pixels: NDArray[np.uint8], exif: bytes, file_format: Format, pr
     """The bytes of an image file: pixels (H, W) grey or (H, W, 3) RGB uint8; `exif` a TIFF structure or empty;
     `profile` the ICC profile of RGB pixels or empty.
 
-    Pixel dimensions in EXIF become those of the image. TIFF is not compressed, JPEG is of quality 95; where a
-    JPEG has no room for a maker note, it goes without.
+    Pixel dimensions in EXIF become those of the image. TIFF is not compressed, JPEG is of quality 95. A maker
+    note is left out of TIFF, where its offsets would be wrong, and of JPEG where there is no room for it.
     """
     exif = with_size(exif, pixels.shape[1], pixels.shape[0])
     if file_format == "png":
@@ -32,17 +32,14 @@ def encode_image(pixels: NDArray[np.uint8], exif: bytes, file_format: Format, pr
     buffer = BytesIO()
     image = Image.fromarray(pixels)
     if file_format == "tiff":
-        found = Image.Exif()
-        if exif:
-            found.load(b"Exif\x00\x00" + exif)
-        image.save(buffer, "TIFF", exif=found, icc_profile=profile or None)
+        image.save(buffer, "TIFF", exif=for_tiff(exif), icc_profile=profile or None)
     else:
         kept = slimmed(exif, _JPEG_EXIF_LIMIT)
         image.save(
             buffer,
             "JPEG",
             quality=_JPEG_QUALITY,
-            exif=b"Exif\x00\x00" + kept if kept else b"",
+            exif=PREFIX + kept if kept else b"",
             icc_profile=profile or None,
         )
     return buffer.getvalue()

@@ -12,7 +12,6 @@ from PIL import Image, ImageCms
 from colmap_ihe.errors import PhotographError
 
 _COLOUR_SPACE = slice(16, 20)  # of an ICC profile's header (ICC.1:2022, 7.2)
-_INTEROPERABILITY = 0xA005
 _DCF_OPTION = "R03"  # DCF 2.0: cameras say Adobe RGB by this and the file's name, mostly without a profile
 
 
@@ -22,12 +21,12 @@ def rgb_profile(image: Image.Image) -> bytes:
     return profile if isinstance(profile, bytes) and profile[_COLOUR_SPACE] == b"RGB " else b""
 
 
-def name_of_profile(image: Image.Image) -> str:
-    """Of what an opened photograph's RGB numbers are: "sRGB", also where it does not say, or a profile's name."""
+def name_of_profile(image: Image.Image, interoperability: str = "") -> str:
+    """Of what an opened photograph's RGB numbers are: "sRGB", also where it does not say, or a profile's name.
+    `interoperability` is the index that EXIF has for it."""
     profile = rgb_profile(image)
     if not profile:
-        interoperability = image.getexif().get_ifd(_INTEROPERABILITY)
-        return "Adobe RGB" if interoperability.get(1) == _DCF_OPTION else "sRGB"
+        return "Adobe RGB" if interoperability == _DCF_OPTION else "sRGB"
     try:
         name = ImageCms.getProfileDescription(ImageCms.ImageCmsProfile(BytesIO(profile))).strip()
     except (ImageCms.PyCMSError, OSError):

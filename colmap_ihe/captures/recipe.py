@@ -4,9 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, fields
+from pathlib import Path
 from typing import Any, Literal
 
 Demosaic = Literal["linear", "vng", "ppg", "ahd", "dcb", "dht", "aahd"]
+
+FILES = ("bias", "dark", "flat", "bad_pixels")
+"""The fields of a `Recipe` that name a file."""
 
 
 @dataclass(frozen=True)
@@ -28,6 +32,10 @@ class Recipe:
     bad_pixels: str = ""
     gains: tuple[float, float, float] = (1.0, 1.0, 1.0)
     denoise: float = 0.0
+
+    def identity(self) -> dict[str, Any]:
+        """As `as_dict`, files without the folder they lie in: their names tell their content."""
+        return {k: Path(v).name if k in FILES else v for k, v in self.as_dict().items()}
 
     def as_dict(self) -> dict[str, Any]:
         """What differs from `Recipe()`, as plain values; `recipe_from_dict` reads it back."""

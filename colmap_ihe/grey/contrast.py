@@ -21,13 +21,15 @@ brightness at which even the flattest blocks are textured shows more, so the qui
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
-from typing import Any
+from functools import cache
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from colmap_ihe.grey import kernels
 from colmap_ihe.grey.weights import Encoding, triplets
 
 CLOSENESS = 0.998
@@ -50,8 +52,8 @@ _SAMPLE = 16  # tiles a photograph; with 4, sets of ten photographs gave other t
 _GRAIN = 2.0**20  # sums are whole multiples of 1 / _GRAIN, so that adding them is exact in any order
 _IMAGE_MASS = 1 << 24
 
-_F32 = NDArray[np.float32]
 _F64 = NDArray[np.float64]
+_Pixels = NDArray[np.uint8] | NDArray[np.uint16]
 
 
 class Contrast:
@@ -77,11 +79,10 @@ class Contrast:
         if rgb.ndim != 3 or rgb.shape[2] != 3 or rgb.dtype != expected or not rgb.size:
             raise ValueError(f"{rgb.shape=} {rgb.dtype=}, expected (H, W, 3) {np.dtype(expected)}")
         mass = _IMAGE_MASS if weighting == "image" else rgb.shape[0] * rgb.shape[1]
-        stored = list(_tiles(rgb))
-        if not any((t[..., :2] != t[..., 1:]).any() for t in stored):  # greyscale: any triplet gives the same
-            return
-        tiles = [np.asarray(tile, np.float32) / np.float32(np.iinfo(rgb.dtype).max) for tile in stored]
-        detail = _mean_of_squares([_detail(tile) for tile in tiles])
+        tiles = list(_tiles(rgb))
+        if not any((t[..., c] != t[..., 1]).any() for t in tiles for c in (0, 2)):
+            return  # greyscale: any triplet gives the same
+        detail = _detail(tiles)
         if detail is None:  # saturated throughout, or smaller than a block
             return
         noise = _flat_noise(tiles) if self.encoding == "coded" else _photon_noise(tiles)
@@ -98,11 +99,10 @@ class Contrast:
         total.noise = self.noise + other.noise
         return total
 
-    def snr_of(self, grid: Sequence[tuple[float, float, float]]) -> _F64:
+    def snr_of(self, grid: Sequence[tuple[float, float, float]] | _F64) -> _F64:
         """sqrt(w'Cw / w'Nw) of each triplet, in hundredths: (n,) float64; all 0 while nothing was measured."""
         w = np.asarray(grid, np.float64) / 100
-        noise = np.einsum("ni,ij,nj->n", w, self.noise, w)
-        detail = np.einsum("ni,ij,nj->n", w, self.signal, w)
+        noise, detail = (np.einsum("ni,ni->n", w @ of, w) for of in (self.noise, self.signal))
         ratio = np.divide(np.maximum(detail, 0), noise, out=np.zeros(len(w)), where=noise > 0)
         return np.asarray(np.sqrt(ratio))
 
@@ -114,8 +114,8 @@ class Contrast:
 
     def best(self, grid: Sequence[tuple[int, int, int]]) -> tuple[int, int, int]:
         """The triplet of greatest contrast; of equals the nearest to Rec.709."""
-        snr = self.snr_of(grid)
-        away = ((np.asarray(grid) - _REC709) ** 2).sum(axis=1)
+        w = np.asarray(grid, np.float64)
+        snr, away = self.snr_of(w), ((w - _REC709) ** 2).sum(axis=1)
         return grid[int(np.lexsort((away, -snr))[0])]
 
     def admitted(
@@ -123,8 +123,8 @@ class Contrast:
     ) -> list[tuple[int, int, int]]:
         """Those whose contrast is at least `closeness` of the best one's, in the order given. Only the nearest to
         Rec.709 where its contrast is `DEFAULT_ENOUGH`; all where no detail was measured."""
-        snr = self.snr_of(grid)
-        away = ((np.asarray(grid) - _REC709) ** 2).sum(axis=1)
+        w = np.asarray(grid, np.float64)
+        snr, away = self.snr_of(w), ((w - _REC709) ** 2).sum(axis=1)
         default = int(np.argmin(away))
         if snr.max() > 0 and snr[default] >= DEFAULT_ENOUGH * snr.max():
             return [grid[default]]
@@ -136,7 +136,7 @@ def _on_grid(sums: _F64) -> _F64:
     return np.asarray(np.rint(sums * _GRAIN) / _GRAIN)
 
 
-def _tiles(rgb: NDArray[np.uint8] | NDArray[np.uint16]) -> Iterator[NDArray[np.uint8] | NDArray[np.uint16]]:
+def _tiles(rgb: _Pixels) -> Iterator[_Pixels]:
     """At most `_SAMPLE` tiles with margins, in even steps over the photograph; all of a small one."""
     height, width = rgb.shape[:2]
     side = _TILE + 2 * _MARGIN
@@ -150,89 +150,73 @@ def _tiles(rgb: NDArray[np.uint8] | NDArray[np.uint16]) -> Iterator[NDArray[np.u
             yield rgb[y : y + side, x : x + side]
 
 
-def _detail(tile: _F32) -> tuple[_F32, NDArray[np.bool_]]:
-    """The detail band of a tile (n, 3), and where it counts (n,): not on or beside saturated or black ones."""
-    if min(tile.shape[:2]) < 2 * _MARGIN:
-        return np.zeros((0, 3), np.float32), np.zeros(0, bool)
-    half = _shrunk(tile, tile.shape[0] // 2, tile.shape[1] // 2)
-    counts = cv2.erode(_exposed(half).view(np.uint8), np.ones((7, 7), np.uint8)) > 0
-    inside = slice(_MARGIN // 2, -(_MARGIN // 2))
-    return _band(half)[inside, inside].reshape(-1, 3), counts[inside, inside].reshape(-1)
+@cache
+def _band(most: int) -> kernels.Band:
+    """The band of detail, and where to look for it, of values of which `most` is full scale."""
+    coarse = _SIGMA * (_WIDTH**2 - 1) ** 0.5
+    taps = [cv2.getGaussianKernel(7, sigma, cv2.CV_32F)[3:, 0] for sigma in (_SIGMA, coarse)]
+    exposed = (math.floor(_BLACK * most) + 1, math.ceil(_SATURATED * most) - 1)
+    return np.concatenate([*taps, exposed]).astype(np.float32)
 
 
-def _shrunk(plane: _F32, height: int, width: int) -> _F32:
-    return np.asarray(cv2.resize(plane, (width, height), interpolation=cv2.INTER_AREA), np.float32)
+def _full_scale(tile: _Pixels) -> int:
+    return int(np.iinfo(tile.dtype).max)
 
 
-def _band(tile: _F32) -> _F32:
-    fine = cv2.GaussianBlur(tile, (7, 7), _SIGMA)
-    coarse = cv2.GaussianBlur(fine, (7, 7), _SIGMA * (_WIDTH**2 - 1) ** 0.5)
-    return np.asarray(cv2.subtract(fine, coarse))
+def _detail(tiles: Sequence[_Pixels]) -> _F64 | None:
+    """(3, 3): the mean of d d' in the detail band, over pixels that are not on or beside saturated or black ones;
+    None if there are none."""
+    start = _MARGIN - 2 * kernels.BAND_REACH
+    most = 4 * _full_scale(tiles[0])  # of sums of 2x2 values
+    total = np.zeros(7)
+    for tile in tiles:
+        height, width = (n // 2 * 2 for n in tile.shape[:2])
+        if min(height, width) > 2 * _MARGIN:
+            total += kernels.measure_detail(tile[start : height - start, start : width - start], _band(most))
+    return _symmetric(total[:6] / total[6] / most**2) if total[6] else None
 
 
-def _exposed(values: _F32) -> NDArray[np.bool_]:
-    # As three planes: a maximum over the last axis is many times slower.
-    brightest = np.maximum(np.maximum(values[..., 0], values[..., 1]), values[..., 2])
-    return np.asarray((brightest < _SATURATED) & (brightest > _BLACK))
-
-
-def _mean_of_squares(parts: list[tuple[_F32, NDArray[np.bool_]]]) -> _F64 | None:
-    """(3, 3): the mean of d d' over the vectors that count."""
-    total, count = np.zeros((3, 3)), 0
-    for band, counts in parts:
-        kept = band * counts[:, None]
-        total += (kept.T @ kept).astype(np.float64)
-        count += int(counts.sum())
-    return total / count if count else None
-
-
-def _photon_noise(tiles: list[_F32]) -> _F64:
+def _photon_noise(tiles: Sequence[_Pixels]) -> _F64:
     """Up to a factor that all photographs share: light is counted in photons, and n of them vary by sqrt(n)."""
     total, count = np.zeros(3), 0
     for tile in tiles:
-        counts = _exposed(tile)
-        total += cv2.sumElems(cv2.bitwise_and(tile, tile, mask=counts.view(np.uint8)))[:3]
+        # As three planes: a maximum over the last axis is many times slower.
+        brightest = np.maximum(np.maximum(tile[..., 0], tile[..., 1]), tile[..., 2])
+        counts = (brightest < _SATURATED * 65535) & (brightest > _BLACK * 65535)
+        total += tile[counts].sum(axis=0)
         count += int(counts.sum())
-    return np.diag(total / max(1, count) * (1, _GREEN_SHARE, 1))
+    return np.diag(total / max(1, count) / 65535 * (1, _GREEN_SHARE, 1))
 
 
-def _flat_noise(tiles: list[_F32]) -> _F64:
+def _flat_noise(tiles: Sequence[_Pixels]) -> _F64:
     """Covariance of the noise band in the flattest blocks, over the quieter brightnesses, and of rounding."""
-    parts = [_blocks(tile) for tile in tiles]
-    square, level = (np.concatenate([part[n] for part in parts]) for n in (0, 1))
-    energy = square[:, (0, 1, 2), (0, 1, 2)]
-    shows = (energy > 0).all(axis=1)  # no frame, no area clipped to one value
-    if not shows.any():
+    blocks = np.concatenate([_blocks(tile) for tile in tiles])
+    exposed = blocks[:, 7] == _BLOCK**2
+    shows = (blocks[:, :3] > 0).all(axis=1)  # no frame, no area clipped to one value
+    blocks = blocks[exposed & shows]
+    if not len(blocks):
         return np.eye(3) * _ROUNDING
-    square, level, energy = square[shows], level[shows], energy[shows]
-    roughness = (energy / np.median(energy, axis=0)).sum(axis=1)
+    roughness = (blocks[:, :3] / np.median(blocks[:, :3], axis=0)).sum(axis=1)
     found = []
-    for group in np.array_split(np.argsort(level, kind="stable"), _BRIGHTNESSES):
+    for group in np.array_split(np.argsort(blocks[:, 6], kind="stable"), _BRIGHTNESSES):
         if len(group):
-            flattest = group[
-                np.argsort(roughness[group], kind="stable")[: max(1, int(_FLATTEST * len(group)))]
-            ]
-            found.append(square[flattest].mean(axis=0, dtype=np.float64))
+            flattest = np.argsort(roughness[group], kind="stable")[: max(1, int(_FLATTEST * len(group)))]
+            mean = blocks[group[flattest], :6].mean(axis=0, dtype=np.float64)
+            found.append(_symmetric(mean / (_BLOCK * _full_scale(tiles[0])) ** 2))
     found.sort(key=np.trace)
     return np.asarray(np.mean(found[: (len(found) + 1) // 2], axis=0) + np.eye(3) * _ROUNDING)
 
 
-def _blocks(tile: _F32) -> tuple[_F32, _F32]:
-    """Of the well exposed blocks of a tile: mean of d d' in the noise band (n, 3, 3), mean level (n,)."""
+def _blocks(tile: _Pixels) -> NDArray[np.float32]:
+    """What is measured in the blocks within the margins of a tile: (n, 8)."""
     height, width = ((n - 2 * _MARGIN) // _BLOCK * _BLOCK for n in tile.shape[:2])
     if height <= 0 or width <= 0:
-        return np.zeros((0, 3, 3), np.float32), np.zeros(0, np.float32)
-    inside = (slice(_MARGIN, _MARGIN + height), slice(_MARGIN, _MARGIN + width))
-    band, values = _band(tile)[inside], tile[inside]
+        return np.zeros((0, 8), np.float32)
+    start, more = _MARGIN - kernels.BAND_REACH, 2 * kernels.BAND_REACH
+    around = tile[start : start + height + more, start : start + width + more]
+    return kernels.measure_blocks(around, _band(_full_scale(tile)))
 
-    def averaged(plane: NDArray[Any]) -> _F32:
-        return _shrunk(plane, height // _BLOCK, width // _BLOCK).reshape(-1)
 
-    square = np.empty((height * width // _BLOCK**2, 3, 3), np.float32)
-    planes = [np.ascontiguousarray(band[..., c]) for c in range(3)]
-    for i, j in ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2)):
-        square[:, i, j] = square[:, j, i] = averaged(planes[i] * planes[j])
-    left_out = np.asarray(~_exposed(values), np.float32)
-    counts = averaged(left_out) == 0
-    level = _shrunk(values, height // _BLOCK, width // _BLOCK).mean(axis=2).reshape(-1)
-    return square[counts], level[counts]
+def _symmetric(products: _F64) -> _F64:
+    """(3, 3) of RR, GG, BB, RG, RB, GB."""
+    return products[[[0, 3, 4], [3, 1, 5], [4, 5, 2]]]

@@ -7,12 +7,14 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from colmap_ihe.errors import WeightsError
 from colmap_ihe.grey import kernels
 from colmap_ihe.grey.conversions import CONVERSIONS
-from colmap_ihe.grey.weights import Formula, Grey
+from colmap_ihe.grey.equalise import equalising_table
+from colmap_ihe.grey.weights import DEPTH, Formula, Grey, Weights
 
-Tone = Literal["sqrt", "linear"]
-_DEPTH = 65536
+Tone = Literal["sqrt", "linear", "equalise"]
+TONES: tuple[Tone, ...] = ("sqrt", "linear", "equalise")
 _PARTS = (100, 3, 10_000, 9_999)
 """What weights are whole parts of: those of a fit, of the mean, of Rec.709, and MATLAB's, which sum to .9999."""
 
@@ -24,27 +26,45 @@ def to_grey(
 
     Coded: rgb (H, W, 3) uint8 gives `(i R + j G + k B + 50) // 100` for weights in hundredths, exactly;
     other weights are rounded to the nearest level, halves up. R = G = B = v gives v. Linear: rgb (H, W, 3)
-    uint16, 65535 at saturation, is weighed at full depth, scaled by the set's white point and coded once by
-    `tone`: "sqrt" makes photon noise even over the range, "linear" is the paper's "no gamma". A `Formula`
-    takes coded values: of a linear photograph those that `tone` gives each channel. Raises ValueError where
-    the dtype does not fit the encoding.
+    uint16, 65535 at saturation, is weighed at full depth and coded once by `tone`: scaled by the set's white
+    point, "sqrt" makes photon noise even over the range, and "linear" is the paper's "no gamma"; "equalise" is the
+    curve that the weights hold, by which every level has as many pixels of the set. A `Formula` takes coded
+    values: of a linear photograph those that `tone` gives each channel. Raises ValueError where the dtype does
+    not fit the encoding, `WeightsError` as `check_tone`.
     """
     expected = np.uint8 if grey.encoding == "coded" else np.uint16
     if rgb.ndim != 3 or rgb.shape[2] != 3 or rgb.dtype != expected:
         raise ValueError(
             f"{rgb.shape=} {rgb.dtype=}, expected (H, W, 3) {np.dtype(expected)} for {grey.encoding=}"
         )
+    check_tone(grey, tone)
     if isinstance(grey, Formula):
         return _by_formula(coded_share(rgb, grey.white, tone), grey)
     triplet = np.array(grey.triplet) / sum(grey.triplet)
     if grey.encoding == "linear":
         sums = rgb.astype(np.float32) @ triplet.astype(np.float32) + np.float32(0.5)
-        return np.asarray(tone_table(grey.white, tone)[sums.astype(np.uint16)], np.uint8)
+        table = equalising_table(grey.curve) if tone == "equalise" else tone_table(grey.white, tone)
+        return np.asarray(table[sums.astype(np.uint16)], np.uint8)
     for parts in _PARTS:
         rule = kernels.parts_rule(triplet * parts, parts)
         if rule is not None:
             return kernels.weigh(np.asarray(rgb, np.uint8), rule)
     return np.asarray(rgb.astype(np.float32) @ triplet.astype(np.float32) + np.float32(0.5), np.uint8)
+
+
+def check_tone(grey: Grey, tone: Tone) -> None:
+    """Raises `WeightsError` for "equalise" of linear photographs with a grey that holds no curve for it."""
+    if tone != "equalise" or grey.encoding == "coded" or (isinstance(grey, Weights) and grey.curve):
+        return
+    if isinstance(grey, Formula):
+        raise WeightsError(
+            f"tone equalise is for weights, and {grey.method} is no triplet of them",
+            hint="use another tone or another method",
+        )
+    raise WeightsError(
+        "the weights hold no curve for tone equalise",
+        hint="fit them again on RAW photographs with `colmap-ihe fit`, or use another tone",
+    )
 
 
 def coded_share(
@@ -54,7 +74,7 @@ def coded_share(
     `tone` gives each channel with `white` (share of saturation) at 1."""
     if rgb.dtype == np.uint8:
         return np.multiply(rgb, np.float32(1 / 255), dtype=np.float32)
-    share = np.minimum(np.arange(_DEPTH) / (white * (_DEPTH - 1)), 1.0)
+    share = np.minimum(np.arange(DEPTH) / (white * (DEPTH - 1)), 1.0)
     return np.asarray(np.sqrt(share) if tone == "sqrt" else share, np.float32)[rgb]
 
 
@@ -70,8 +90,11 @@ def _by_formula(rgb: NDArray[np.float32], formula: Formula) -> NDArray[np.uint8]
 
 
 def tone_table(white: float, tone: Tone) -> NDArray[np.uint8]:
-    """(65536,) uint8: the 8-bit level of each linear 16-bit value, `white` (share of saturation) at 255."""
-    share = np.minimum(np.arange(_DEPTH) / (white * (_DEPTH - 1)), 1.0)
+    """(65536,) uint8: the 8-bit level of each linear 16-bit value, `white` (share of saturation) at 255. `tone` is
+    "sqrt" or "linear", else ValueError: equalising takes a curve, not a white point."""
+    if tone == "equalise":
+        raise ValueError(f"{tone=}, expected 'sqrt' or 'linear'")
+    share = np.minimum(np.arange(DEPTH) / (white * (DEPTH - 1)), 1.0)
     return np.asarray(np.round(255 * (np.sqrt(share) if tone == "sqrt" else share)), np.uint8)
 
 
@@ -83,12 +106,12 @@ def to_colour(
     linear_rgb: (H, W, 3) uint16. `white` (share of saturation) becomes 255 in every image of the set.
     """
     matrix = np.asarray(srgb_from_camera / white, np.float32)
-    linear = np.clip(linear_rgb.astype(np.float32) @ matrix.T, 0, _DEPTH - 1)
+    linear = np.clip(linear_rgb.astype(np.float32) @ matrix.T, 0, DEPTH - 1)
     return np.asarray(_SRGB[linear.astype(np.uint16)], np.uint8)
 
 
 def _srgb_table() -> NDArray[np.uint8]:
-    share = np.arange(_DEPTH) / (_DEPTH - 1)
+    share = np.arange(DEPTH) / (DEPTH - 1)
     coded = np.where(share <= 0.0031308, 12.92 * share, 1.055 * share ** (1 / 2.4) - 0.055)
     return np.asarray(np.round(255 * coded), np.uint8)
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -12,17 +13,17 @@ from isal import isal_zlib
 from numpy.typing import NDArray
 
 from colmap_ihe.errors import WeightsError
+from colmap_ihe.executor import local_workers
 from colmap_ihe.grey import kernels
 from colmap_ihe.grey.weights import Encoding
 
 Weighting = Literal["pixel", "image"]
 
 _CODES = 256
-_CELLS = _CODES**3
 _IMAGE_MASS = 1 << 36
 """The mass of one image under `weighting: image`: rounding per pixel shows in the 4th digit at most, and 2^53
 holds 131,072 images."""
-_MOST = 2**32 - 1  # what a cell of uint32 holds
+_MOST = 2**47  # pixels: a cell of `kernels.Table` holds twice as many
 _MAGIC = b"colmap-ihe histogram 1\n"
 
 LINEAR_EDGES: NDArray[np.int64] = np.ceil(65535 * (np.arange(_CODES + 1) / _CODES) ** 2).astype(np.int64)
@@ -60,10 +61,10 @@ class Histogram:
         self.weighting: Weighting = weighting
         self.images = 0
         self.pixels = 0
-        # Counting in uint32 is faster; `_settled` takes over before a cell could overflow.
-        self._recent: NDArray[np.uint32] = np.zeros(_CELLS, np.uint32)
-        self._recent_pixels = 0
-        self._settled: NDArray[np.uint64] | None = None
+        self._counted = kernels.Table()
+        self._weighed: NDArray[np.uint64] | None = (
+            None if weighting == "pixel" else np.zeros(kernels.CELLS, np.uint64)
+        )
 
     def add(self, rgb: NDArray[np.uint8] | NDArray[np.uint16]) -> None:
         """Counts one photograph.
@@ -75,34 +76,37 @@ class Histogram:
         if rgb.ndim != 3 or rgb.shape[2] != 3 or rgb.dtype != expected or not rgb.size:
             raise ValueError(f"{rgb.shape=} {rgb.dtype=}, expected (H, W, 3) {np.dtype(expected)}")
         pixels = rgb.shape[0] * rgb.shape[1]
-        if self._recent_pixels + pixels > _MOST:
-            self._settle(1)
-        kernels.count_colours(rgb, self._recent, _LINEAR_CODE)
-        self._recent_pixels += pixels
-        if self.weighting == "image":
-            self._settle(mass_of(rgb, "image"))
+        kernels.count_colours(rgb, self._counted, _LINEAR_CODE)
+        if self._weighed is not None:
+            place = np.flatnonzero(self._counted.low)
+            self._weighed[place] += self._counted.at(place) * np.uint64(mass_of(rgb, "image"))
+            self._counted.put(place, np.zeros(len(place), np.uint64))
         self.images += 1
         self.pixels += pixels
 
-    def _settle(self, mass: int) -> None:
-        recent = self._recent.astype(np.uint64) * np.uint64(mass)
-        self._settled = recent if self._settled is None else self._settled + recent
-        self._recent[:] = 0
-        self._recent_pixels = 0
-
     def table(self) -> NDArray[np.uint64]:
         """The mass of every cell, (2^24,), at `kernels.place_of` its codes."""
-        recent = self._recent.astype(np.uint64)
-        return recent if self._settled is None else recent + self._settled
+        return self._counted.at(slice(None)) if self._weighed is None else self._weighed
 
     def occupied(self) -> tuple[NDArray[np.uint64], NDArray[np.uint64]]:
         """Keys and masses of the occupied cells, (M,) each, in the order of `kernels.occupied`."""
-        if self._settled is None:
-            keys = kernels.occupied(self._recent)
-            return keys, self._recent[keys & np.uint64(_CELLS - 1)].astype(np.uint64)
-        table = self.table()
-        keys = kernels.occupied((table > 0).astype(np.uint32))
-        return keys, table[keys & np.uint64(_CELLS - 1)]
+        some = self._counted.low if self._weighed is None else (self._weighed > 0).astype(np.uint16)
+        keys = kernels.occupied(some)
+        return keys, self._masses((keys & np.uint64(kernels.CELLS - 1)).astype(np.intp))
+
+    def _masses(self, place: NDArray[Any]) -> NDArray[np.uint64]:
+        return self._counted.at(place) if self._weighed is None else self._weighed[place]
+
+    def levels(self, rules: kernels.Rules) -> NDArray[np.uint64]:
+        """The grey histograms (m, 256) of a coded set by each rule: quicker than through `occupied` if few."""
+        if self._weighed is not None:
+            place = np.flatnonzero(self._weighed)
+            planes = np.ascontiguousarray(kernels.codes_at(place).T, np.float32)
+            return kernels.count_boxes(planes, self._weighed[place], rules)
+        workers = local_workers()
+        with ThreadPoolExecutor(workers) as pool:
+            parts = pool.map(lambda n: kernels.count_table(self._counted, rules, n, workers), range(workers))
+            return np.asarray(sum(parts), np.uint64)
 
     def __add__(self, other: Histogram) -> Histogram:
         if (self.encoding, self.weighting) != (other.encoding, other.weighting):
@@ -113,11 +117,10 @@ class Histogram:
         total = Histogram(self.encoding, self.weighting)
         total.images = self.images + other.images
         total.pixels = self.pixels + other.pixels
-        if self._settled is None and other._settled is None and total.pixels <= _MOST:
-            np.add(self._recent, other._recent, out=total._recent)
-            total._recent_pixels = total.pixels
-        else:
-            total._settled = self.table() + other.table()
+        for part in (self, other):
+            total._counted += part._counted
+            if total._weighed is not None and part._weighed is not None:
+                total._weighed += part._weighed
         return total
 
     def cells(self) -> Cells:
@@ -165,30 +168,28 @@ class Histogram:
         numbers = (n, head["images"], head["pixels"])
         if encoding not in ("coded", "linear") or weighting not in ("pixel", "image"):
             raise ValueError(f"{encoding=} {weighting=}")
-        if any(type(v) is not int or v < 0 for v in numbers) or n > _CELLS:
+        if any(type(v) is not int or v < 0 for v in numbers) or n > kernels.CELLS:
             raise ValueError("counts are not whole numbers")
         unpack = isal_zlib.decompressobj()
         body = unpack.decompress(packed, 12 * n + 1)
         if len(body) != 12 * n or not unpack.eof:
             raise ValueError(f"{len(body)} bytes of cells, expected {12 * n}")
         place, mass = np.frombuffer(body, "<u4", n), np.frombuffer(body, "<u8", n, offset=4 * n)
-        if n and (place.max() >= _CELLS or (np.diff(place.astype(np.int64)) <= 0).any()):
+        if n and (place.max() >= kernels.CELLS or (np.diff(place.astype(np.int64)) <= 0).any()):
             raise ValueError("its cells are not in order")
         total = sum(int(v) for v in mass)
         if (
-            total >= 2**63
+            total >= (_MOST if weighting == "pixel" else 2**63)
             or (total == 0) != (head["pixels"] == 0)
             or (weighting == "pixel" and total != head["pixels"])
         ):
             raise ValueError(f"its cells hold {total} pixels, its head says {head['pixels']}")
         found = cls(encoding, weighting)
         found.images, found.pixels = head["images"], head["pixels"]
-        if total <= _MOST and weighting == "pixel":
-            found._recent[place] = mass
-            found._recent_pixels = total
+        if found._weighed is None:
+            found._counted.put(place, mass)
         else:
-            found._settled = np.zeros(_CELLS, np.uint64)
-            found._settled[place] = mass
+            found._weighed[place] = mass
         return found
 
 

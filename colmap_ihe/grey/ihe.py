@@ -13,6 +13,7 @@ are counted from their histogram, which holds every colour; linear ones from the
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from typing import Literal
 
 import numpy as np
@@ -21,6 +22,7 @@ from numpy.typing import NDArray
 from colmap_ihe.grey import kernels
 from colmap_ihe.grey.boxes import NO_BOXES, Pyramid, Triplet, bounds_of, counts_of, whites_of
 from colmap_ihe.grey.contrast import Contrast
+from colmap_ihe.grey.equalise import curve_of
 from colmap_ihe.grey.histogram import Histogram
 from colmap_ihe.grey.weights import FIXED, Weights, triplets
 
@@ -66,7 +68,8 @@ def fit_weights(
             sum(count_levels(np.asarray(i, np.uint16), chosen, whites) for i in images), np.int64
         )
 
-    return fit_histogram(histogram, admitted, recount if histogram.encoding == "linear" else None)
+    found = fit_histogram(histogram, admitted, recount if histogram.encoding == "linear" else None)
+    return replace(found, curve=curve_of(histogram, found.triplet)) if found.encoding == "linear" else found
 
 
 def fit_histogram(
@@ -83,20 +86,25 @@ def fit_histogram(
     """
     if not histogram.pixels:
         raise ValueError("the histogram is empty, expected at least one pixel")
-    pyramid = Pyramid(histogram)
     if histogram.encoding == "coded":
-        return _best(histogram, _search_coded(pyramid, list(grid), advance), None)
+        return _best(histogram, _search_coded(histogram, list(grid), advance), None)
     if recount is None:
         raise ValueError("a linear histogram needs `recount`: its cells are wider than one value")
+    pyramid = Pyramid(histogram)
     white = dict(zip(grid, whites_of(pyramid.boxes(_WHITE_BITS), grid), strict=True))
     counted = _search_linear(pyramid, white, recount, advance, whole=histogram.pixels <= _SMALL)
     return _best(histogram, counted, white)
 
 
-def _search_coded(pyramid: Pyramid, alive: list[Triplet], advance: Callable[[int], None]) -> _Counted:
+def _search_coded(histogram: Histogram, alive: list[Triplet], advance: Callable[[int], None]) -> _Counted:
+    if len(alive) <= _FEW:
+        counts = histogram.levels(kernels.coded_rules(alive)).astype(np.int64)
+        advance(len(alive))
+        return dict(zip(alive, counts, strict=True))
+    pyramid = Pyramid(histogram)
     colours = pyramid.boxes(0)
     counted: _Counted = {}
-    for bits, heavy in _COARSE_TO_FINE if len(alive) > _FEW else ():
+    for bits, heavy in _COARSE_TO_FINE:
         bounds, estimates = bounds_of(*pyramid.adaptive(bits, heavy), kernels.coded_rules(alive))
         promising = alive[int(np.argmin(estimates))]
         counted[promising] = counts_of(colours, kernels.coded_rules([promising]))[0].astype(np.int64)

@@ -10,7 +10,7 @@
 
 #define ALWAYS_INLINE __attribute__((always_inline)) static inline
 
-enum { LEVELS = 256, BLOCK = 2048, CODES = 256 };
+enum { LEVELS = 256, BLOCK = 2048, CODES = 256, CELLS = 1 << 24 };
 
 /* level = min(255, floor(floor(fine (i R + j G + k B)) scale + offset)). All sums are integers below 2^24, which
  * float32 holds exactly; `offset` keeps the last product away from the integers, so that it rounds to neither side. */
@@ -49,16 +49,6 @@ __attribute__((target("avx2,fma"))) static void levels_avx2(const float *restric
     LEVELS_LOOP
 }
 
-/* The processor and the system both have to know the wide registers. */
-__attribute__((constructor)) static void choose_levels(void)
-{
-    unsigned a, b, c, d, saved;
-    if (!__get_cpuid(1, &a, &b, &c, &d) || (c & bit_OSXSAVE) == 0 || (c & bit_FMA) == 0)
-        return;
-    __asm__("xgetbv" : "=a"(saved), "=d"(d) : "c"(0));
-    if ((saved & 6) == 6 && __get_cpuid_count(7, 0, &a, &b, &c, &d) && (b & bit_AVX2))
-        levels = levels_avx2;
-}
 #endif
 
 /* A table ordered by R-G, B-G, G: the colours of a photograph lie close together in it. */
@@ -67,46 +57,64 @@ static inline uint32_t place_of(uint8_t r, uint8_t g, uint8_t b)
     return (uint32_t)(uint8_t)(r - g) << 16 | (uint32_t)(uint8_t)(b - g) << 8 | g;
 }
 
-#if __BYTE_ORDER__ == __ORDER_LITTLE_ENDIAN__
-#define WORD_RED(word) (word & 255)
-#define WORD_GREEN(word) (word >> 8 & 255)
-#define WORD_BLUE(word) (word >> 16 & 255)
-#else
-#define WORD_RED(word) (word >> 24)
-#define WORD_GREEN(word) (word >> 16 & 255)
-#define WORD_BLUE(word) (word >> 8 & 255)
+#define PLACES_LOOP                                                     \
+    uint8_t red[BLOCK], green[BLOCK], blue[BLOCK];                      \
+    for (size_t i = 0; i < n; i++)                                      \
+        red[i] = rgb[3 * i], green[i] = rgb[3 * i + 1], blue[i] = rgb[3 * i + 2]; \
+    for (size_t i = 0; i < n; i++)                                      \
+        places[i] = place_of(red[i], green[i], blue[i]);
+
+typedef void Places(const uint8_t *restrict rgb, size_t n, uint32_t *restrict places);
+
+static Places places_plain, *places_of = places_plain;
+
+static void places_plain(const uint8_t *restrict rgb, size_t n, uint32_t *restrict places)
+{
+    PLACES_LOOP
+}
+
+#ifdef __x86_64__
+__attribute__((target("avx2"))) static void places_avx2(const uint8_t *restrict rgb, size_t n,
+                                                        uint32_t *restrict places)
+{
+    PLACES_LOOP
+}
 #endif
 
-static void add_places(const uint32_t *places, size_t n, uint32_t *counts)
+/* A count is low + FULL * high, and low is 0 only where all is: half the memory to run through, and more than enough
+ * to count to. */
+enum { FULL = 65535, STRIDE = 16 };
+
+static inline void add_one(uint32_t place, uint16_t *low, uint32_t *high)
+{
+    if (__builtin_expect(++low[place] == 0, 0)) {
+        low[place] = 1;
+        high[place]++;
+    }
+}
+
+static void add_places(const uint32_t *places, size_t n, uint16_t *low, uint32_t *high)
 {
     size_t half = n / 2; /* neighbours often share a colour, and one addition would wait for the other */
     for (size_t i = 0; i < half; i++) {
-        counts[places[i]]++;
-        counts[places[i + half]]++;
+        add_one(places[i], low, high);
+        add_one(places[i + half], low, high);
     }
     if (n & 1)
-        counts[places[n - 1]]++;
+        add_one(places[n - 1], low, high);
 }
 
-void count_colours_8(const uint8_t *rgb, size_t n, uint32_t *counts)
+void count_colours_8(const uint8_t *rgb, size_t n, uint16_t *low, uint32_t *high)
 {
     uint32_t places[BLOCK];
     for (size_t start = 0; start < n; start += BLOCK) {
         size_t m = n - start < BLOCK ? n - start : BLOCK;
-        const uint8_t *p = rgb + 3 * start;
-        size_t last = m - (start + m == n); /* four bytes at a time, which the last pixel has not got */
-        for (size_t i = 0; i < last; i++) {
-            uint32_t word;
-            memcpy(&word, p + 3 * i, 4);
-            places[i] = place_of(WORD_RED(word), WORD_GREEN(word), WORD_BLUE(word));
-        }
-        if (last < m)
-            places[last] = place_of(p[3 * last], p[3 * last + 1], p[3 * last + 2]);
-        add_places(places, m, counts);
+        places_of(rgb + 3 * start, m, places);
+        add_places(places, m, low, high);
     }
 }
 
-void count_colours_16(const uint16_t *rgb, size_t n, const uint8_t *code, uint32_t *counts)
+void count_colours_16(const uint16_t *rgb, size_t n, const uint8_t *code, uint16_t *low, uint32_t *high)
 {
     uint32_t places[BLOCK];
     for (size_t start = 0; start < n; start += BLOCK) {
@@ -114,8 +122,20 @@ void count_colours_16(const uint16_t *rgb, size_t n, const uint8_t *code, uint32
         const uint16_t *p = rgb + 3 * start;
         for (size_t i = 0; i < m; i++)
             places[i] = place_of(code[p[3 * i]], code[p[3 * i + 1]], code[p[3 * i + 2]]);
-        add_places(places, m, counts);
+        add_places(places, m, low, high);
     }
+}
+
+/* Adds one table to another. */
+void add_table(const uint16_t *low, const uint32_t *high, uint16_t *sum_low, uint32_t *sum_high)
+{
+    for (uint32_t place = 0; place < CELLS; place++)
+        if (low[place]) {
+            uint32_t sum = (uint32_t)low[place] + sum_low[place];
+            sum_low[place] = (uint16_t)(sum > FULL ? sum - FULL : sum);
+            if (sum > FULL || high[place])
+                sum_high[place] += high[place] + (sum > FULL);
+        }
 }
 
 static uint32_t spread(uint32_t v)
@@ -126,30 +146,40 @@ static uint32_t spread(uint32_t v)
     return s;
 }
 
-/* The occupied places of `counts`, each as key << 24 | place, or how many there are where `out` is NULL. The key is
- * the codes of R, G, B with their bits interleaved: sorted keys run through cubes within cubes. */
-size_t occupied(const uint32_t *counts, uint64_t *out)
+/* The occupied places from `start` on, as many as `out` has room for; `start` moves behind the last one. */
+static size_t next_places(const uint16_t *low, uint32_t *start, uint32_t end, uint32_t *out, size_t room)
 {
-    enum { STRIDE = 16 };
-    uint32_t wide[CODES];
+    size_t found = 0;
+    uint32_t place = *start;
+    for (; place < end && found + STRIDE <= room; place += STRIDE) {
+        uint64_t four[STRIDE / 4];
+        memcpy(four, low + place, sizeof four);
+        if (four[0] | four[1] | four[2] | four[3])
+            for (uint32_t i = place; i < place + STRIDE; i++) {
+                out[found] = i;
+                found += low[i] != 0;
+            }
+    }
+    *start = place;
+    return found;
+}
+
+/* The occupied places of a table, each as key << 24 | place, or how many there are where `out` is NULL. The key is
+ * the codes of R, G, B with their bits interleaved: sorted keys run through cubes within cubes. */
+size_t occupied(const uint16_t *low, uint64_t *out)
+{
+    uint32_t wide[CODES], places[BLOCK];
     for (uint32_t v = 0; v < CODES; v++)
         wide[v] = spread(v);
     size_t found = 0;
-    for (uint32_t start = 0; start < 1u << 24; start += STRIDE) {
-        uint32_t any = 0;
-        for (uint32_t i = 0; i < STRIDE; i++)
-            any |= counts[start + i];
-        if (!any)
-            continue;
-        for (uint32_t place = start; place < start + STRIDE; place++) {
-            if (!counts[place])
-                continue;
-            if (out) {
-                uint32_t g = place & 255, r = (uint8_t)((place >> 16) + g), b = (uint8_t)((place >> 8) + g);
-                out[found] = (uint64_t)(wide[r] << 2 | wide[g] << 1 | wide[b]) << 24 | place;
-            }
-            found++;
+    for (uint32_t start = 0; start < CELLS;) {
+        size_t n = next_places(low, &start, CELLS, places, BLOCK);
+        for (size_t i = 0; out && i < n; i++) {
+            uint32_t place = places[i], g = place & 255;
+            uint32_t r = (uint8_t)((place >> 16) + g), b = (uint8_t)((place >> 8) + g);
+            out[found + i] = (uint64_t)(wide[r] << 2 | wide[g] << 1 | wide[b]) << 24 | place;
         }
+        found += n;
     }
     return found;
 }
@@ -233,6 +263,27 @@ void count_boxes(const float *planes, const uint64_t *mass, size_t n, const Rule
                 at[i] = level[i];
             add_masses(at, mass + start, length, out + k * LEVELS);
         }
+    }
+}
+
+/* Grey histograms (m, 256) of the colours of a table, from place `start` to `end`, whole STRIDEs. */
+void count_table(const uint16_t *low, const uint32_t *high, uint32_t start, uint32_t end, const Rule *rules, size_t m,
+                 uint64_t *out)
+{
+    uint32_t places[BLOCK];
+    float planes[3 * BLOCK];
+    uint64_t mass[BLOCK];
+    while (start < end) {
+        size_t n = next_places(low, &start, end, places, BLOCK);
+        for (size_t i = 0; i < n; i++) {
+            uint32_t place = places[i];
+            uint8_t g = (uint8_t)place;
+            planes[i] = (uint8_t)((place >> 16) + g);
+            planes[n + i] = g;
+            planes[2 * n + i] = (uint8_t)((place >> 8) + g);
+            mass[i] = low[place] + (uint64_t)FULL * high[place];
+        }
+        count_boxes(planes, mass, n, rules, m, out);
     }
 }
 
@@ -350,3 +401,231 @@ void weigh_8(const uint8_t *restrict rgb, size_t n, const Rule *rule, uint8_t *r
     for (size_t i = 0; i < n; i++)
         out[i] = (uint8_t)level_of(rgb[3 * i], rgb[3 * i + 1], rgb[3 * i + 2], &local);
 }
+
+/* Below, every operation is rounded on its own, so that all processors come to the same bits. */
+#pragma STDC FP_CONTRACT OFF
+
+enum { REACH = 3, SIDE = 8, PRODUCTS = 6, SUMS = PRODUCTS + 2 };
+
+/* Rows lie `row` bytes apart; values are of two bytes if `wide`, else of one. */
+typedef struct {
+    const void *rgb;
+    size_t row, wide, height, width;
+} Tile;
+
+/* The two Gaussians of a band, from their middles outwards, and the values of its brightest channel between which a
+ * pixel counts. */
+typedef struct {
+    float fine[REACH + 1], coarse[REACH + 1], least, most;
+} Band;
+
+/* The values of a tile as planes (3, height, width). */
+ALWAYS_INLINE void planes_of(const Tile *tile, float *restrict planes)
+{
+    size_t n = tile->height * tile->width;
+    for (size_t y = 0; y < tile->height; y++) {
+        const uint8_t *restrict p = (const uint8_t *)tile->rgb + y * tile->row;
+        const uint16_t *restrict q = (const void *)p;
+        float *restrict r = planes + y * tile->width, *restrict g = r + n, *restrict b = g + n;
+        if (tile->wide)
+            for (size_t x = 0; x < tile->width; x++)
+                r[x] = q[3 * x], g[x] = q[3 * x + 1], b[x] = q[3 * x + 2];
+        else
+            for (size_t x = 0; x < tile->width; x++)
+                r[x] = p[3 * x], g[x] = p[3 * x + 1], b[x] = p[3 * x + 2];
+    }
+}
+
+/* The sums of 2x2 pixels of planes (3, height, width), in their place: (3, height / 2, width / 2). */
+ALWAYS_INLINE void halve(float *planes, size_t height, size_t width)
+{
+    float *out = planes;
+    for (size_t c = 0; c < 3; c++)
+        for (size_t y = 0; y < height / 2; y++) {
+            const float *p = planes + (c * height + 2 * y) * width, *below = p + width;
+            for (size_t x = 0; x < width / 2; x++)
+                *out++ = (p[2 * x] + p[2 * x + 1]) + (below[2 * x] + below[2 * x + 1]);
+        }
+}
+
+/* A Gaussian along rows (step 1) or columns (step: the width). Returns what is left of n: what belongs to i + REACH
+ * step is at i. Rows stay as wide, and their ends mean nothing. */
+ALWAYS_INLINE size_t smooth(const float *restrict in, size_t step, size_t n, const float *taps,
+                            float *restrict out)
+{
+    const float t0 = taps[0], t1 = taps[1], t2 = taps[2], t3 = taps[3];
+    n -= 2 * REACH * step;
+    for (size_t i = 0; i < n; i++) {
+        const float *p = in + i;
+        out[i] = (t0 * p[3 * step] + t1 * (p[2 * step] + p[4 * step])) +
+                 (t2 * (p[step] + p[5 * step]) + t3 * (p[0] + p[6 * step]));
+    }
+    return n;
+}
+
+/* The bands of three planes of n, in their place; what belongs to a pixel comes 2 REACH rows and columns before it.
+ * `other` and `fine` are scratch of n. Returns what is left of n. */
+ALWAYS_INLINE size_t bands_of(float *planes, size_t n, size_t width, const Band *band, float *restrict other,
+                              float *restrict fine)
+{
+    size_t left = 0;
+    for (size_t c = 0; c < 3; c++) {
+        float *restrict plane = planes + c * n;
+        left = smooth(plane, 1, n, band->fine, other);
+        left = smooth(other, width, left, band->fine, fine);
+        left = smooth(fine, 1, left, band->coarse, other);
+        left = smooth(other, width, left, band->coarse, plane);
+        for (size_t i = 0; i < left; i++)
+            plane[i] = fine[i + REACH * (width + 1)] - plane[i];
+    }
+    return left;
+}
+
+/* Of three planes of n, 1 where a pixel counts, else 0. */
+ALWAYS_INLINE void exposed(const float *restrict r, size_t n, const Band *band, float *restrict out)
+{
+    const float *restrict g = r + n, *restrict b = g + n, least = band->least, most = band->most;
+    for (size_t i = 0; i < n; i++) {
+        float brighter = r[i] > g[i] ? r[i] : g[i], brightest = brighter > b[i] ? brighter : b[i];
+        out[i] = (float)((brightest >= least) & (brightest <= most));
+    }
+}
+
+/* The least of 2 REACH + 1 values, laid out as by `smooth`. */
+ALWAYS_INLINE size_t erode(const float *restrict in, size_t step, size_t n, float *restrict out)
+{
+    n -= 2 * REACH * step;
+    for (size_t i = 0; i < n; i++) {
+        float least = in[i];
+        for (size_t k = 1; k <= 2 * REACH; k++)
+            least = in[i + k * step] < least ? in[i + k * step] : least;
+        out[i] = least;
+    }
+    return n;
+}
+
+/* By column over some rows, the sums of the products RR, GG, BB, RG, RB, GB of planes n apart, of `level`, and of
+ * `counts`: (SUMS, width). */
+ALWAYS_INLINE void sum_rows(const float *planes, size_t n, const float *level, const float *counts, size_t rows,
+                            size_t width, float *restrict sums)
+{
+    static const size_t one[PRODUCTS] = {0, 1, 2, 0, 0, 1}, other[PRODUCTS] = {0, 1, 2, 1, 2, 2};
+    memset(sums, 0, SUMS * width * sizeof *sums);
+    for (size_t y = 0; y < rows; y++) {
+        for (size_t k = 0; k < PRODUCTS; k++) {
+            const float *p = planes + one[k] * n + y * width, *q = planes + other[k] * n + y * width;
+            float *restrict sum = sums + k * width;
+            for (size_t x = 0; x < width; x++)
+                sum[x] += p[x] * q[x];
+        }
+        for (size_t x = 0; x < width; x++) {
+            sums[PRODUCTS * width + x] += level[y * width + x];
+            sums[(PRODUCTS + 1) * width + x] += counts[y * width + x];
+        }
+    }
+}
+
+ALWAYS_INLINE void detail_of(const Tile *tile, const Band *band, float *scratch, double *out)
+{
+    planes_of(tile, scratch);
+    halve(scratch, tile->height, tile->width);
+    size_t width = tile->width / 2, height = tile->height / 2 - 4 * REACH, n = tile->height / 2 * width;
+    float *counts = scratch + 3 * n, *other = counts + n, *fine = other + n, *sums = fine + n;
+    exposed(scratch, n, band, counts);
+    erode(other, width, erode(counts, 1, n, other), counts);
+    size_t left = bands_of(scratch, n, width, band, other, fine);
+    counts += REACH * (width + 1);
+    for (size_t c = 0; c < 3; c++)
+        for (size_t i = 0; i < left; i++)
+            scratch[c * n + i] *= counts[i];
+    for (size_t y = 0; y < height; y += SIDE) {
+        const float *kept = scratch + y * width, *beside = counts + y * width;
+        sum_rows(kept, n, beside, beside, height - y < SIDE ? height - y : SIDE, width, sums);
+        for (size_t x = 0; x < width - 4 * REACH; x++)
+            for (size_t k = 0; k < SUMS; k++)
+                out[k] += (double)sums[k * width + x];
+    }
+}
+
+ALWAYS_INLINE void blocks_of(const Tile *tile, const Band *band, float *scratch, float *out)
+{
+    size_t width = tile->width, n = tile->height * width, across = (width - 4 * REACH) / SIDE;
+    float *counts = scratch + 3 * n, *level = counts + n, *other = level + n, *fine = other + n, *sums = fine + n;
+    planes_of(tile, scratch);
+    exposed(scratch, n, band, counts);
+    for (size_t i = 0; i < n; i++)
+        level[i] = scratch[i] + scratch[n + i] + scratch[2 * n + i];
+    bands_of(scratch, n, width, band, other, fine);
+    size_t first = 2 * REACH * (width + 1), last = (tile->height - 4 * REACH) / SIDE * SIDE * width;
+    for (size_t y = 0; y < last; y += SIDE * width) {
+        sum_rows(scratch + y, n, level + first + y, counts + first + y, SIDE, width, sums);
+        for (size_t x = 0; x < across * SIDE; x += SIDE)
+            for (size_t k = 0; k < SUMS; k++) {
+                float sum = 0;
+                for (size_t i = 0; i < SIDE; i++)
+                    sum += sums[k * width + x + i];
+                *out++ = sum;
+            }
+    }
+}
+
+typedef void Measure(const Tile *tile, const Band *band, float *scratch, void *out);
+
+static Measure detail_plain, blocks_plain, *detail = detail_plain, *blocks = blocks_plain;
+
+static void detail_plain(const Tile *tile, const Band *band, float *scratch, void *out)
+{
+    detail_of(tile, band, scratch, out);
+}
+
+static void blocks_plain(const Tile *tile, const Band *band, float *scratch, void *out)
+{
+    blocks_of(tile, band, scratch, out);
+}
+
+/* Of the band of a tile at half its size, added to `out` (SUMS): the sums of its products, and twice how many pixels
+ * they are of. A pixel counts with all in REACH of it. 4 REACH pixels around are taken for their values alone.
+ * `scratch`: (8, height, width). */
+void measure_detail(const void *rgb, size_t row, size_t wide, size_t height, size_t width, const Band *band,
+                    float *scratch, double *out)
+{
+    detail(&(Tile){rgb, row, wide, height, width}, band, scratch, out);
+}
+
+/* Of the band of a tile, for each block of SIDE x SIDE pixels the sums of its products and of its values, and how many
+ * pixels count: `out` (blocks, SUMS). 2 REACH pixels around are taken for their values alone.
+ * `scratch`: (8, height, width). */
+void measure_blocks(const void *rgb, size_t row, size_t wide, size_t height, size_t width, const Band *band,
+                    float *scratch, float *out)
+{
+    blocks(&(Tile){rgb, row, wide, height, width}, band, scratch, out);
+}
+
+#ifdef __x86_64__
+__attribute__((target("avx2"))) static void detail_avx2(const Tile *tile, const Band *band, float *scratch,
+                                                        void *out)
+{
+    detail_of(tile, band, scratch, out);
+}
+
+__attribute__((target("avx2"))) static void blocks_avx2(const Tile *tile, const Band *band, float *scratch,
+                                                        void *out)
+{
+    blocks_of(tile, band, scratch, out);
+}
+
+/* The processor and the system both have to know the wide registers. */
+__attribute__((constructor)) static void choose(void)
+{
+    unsigned a, b, c, d, saved;
+    if (!__get_cpuid(1, &a, &b, &c, &d) || (c & bit_OSXSAVE) == 0 || (c & bit_FMA) == 0)
+        return;
+    __asm__("xgetbv" : "=a"(saved), "=d"(d) : "c"(0));
+    if ((saved & 6) == 6 && __get_cpuid_count(7, 0, &a, &b, &c, &d) && (b & bit_AVX2)) {
+        levels = levels_avx2;
+        places_of = places_avx2;
+        detail = detail_avx2;
+        blocks = blocks_avx2;
+    }
+}
+#endif

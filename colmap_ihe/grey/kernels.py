@@ -7,8 +7,9 @@ run side by side. Arrays are checked here, for C does not.
 from __future__ import annotations
 
 import ctypes
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,6 +23,14 @@ blue B)) scale + offset)`, at most 255. See `coded_rules` and `linear_rules`."""
 
 Gathered = tuple[NDArray[np.uint8], NDArray[np.uint8], NDArray[np.uint64]]
 """Least and greatest codes of M boxes, planes (3, M), and their mass, (M,)."""
+
+Band = NDArray[np.float32]
+"""(10,): the taps of two Gaussians of 7, from the middle outwards, whose difference is a band of detail; then the
+least and the greatest value, of a pixel's brightest channel, with which the pixel counts."""
+
+BAND_REACH = 6
+"""Pixels around one that its value in a band comes from."""
+_SUMS = 8
 
 _FINE = 4
 
@@ -73,16 +82,42 @@ def linear_rules(triplets: Sequence[tuple[int, int, int]], whites: Sequence[int]
     return rules
 
 
-def count_colours(rgb: NDArray[np.generic], counts: NDArray[np.uint32], code: NDArray[np.uint8]) -> None:
+CELLS = 1 << 24
+FULL = 65535
+
+
+class Table:
+    """How often each place of `place_of` was counted: `low + FULL * high`, (2^24,) uint16 and uint32. `low` is 0
+    only where nothing was counted, and most pages of `high` are never touched."""
+
+    def __init__(self) -> None:
+        self.low = np.zeros(CELLS, np.uint16)
+        self.high = np.zeros(CELLS, np.uint32)
+
+    def at(self, place: NDArray[Any] | slice) -> NDArray[np.uint64]:
+        """The counts at places (M,): (M,)."""
+        return np.asarray(self.low[place] + FULL * self.high[place].astype(np.uint64))
+
+    def put(self, place: NDArray[Any], counts: NDArray[np.uint64]) -> None:
+        """Sets the counts at places (M,), less than 2^48."""
+        full = np.maximum(counts, 1) - 1
+        self.low[place], self.high[place] = counts - full // FULL * FULL, full // FULL
+
+    def __iadd__(self, other: Table) -> Table:
+        _C.add_table(_at(other.low), _at(other.high), _at(self.low), _at(self.high))
+        return self
+
+
+def count_colours(rgb: NDArray[np.generic], table: Table, code: NDArray[np.uint8]) -> None:
     """Adds the pixels of rgb, (..., 3) uint8, or uint16 of which `code` (65536,) gives the code of each value,
-    to the table `counts` (2^24,), at `place` of their codes."""
+    to the table, at `place` of their codes."""
     pixels = np.ascontiguousarray(rgb)
-    _check(counts, np.uint32, (1 << 24,))
     if pixels.dtype == np.uint8:
-        _C.count_colours_8(_at(pixels), _size(pixels.size // 3), _at(counts))
+        _C.count_colours_8(_at(pixels), _size(pixels.size // 3), _at(table.low), _at(table.high))
     elif pixels.dtype == np.uint16:
         _check(code, np.uint8, (65536,))
-        _C.count_colours_16(_at(pixels), _size(pixels.size // 3), _at(code), _at(counts))
+        counts = (_at(table.low), _at(table.high))
+        _C.count_colours_16(_at(pixels), _size(pixels.size // 3), _at(code), *counts)
     else:
         raise ValueError(f"{rgb.dtype=}, expected uint8 or uint16")
 
@@ -100,12 +135,12 @@ def codes_at(place: NDArray[np.int64]) -> NDArray[np.uint8]:
     return np.stack([(place >> 16) + green & 255, green, (place >> 8) + green & 255], axis=1).astype(np.uint8)
 
 
-def occupied(counts: NDArray[np.uint32]) -> NDArray[np.uint64]:
-    """Keys of the occupied places of a table (2^24,), (M,), each with its place in the lower 24 bits; sorted so
-    that cubes within cubes of RGB come together."""
-    _check(counts, np.uint32, (1 << 24,))
-    keys = np.empty(_C.occupied(_at(counts), None), np.uint64)
-    _C.occupied(_at(counts), _at(keys))
+def occupied(low: NDArray[np.uint16]) -> NDArray[np.uint64]:
+    """Keys of the places (2^24,) that are not 0, (M,), each with its place in the lower 24 bits; sorted so that
+    cubes within cubes of RGB come together."""
+    _check(low, np.uint16, (CELLS,))
+    keys = np.empty(_C.occupied(_at(low), None), np.uint64)
+    _C.occupied(_at(low), _at(keys))
     _C.sort_places(_at(keys), _at(np.empty_like(keys)), _size(len(keys)))
     return keys
 
@@ -132,6 +167,16 @@ def count_boxes(planes: NDArray[np.float32], mass: NDArray[np.uint64], rules: Ru
     _check_boxes(planes, mass, rules)
     out = np.zeros((len(rules), LEVELS), np.uint64)
     _C.count_boxes(_at(planes), _at(mass), _size(len(mass)), _at(rules), _size(len(rules)), _at(out))
+    return out
+
+
+def count_table(table: Table, rules: Rules, part: int = 0, parts: int = 1) -> NDArray[np.uint64]:
+    """Grey histograms (m, 256) of the colours in a table, or in one of some even parts of it."""
+    _check(rules, np.float32, (len(rules), 6))
+    out = np.zeros((len(rules), LEVELS), np.uint64)
+    start, end = (ctypes.c_uint32(CELLS // 16 * n // parts * 16) for n in (part, part + 1))
+    counts = (_at(table.low), _at(table.high))
+    _C.count_table(*counts, start, end, _at(rules), _size(len(rules)), _at(out))
     return out
 
 
@@ -193,6 +238,44 @@ def weigh(rgb: NDArray[np.uint8], rule: Rules) -> NDArray[np.uint8]:
     out = np.empty(rgb.shape[:2], np.uint8)
     _C.weigh_8(_at(pixels), _size(out.size), _at(rule), _at(out))
     return out
+
+
+def measure_detail(tile: NDArray[np.generic], band: Band) -> NDArray[np.float64]:
+    """Of the band of a tile, (H, W, 3) uint8 or uint16, at half its size and of sums of 2x2 values: the sums of the
+    products RR, GG, BB, RG, RB, GB, and how many pixels they are of: (7,). A pixel counts with all within 3 of it.
+    `2 * BAND_REACH` pixels at each side of the tile are taken for their values alone."""
+    out = np.zeros(_SUMS)
+    _measure(_C.measure_detail, tile, 2 * BAND_REACH, band, out)
+    return out[:-1]
+
+
+def measure_blocks(tile: NDArray[np.generic], band: Band) -> NDArray[np.float32]:
+    """Of the band of a tile, (H, W, 3) uint8 or uint16, for each block of 8x8 pixels: the sums of the products RR, GG,
+    BB, RG, RB, GB, the sum of the values, and how many pixels count: (n, 8). `BAND_REACH` pixels at each side of the
+    tile are taken for their values alone."""
+    down, across = ((n - 2 * BAND_REACH) // 8 for n in tile.shape[:2])
+    out = np.empty((down * across, _SUMS), np.float32)
+    _measure(_C.measure_blocks, tile, BAND_REACH, band, out)
+    return out
+
+
+def _measure(
+    function: Callable[..., None], tile: NDArray[np.generic], reach: int, band: Band, out: NDArray[Any]
+) -> None:
+    height, width = tile.shape[:2]
+    if (
+        tile.dtype not in (np.uint8, np.uint16)
+        or tile.shape[2:] != (3,)
+        or min(height, width) < 2 * reach + 2
+    ):
+        raise ValueError(f"{tile.shape=} {tile.dtype=}, expected at least {2 * reach + 2} pixels each way")
+    _check(band, np.float32, (10,))
+    size = tile.itemsize
+    if tile.strides[1:] != (3 * size, size) or tile.strides[0] < 0 or not tile.flags.aligned:
+        tile = np.array(tile, order="C")
+    scratch = np.empty((8, height, width), np.float32)
+    sizes = (_size(n) for n in (tile.strides[0], size == 2, height, width))
+    function(_at(tile), *sizes, _at(band), _at(scratch), _at(out))
 
 
 def _check_boxes(planes: NDArray[np.float32], mass: NDArray[np.uint64], rules: Rules) -> None:

@@ -5,12 +5,18 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Any, Literal
 
 from colmap_ihe.errors import WeightsError
 
 Encoding = Literal["coded", "linear"]
 """`coded`: gamma-coded values as stored in a JPEG. `linear`: sensor values after black subtraction."""
+
+Curve = tuple[int, ...]
+"""Where the levels of an equalised grey begin, see `Weights`."""
+
+LEVELS, DEPTH = 256, 65536
 
 FIXED: Mapping[str, tuple[float, float, float]] = {
     "rec709": (0.2126, 0.7152, 0.0722),
@@ -35,8 +41,9 @@ class Weights:
     256; both are None where nothing was fitted. For `linear` input `white` is the set's white point of
     this grey as a share of sensor saturation, in (0, 1]; grey is scaled by it before it is coded.
     `images` and `pixels` say what the fit has seen; `contrast`, where it was measured, how far detail stands out
-    of noise, as a share of what the best triplet gives. Raises `WeightsError` unless the three weights are
-    finite, not negative and sum to 1.
+    of noise, as a share of what the best triplet gives. `curve`, of `linear` input only: the least 16-bit grey of
+    each of the levels 1 to 255 where the grey of the set is equalised, 65536 for a level that none has; empty
+    where it was not fitted. Raises `WeightsError` unless the three weights are finite, not negative and sum to 1.
     """
 
     red: float
@@ -50,6 +57,7 @@ class Weights:
     images: int = 0
     pixels: int = 0
     contrast: float | None = None
+    curve: Curve = ()
 
     def __post_init__(self) -> None:
         triplet = self.triplet
@@ -61,6 +69,8 @@ class Weights:
                 hint="correct the weights file, or fit it again with `colmap-ihe fit`",
             )
         _check_encoding(self.encoding, self.white)
+        if self.curve:
+            _check_curve(self.encoding, self.curve)
 
     @property
     def triplet(self) -> tuple[float, float, float]:
@@ -78,6 +88,7 @@ class Weights:
             "pixels": self.pixels,
             "encoding": self.encoding,
             "white": self.white,
+            **({"curve": list(self.curve)} if self.curve else {}),
         }
 
 
@@ -123,6 +134,17 @@ def _check_encoding(encoding: str, white: float) -> None:
         )
 
 
+def _check_curve(encoding: str, curve: Curve) -> None:
+    whole = all(type(v) is int and 0 <= v <= DEPTH for v in curve)
+    rises = whole and all(a <= b for a, b in pairwise(curve))
+    if encoding != "linear" or len(curve) != LEVELS - 1 or not rises:
+        raise WeightsError(
+            f"a curve of {len(curve)} values for {encoding} photographs; wanted {LEVELS - 1} whole numbers in"
+            f" 0..{DEPTH} that do not fall, for linear ones",
+            hint="fit the weights file again with `colmap-ihe fit`",
+        )
+
+
 Grey = Weights | Formula
 """How the grey of a set is made."""
 
@@ -148,6 +170,7 @@ def grey_from_dict(values: Any, source: str = "weights") -> Grey:
             score=None if values.get("score") is None else float(values["score"]),
             tones=None if values.get("tones") is None else int(values["tones"]),
             contrast=None if values.get("contrast") is None else float(values["contrast"]),
+            curve=tuple(values.get("curve") or ()),
             **common,
         )
     except (KeyError, TypeError, ValueError, AttributeError, OverflowError) as error:

@@ -37,7 +37,7 @@ def read(file: Path) -> NDArray[Any]:
     photograph = read_photograph(capture)
     assert photograph.encoding == "coded"
     assert photograph.srgb_from_camera is None
-    assert read_size(capture) == photograph.rgb.shape[1::-1]
+    assert read_size(capture) == (*photograph.rgb.shape[1::-1], "")
     return photograph.rgb
 
 

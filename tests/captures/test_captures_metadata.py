@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from io import BytesIO
 from pathlib import Path
 from typing import Any, get_args
 
@@ -11,8 +12,11 @@ import numpy as np
 import pytest
 from PIL import ExifTags, Image
 
+from colmap_ihe.captures import metadata as captures_metadata
+from colmap_ihe.captures.coded import stored_size
 from colmap_ihe.captures.encode import SUFFIXES, Format, encode_image
-from colmap_ihe.captures.metadata import Metadata, read_metadata
+from colmap_ihe.captures.metadata import Metadata, read_metadata, sized
+from colmap_ihe.captures.raw import Noted, noted_by_libraw
 from colmap_ihe.colmap.native import pycolmap
 from colmap_ihe.demo.dng import write_dng
 from colmap_ihe.demo.exif import PhotoExif, jpeg_exif
@@ -39,8 +43,7 @@ def photograph(folder: Path, name: str = "a.jpg", **changes: Any) -> Path:
 
 def grey_of(file: Path, metadata: Metadata, folder: Path, file_format: Format) -> Path:
     """A grey file of the photograph's size with its EXIF, as `convert` writes it."""
-    with Image.open(file) as image:
-        grey = np.zeros((image.height, image.width), np.uint8)
+    grey = np.zeros(stored_size(file)[::-1], np.uint8)
     target = folder / f"grey{SUFFIXES[file_format]}"
     target.write_bytes(encode_image(grey, metadata.exif, file_format))
     return target
@@ -65,8 +68,11 @@ def camera(file: Path) -> tuple[Any, ...]:
     ],
     ids=lambda changes: "+".join(changes) or "all",
 )
-def test_colmap_infers_the_same_camera(tmp_path: Path, file_format: Format, changes: dict[str, Any]) -> None:
-    source = photograph(tmp_path, **changes)
+@pytest.mark.parametrize("name", ["a.jpg", "a.png", "a.tif"])
+def test_colmap_infers_the_same_camera(
+    tmp_path: Path, name: str, file_format: Format, changes: dict[str, Any]
+) -> None:
+    source = photograph(tmp_path, name, **changes)
     metadata = read_metadata(source, "coded")
     assert metadata.problem == ""
     assert camera(grey_of(source, metadata, tmp_path, file_format)) == camera(source)
@@ -121,7 +127,7 @@ def test_exif_has_the_size_of_the_image_it_goes_into(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("file_format", FORMATS)
-def test_exif_too_large_for_a_jpeg_goes_without_its_maker_note(tmp_path: Path, file_format: Format) -> None:
+def test_a_maker_note_stays_where_it_fits_as_it_is(tmp_path: Path, file_format: Format) -> None:
     exif = jpeg_exif(PhotoExif(make="Canon", model="Canon EOS 40D"), *SIZE)
     exif.get_ifd(ExifTags.IFD.Exif)[0x927C] = bytes(66_000)
     block = Image.Exif()
@@ -134,7 +140,7 @@ def test_exif_too_large_for_a_jpeg_goes_without_its_maker_note(tmp_path: Path, f
     assert camera(grey)[0]
     with Image.open(grey) as image:
         inner = image.getexif().get_ifd(ExifTags.IFD.Exif)
-        assert (0x927C in inner) == (file_format != "jpeg")
+        assert (0x927C in inner) == (file_format == "png")  # its offsets would be wrong in a TIFF
 
 
 def test_other_exif_too_large_for_a_jpeg_goes_without_its_long_texts(tmp_path: Path) -> None:
@@ -180,6 +186,48 @@ def test_exif_of_a_raw_file_arrives(tmp_path: Path, file_format: Format) -> None
     grey = grey_of(tmp_path / "like.jpg", found, tmp_path, file_format)
     assert camera(grey) == camera(tmp_path / "like.jpg")
     assert camera(grey)[0]
+
+
+def test_exif_of_a_preview_counts_where_the_raw_file_holds_none(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As in Fujifilm's RAF; its preview may be half the size, and its focal plane is then of the preview."""
+    plane = {0xA20E: 10 * SIZE[0] / 36, 0xA20F: 10 * SIZE[1] / 24, 0xA210: 3}
+    exif = jpeg_exif(PhotoExif(focal_length_35mm=None), *SIZE)
+    exif.get_ifd(ExifTags.IFD.Exif).update(plane)
+    preview = BytesIO()
+    Image.new("RGB", SIZE).save(preview, "JPEG", exif=exif)
+    (tmp_path / "a.raf").write_bytes(b"FUJIFILMCCD-RAW " + bytes(100))
+    monkeypatch.setattr(captures_metadata, "preview_of", lambda _: preview.getvalue())
+    found = sized(read_metadata(tmp_path / "a.raf", "raw"), 2 * SIZE[0], 2 * SIZE[1])
+    assert (found.focal_mm, found.problem) == (30, "")
+    assert found.pixels_per_mm == pytest.approx(2 * SIZE[0] / 36, rel=1e-5)
+
+
+def test_what_libraw_knows_fills_in_a_raw_file_without_exif(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    noted = Noted(
+        focal_mm=35.0, exposure_s=0.004, f_number=5.6, iso=200.0, lens="Rokkor 35", lens_make="Minolta"
+    )
+    (tmp_path / "a.mrw").write_bytes(b"\0MRM" + bytes(100))
+    monkeypatch.setattr(captures_metadata, "preview_of", lambda _: b"")
+    monkeypatch.setattr(captures_metadata, "noted_by_libraw", lambda _: noted)
+    found = read_metadata(tmp_path / "a.mrw", "raw")
+    assert (found.focal_mm, found.exposure_s, found.f_number, found.iso) == (35, 0.004, 5.6, 200)
+    assert (found.lens, found.problem) == ("Rokkor 35", "")
+    monkeypatch.setattr(captures_metadata, "noted_by_libraw", lambda _: Noted())
+    assert read_metadata(tmp_path / "a.mrw", "raw").problem == "no EXIF found"
+
+
+@pytest.mark.data
+def test_libraw_and_exif_agree_on_a_real_raw_file(photographs: Path) -> None:
+    file = photographs / "raw/kodak_dc50.kdc"
+    found, noted = read_metadata(file, "raw"), noted_by_libraw(file)
+    assert (found.make, found.problem) == ("Eastman Kodak Company", "")
+    assert noted.focal_mm == pytest.approx(found.focal_mm)
+    assert noted.exposure_s == pytest.approx(found.exposure_s)
+    assert noted.f_number == pytest.approx(found.f_number)
 
 
 def cut_short(exif: bytes) -> bytes:

@@ -55,10 +55,45 @@ def test_every_code_has_a_place_of_its_own() -> None:
     rng = np.random.default_rng(4)
     codes = rng.integers(0, 256, (5000, 3), np.uint8)
     np.testing.assert_array_equal(kernels.codes_at(kernels.place_of(codes)), codes)
-    counts = np.zeros(1 << 24, np.uint32)
-    kernels.count_colours(codes, counts, np.zeros(65536, np.uint8))
-    expected = np.bincount(kernels.place_of(codes), minlength=1 << 24)
-    np.testing.assert_array_equal(counts, expected)
+    table = kernels.Table()
+    kernels.count_colours(codes, table, np.zeros(65536, np.uint8))
+    expected = np.bincount(kernels.place_of(codes), minlength=kernels.CELLS)
+    np.testing.assert_array_equal(table.at(slice(None)), expected)
+
+
+@pytest.mark.parametrize("n", [65534, 65535, 65536, 131070, 131071, 400_000])
+def test_counts_that_fill_their_low_part_go_on(n: int) -> None:
+    codes = np.full((n + 7, 3), (200, 3, 77), np.uint8)
+    codes[n:] = np.arange(7)[:, None]
+    table, twice = kernels.Table(), kernels.Table()
+    kernels.count_colours(codes, table, np.zeros(65536, np.uint8))
+    for part in (table, table, table):
+        twice += part
+    expected = np.bincount(kernels.place_of(codes), minlength=kernels.CELLS)
+    np.testing.assert_array_equal(table.at(slice(None)), expected)
+    np.testing.assert_array_equal(twice.at(slice(None)), 3 * expected)
+    np.testing.assert_array_equal(np.flatnonzero(table.low), np.flatnonzero(expected))
+
+
+def test_counts_are_put_where_they_were() -> None:
+    place = np.arange(0, 3500, 7)
+    counts = np.random.default_rng(5).integers(0, 1 << 47, len(place), dtype=np.uint64)
+    counts[:6] = (0, 1, 65535, 65536, 131070, (1 << 48) - (1 << 32))
+    table = kernels.Table()
+    table.put(place, counts)
+    np.testing.assert_array_equal(table.at(place), counts)
+    np.testing.assert_array_equal(np.flatnonzero(table.low), place[counts > 0])
+
+
+@pytest.mark.parametrize("parts", [1, 2, 3, 7])
+def test_levels_of_a_table_are_those_of_its_pixels(parts: int) -> None:
+    image = scene(6, 150, 200)
+    table = kernels.Table()
+    kernels.count_colours(image, table, np.zeros(65536, np.uint8))
+    some = [(21, 72, 7), (100, 0, 0), (0, 0, 100)]
+    found = sum(kernels.count_table(table, kernels.coded_rules(some), n, parts) for n in range(parts))
+    expected = [np.bincount(oracle.coded_levels(image, t).ravel(), minlength=256) for t in some]
+    np.testing.assert_array_equal(found, expected)
 
 
 def test_occupied_places_run_through_cubes_within_cubes() -> None:
@@ -126,10 +161,10 @@ def test_no_placement_of_the_pixels_beats_the_bound() -> None:
 
 def test_what_is_not_contiguous_or_of_another_kind_is_refused() -> None:
     with pytest.raises(ValueError, match="dtype"):
-        kernels.count_colours(np.zeros((4, 3)), np.zeros(1 << 24, np.uint32), np.zeros(65536, np.uint8))
+        kernels.count_colours(np.zeros((4, 3)), kernels.Table(), np.zeros(65536, np.uint8))
     with pytest.raises(ValueError, match="expected contiguous"):
-        kernels.count_colours(
-            np.zeros((4, 3), np.uint8), np.zeros(1 << 20, np.uint32), np.zeros(65536, np.uint8)
-        )
+        kernels.count_colours(np.zeros((4, 3), np.uint16), kernels.Table(), np.zeros(256, np.uint8))
+    with pytest.raises(ValueError, match="expected contiguous"):
+        kernels.occupied(np.zeros(1 << 20, np.uint16))
     with pytest.raises(ValueError, match="multiples of 1024"):
         kernels.linear_rules([(0, 100, 0)], [1000])

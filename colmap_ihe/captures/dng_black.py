@@ -1,0 +1,68 @@
+"""The black level of a DNG that varies over the sensor, of which LibRaw takes the mean.
+
+Digital Negative Specification 1.7: BlackLevelRepeatDim, BlackLevel, BlackLevelDeltaH, BlackLevelDeltaV.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import tifffile
+from numpy.typing import NDArray
+
+_CFA, _LINEAR_RAW = 32803, 34892
+_REPEAT, _LEVEL, _DELTA_H, _DELTA_V = 50713, 50714, 50715, 50716
+
+
+def black_plane(path: Path, shape: tuple[int, ...]) -> NDArray[np.float32] | None:
+    """(H, W) float32, in the sensor's units, of the visible picture; None where black does not vary by row or
+    column, where the file is no DNG, or where what it says does not fit `shape`."""
+    if path.suffix.lower() != ".dng":
+        return None
+    try:
+        with tifffile.TiffFile(path) as tiff:
+            for page in _pages(tiff):
+                if page.photometric in (_CFA, _LINEAR_RAW) and (
+                    _DELTA_H in page.tags or _DELTA_V in page.tags
+                ):
+                    return _plane(page, shape)
+    except Exception:  # noqa: BLE001  what is broken in the file is LibRaw's to say
+        return None
+    return None
+
+
+def _pages(tiff: tifffile.TiffFile) -> Iterator[Any]:
+    for page in tiff.pages:
+        yield page
+        yield from getattr(page, "pages", None) or ()
+
+
+def _plane(page: Any, shape: tuple[int, ...]) -> NDArray[np.float32] | None:
+    height, width = shape
+    rows, columns = _numbers(page, _REPEAT, [1, 1]).astype(int)
+    levels = _numbers(page, _LEVEL, [0])
+    if levels.size != rows * columns:
+        return None
+    horizontal, vertical = (
+        _numbers(page, _DELTA_H, np.zeros(width)),
+        _numbers(page, _DELTA_V, np.zeros(height)),
+    )
+    if horizontal.size != width or vertical.size != height:
+        return None
+    cell = levels.reshape(rows, columns)
+    plane = np.tile(cell, (-(-height // rows), -(-width // columns)))[:height, :width]
+    return np.asarray(plane + horizontal[None, :] + vertical[:, None], np.float32)
+
+
+def _numbers(page: Any, tag: int, default: Any) -> NDArray[np.float64]:
+    """The values of a tag; tifffile gives rationals as numerator and denominator in turn."""
+    if tag not in page.tags:
+        return np.asarray(default, np.float64)
+    found = page.tags[tag]
+    values = np.atleast_1d(np.asarray(found.value, np.float64)).ravel()
+    if found.dtype.name in ("RATIONAL", "SRATIONAL"):
+        return np.asarray(values[0::2] / values[1::2])
+    return values

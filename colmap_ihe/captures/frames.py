@@ -1,0 +1,43 @@
+"""Calibration frames read in a decoder: as `raw` reads them, and a frame that crashes it is only left out."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any, cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from colmap_ihe.captures import decoders
+from colmap_ihe.captures.mosaic import Mosaic
+from colmap_ihe.captures.raw import RawHeader, Sensor
+from colmap_ihe.errors import PhotographError
+
+
+def read_header(path: Path) -> RawHeader:
+    """As `raw.read_header`. Raises `PhotographError`."""
+    (width, height, sensor), _ = decoders.ask("header", path.name, path=str(path.absolute()))
+    return RawHeader(int(width), int(height), cast(Sensor, sensor))
+
+
+def read_mosaic(path: Path) -> Mosaic:
+    """As `raw.read_mosaic`. Raises `PhotographError`."""
+    found, values = _array("mosaic", path)
+    black = found["black"]
+    plane = _array("black", path)[1] if black is None else np.array(black, np.float32)
+    return Mosaic(values, np.array(found["pattern"], np.uint8), plane, float(found["white"]))
+
+
+def bad_pixel_candidates(path: Path) -> NDArray[np.intp]:
+    """As `raw.bad_pixel_candidates`. Raises `PhotographError`."""
+    found, _ = decoders.ask("bad pixels", path.name, 0, path=str(path.absolute()))
+    return np.array(found, np.intp).reshape(-1, 2)
+
+
+def _array(task: str, path: Path) -> tuple[Any, NDArray[Any]]:
+    found, array = decoders.ask(task, path.name, 0, path=str(path.absolute()))
+    if array is None:
+        raise PhotographError(
+            f"{path.name}: the decoder returned no pixels", hint="take it out of the folder"
+        )
+    return found, array

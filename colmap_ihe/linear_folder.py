@@ -1,0 +1,89 @@
+"""RAW photographs of a folder as linear TIFFs of 16 bit; what is up to date is not written again."""
+
+from __future__ import annotations
+
+from contextlib import ExitStack
+from pathlib import Path
+
+import numpy as np
+
+from colmap_ihe import oddities
+from colmap_ihe.captures.decode import read_photograph
+from colmap_ihe.captures.discover import Capture, discover
+from colmap_ihe.captures.linear_tiff import encode_linear_tiff
+from colmap_ihe.errors import ProjectError
+from colmap_ihe.executor import local_executor
+from colmap_ihe.grey_folder import digests_of, require_apart
+from colmap_ihe.ledger import opened
+from colmap_ihe.options import DevelopOptions
+from colmap_ihe.per_image import LeftOut, each_usable
+from colmap_ihe.progress import SILENT, Audience
+from colmap_ihe.project import fingerprint_of, write_bytes
+from colmap_ihe.recipes import prepared_set
+from colmap_ihe.version import __version__, library_versions
+
+
+def develop_folder(
+    images: Path,
+    out: Path,
+    *,
+    options: DevelopOptions | None = None,
+    calibration: Path | None = None,
+    strict: bool = False,
+    audience: Audience = SILENT,
+) -> tuple[dict[str, str], dict[str, list[str]], LeftOut]:
+    """A TIFF of each RAW file in the folder `images`, with its EXIF, in the folder `out`: RGB of the sensor, linear,
+    65535 at its saturation, not turned. Photographs that are no RAW files are passed over, with a warning.
+
+    `calibration`: a folder with calibration frames. Returns the names of the TIFFs by photograph, the steps of
+    development by camera, and what was left out. Raises as `convert_folder`.
+    """
+    require_apart(images.resolve(), [out.resolve()])
+    discovery = discover(images.absolute())
+    raw = [c for c in discovery.captures if c.kind == "raw"]
+    if not raw:
+        raise ProjectError(
+            f"{images}: none of its {len(discovery.captures)} photographs is a RAW file",
+            hint="others are developed already: use them as they are",
+        )
+    with ExitStack() as stack:
+        executor = stack.enter_context(local_executor())
+        prepared = stack.enter_context(
+            prepared_set(raw, options, calibration, executor, audience, strict=strict)
+        )
+        for text in oddities.warnings_of(prepared.surveyed, discovery.ignored):
+            audience.warn(text)
+        if len(raw) < len(discovery.captures):
+            audience.warn(f"{len(discovery.captures) - len(raw)} photographs are no RAW files: passed over")
+        digests = digests_of(prepared.surveyed, audience)
+        ledger = stack.enter_context(opened(out.resolve()))
+        names = {s.capture.name: f"{s.capture.grey_stem}.tif" for s in prepared.surveyed}
+        wanted = {tiff: name for name, tiff in names.items()}
+        ledger.refuse(wanted)
+        versions = library_versions("rawpy", "libraw")
+        prints = {
+            names[c.name]: fingerprint_of(__version__, versions, digests[c.name], c.recipe.identity())
+            for c in (s.capture for s in prepared.surveyed)
+        }
+        due = {wanted[tiff] for tiff in ledger.begin(wanted, prints)}
+        exif = {s.capture.name: s.metadata.exif for s in prepared.surveyed}
+
+        def develop(capture: Capture) -> None:
+            rgb = read_photograph(capture).rgb
+            write_bytes(
+                ledger.folder / names[capture.name],
+                encode_linear_tiff(np.asarray(rgb, np.uint16), exif[capture.name]),
+            )
+
+        left_out = dict(prepared.left_out)
+        if due:
+            with audience.stage("develop") as watch:
+                captures = [s.capture for s in prepared.surveyed if s.capture.name in due]
+                for _ in each_usable(develop, captures, executor, watch, strict, left_out):
+                    pass
+        else:
+            audience.kept("develop")
+        ledger.end()
+    for reason in left_out.values():
+        audience.warn(f"left out: {reason}")
+    return {n: t for n, t in names.items() if n not in left_out}, prepared.steps, left_out

@@ -1,0 +1,125 @@
+"""Every kind of sensor, as a DNG of that kind: the scene comes back linear and in the sensor's own colours."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from dngs import XTRANS, write_kind
+from numpy.typing import NDArray
+
+from colmap_ihe.captures.raw import develop, read_header, read_mosaic
+from colmap_ihe.errors import PhotographError
+
+HEIGHT, WIDTH = 96, 144
+GAINS = {"R": 0.45, "G": 1.0, "B": 0.7}
+RGGB = np.array([list("RG"), list("GB")])
+
+
+def light() -> NDArray[np.float64]:
+    y, x = np.mgrid[0:HEIGHT, 0:WIDTH]
+    return np.asarray(0.45 + 0.25 * np.sin(x / 40) + 0.15 * np.cos(y / 30))
+
+
+def seen(pattern: NDArray[Any]) -> NDArray[np.float64]:
+    """What a sensor of this pattern sees of grey light, as a share of saturation."""
+    n, m = pattern.shape
+    gains = np.vectorize(GAINS.get)(pattern)
+    return np.asarray(light() * np.tile(gains, (HEIGHT // n + 1, WIDTH // m + 1))[:HEIGHT, :WIDTH])
+
+
+def counts(share: NDArray[np.float64], black: Any, white: int) -> NDArray[np.uint16]:
+    return np.asarray(np.rint(share * (white - np.min(black)) + black), np.uint16)
+
+
+def require_scene(file: Path, gains: tuple[float, ...], tolerance: float) -> None:
+    rgb = develop(file).linear_rgb[6:-6, 6:-6] / 65535
+    truth = light()[6:-6, 6:-6, None] * gains
+    np.testing.assert_allclose(rgb, truth, rtol=tolerance)
+    ratios = np.median(rgb / rgb[..., 1:2], axis=(0, 1))
+    np.testing.assert_allclose(ratios, np.array(gains) / gains[1], rtol=1e-3)
+
+
+@pytest.mark.parametrize("bits", [10, 12, 14, 16])
+def test_a_bayer_sensor_of_10_to_16_bits(tmp_path: Path, bits: int) -> None:
+    white = (1 << bits) - 1
+    write_kind(tmp_path / "a.dng", counts(seen(RGGB), 64, white), pattern=RGGB, bits=bits, black=(64,))
+    assert read_header(tmp_path / "a.dng").sensor == "bayer"
+    require_scene(tmp_path / "a.dng", tuple(GAINS.values()), 3 * 2.0**-bits * 4 + 1e-3)
+
+
+@pytest.mark.parametrize("turn", range(4))
+def test_a_bayer_sensor_of_any_phase(tmp_path: Path, turn: int) -> None:
+    pattern = np.roll(RGGB, (turn // 2, turn % 2), axis=(0, 1))
+    write_kind(
+        tmp_path / "a.dng", counts(seen(pattern), 200, 16000), pattern=pattern, white=16000, black=(200,)
+    )
+    require_scene(tmp_path / "a.dng", tuple(GAINS.values()), 2e-3)
+
+
+def test_an_x_trans_sensor(tmp_path: Path) -> None:
+    write_kind(
+        tmp_path / "a.dng", counts(seen(XTRANS), 300, 16300), pattern=XTRANS, white=16300, black=(300,)
+    )
+    assert read_header(tmp_path / "a.dng").sensor == "x-trans"
+    require_scene(tmp_path / "a.dng", tuple(GAINS.values()), 0.02)
+
+
+def test_a_file_that_is_demosaiced_already(tmp_path: Path) -> None:
+    values = counts(light()[..., None] * tuple(GAINS.values()), np.array((100, 120, 140)), 60000)
+    write_kind(tmp_path / "a.dng", values, white=60000, black=(100, 120, 140))
+    assert read_header(tmp_path / "a.dng").sensor == "demosaiced"
+    require_scene(tmp_path / "a.dng", tuple(GAINS.values()), 1e-3)
+    with pytest.raises(PhotographError, match=r"a\.dng: is demosaiced already"):
+        read_mosaic(tmp_path / "a.dng")
+
+
+def test_a_monochrome_sensor_gives_three_equal_channels(tmp_path: Path) -> None:
+    write_kind(tmp_path / "a.dng", counts(light(), 100, 60000), white=60000, black=(100,))
+    assert read_header(tmp_path / "a.dng").sensor == "monochrome"
+    rgb = develop(tmp_path / "a.dng").linear_rgb
+    assert (rgb == rgb[..., :1]).all()
+    np.testing.assert_allclose(rgb[..., 0] / 65535, light(), rtol=1e-3)
+
+
+def test_black_that_differs_by_place_in_the_cell(tmp_path: Path) -> None:
+    black = np.array([[200, 210], [220, 260]])
+    values = counts(seen(RGGB), np.tile(black, (HEIGHT // 2, WIDTH // 2)), 15200)
+    write_kind(
+        tmp_path / "a.dng", values, pattern=RGGB, white=15200, black=tuple(black.ravel()), repeat=(2, 2)
+    )
+    require_scene(tmp_path / "a.dng", tuple(GAINS.values()), 2e-3)
+
+
+def test_black_that_differs_by_row_and_column(tmp_path: Path) -> None:
+    across, down = np.linspace(0, 80, WIDTH).round(2), np.linspace(0, 40, HEIGHT).round(2)
+    values = np.rint(seen(RGGB) * 15000 + 200 + across[None] + down[:, None]).astype(np.uint16)
+    write_kind(
+        tmp_path / "a.dng", values, pattern=RGGB, white=15200, black=(200,), delta_h=across, delta_v=down
+    )
+    require_scene(tmp_path / "a.dng", tuple(GAINS.values()), 2e-3)
+
+
+def test_masked_borders_are_not_in_the_picture(tmp_path: Path) -> None:
+    values = np.full((HEIGHT + 7, WIDTH + 12), 3, np.uint16)
+    values[4:-3, 8:-4] = counts(seen(RGGB), 200, 15200)
+    write_kind(
+        tmp_path / "a.dng",
+        values,
+        pattern=RGGB,
+        white=15200,
+        black=(200,),
+        active=(4, 8, HEIGHT + 4, WIDTH + 8),
+    )
+    header = read_header(tmp_path / "a.dng")
+    assert (header.width, header.height) == (WIDTH, HEIGHT)
+    require_scene(tmp_path / "a.dng", tuple(GAINS.values()), 2e-3)
+
+
+def test_a_pixel_that_the_camera_marked_is_guessed(tmp_path: Path) -> None:
+    values = counts(seen(RGGB), 200, 15200)
+    values[40, 60] = values[41, 61] = 0
+    write_kind(tmp_path / "a.dng", values, pattern=RGGB, white=15200, black=(200,))
+    require_scene(tmp_path / "a.dng", tuple(GAINS.values()), 0.03)
