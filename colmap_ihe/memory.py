@@ -9,7 +9,7 @@ from typing import Protocol
 _PROC, _CGROUP = Path("/proc"), Path("/sys/fs/cgroup")
 _KEPT_FREE = 0.1  # of what is available, for all else
 _UNLIMITED = 1 << 60  # cgroup v1 says "no limit" by a number near 2^63
-_RAW_BYTES, _JPEG_BYTES, _OTHER_BYTES = 60, 25, 50
+_RAW_BYTES, _JPEG_BYTES, _OTHER_BYTES = 60, 30, 50
 """A pixel, decoder and run together, at the most: LibRaw's mosaic and channels, CMYK, or 16 bits on their way to
 8; then the photograph, and what is made from it. Measured, with some to spare: docs/decisions/0008."""
 

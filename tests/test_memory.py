@@ -86,7 +86,7 @@ def test_the_largest_decides() -> None:
 @pytest.mark.usefixtures("system")
 def test_it_is_said_in_words() -> None:
     assert memory.in_words([capture(10**8)], 2) == (
-        "2 photographs at a time: the largest takes up to 2.5 GB of memory while it is worked on, and 8.2 GB"
+        "2 photographs at a time: the largest takes up to 3.0 GB of memory while it is worked on, and 8.2 GB"
         " are free"
     )
 

@@ -35,11 +35,6 @@ _Answer = tuple[Any, NDArray[Any] | None]
 def _photograph(room: Room, *, capture: Message) -> _Answer:
     found = decode.read_photograph_here(_capture(capture), room.array)
     matrix = found.srgb_from_camera
-    if capture["kind"] == "raw" and _DAMAGED.search(_said()):
-        raise PhotographError(
-            f"{capture['name']}: LibRaw found damaged data in it",
-            hint="copy it from the card again, or take it out of the folder",
-        )
     about = {
         "encoding": found.encoding,
         "matrix": None if matrix is None else matrix.tolist(),
@@ -128,6 +123,7 @@ def _answer(sock: socket.socket, request: Message, room: Room) -> None:
             value, array = TASKS[request["task"]](room, **request["arguments"])
             answer = {"value": value}
             if array is not None:
+                _refuse_damaged(request["name"])
                 answer["array"], fd = room.put(array)
     except KnownError as error:
         answer = {"error": type(error).__name__, "message": str(error), "hint": error.hint}
@@ -147,8 +143,12 @@ def _answer(sock: socket.socket, request: Message, room: Room) -> None:
         room.sent()
 
 
-def _said() -> str:
-    return os.pread(_STDERR, 1 << 16, 0).decode("utf-8", "replace")
+def _refuse_damaged(name: str) -> None:
+    if _DAMAGED.search(os.pread(_STDERR, 1 << 16, 0).decode("utf-8", "replace")):
+        raise PhotographError(
+            f"{name}: LibRaw found damaged data in it",
+            hint="copy it from the card again, or take it out of the folder",
+        )
 
 
 @contextmanager

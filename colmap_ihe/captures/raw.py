@@ -24,6 +24,7 @@ with warnings.catch_warnings():  # of scikit-image missing, which it does not ne
 from colmap_ihe.captures.dng_black import black_plane
 from colmap_ihe.captures.mosaic import FULL, Frames, Mosaic, calibrated
 from colmap_ihe.captures.recipe import Demosaic, Recipe
+from colmap_ihe.captures.unread import unpack
 from colmap_ihe.errors import PhotographError
 
 Sensor = Literal["bayer", "x-trans", "mosaic", "monochrome", "demosaiced"]
@@ -53,6 +54,7 @@ def develop(path: Path, recipe: Recipe | None = None) -> Development:
     """Develops one RAW file. Raises `PhotographError` if LibRaw refuses it, or its frames do not fit."""
     recipe = recipe or Recipe()
     with _opened(path) as raw:
+        unpack(raw, path)
         if raw.raw_type == rawpy.RawType.Flat:
             mosaic, frames = _mosaic(raw, path), frames_of(recipe)
             try:
@@ -73,6 +75,7 @@ def develop(path: Path, recipe: Recipe | None = None) -> Development:
 def read_mosaic(path: Path) -> Mosaic:
     """What the sensor saw. Raises `PhotographError`, also for a file that is demosaiced already."""
     with _opened(path) as raw:
+        unpack(raw, path)
         if raw.raw_type != rawpy.RawType.Flat:
             raise PhotographError(
                 f"{path.name}: is demosaiced already, and has no mosaic", hint="use the camera's full RAW"

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import struct
 from pathlib import Path
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from colmap_ihe.captures.raw import develop, preview_of, read_header
+from colmap_ihe.captures.raw import develop, preview_of, read_header, read_mosaic
 from colmap_ihe.demo.dng import PATTERNS, write_dng
 from colmap_ihe.demo.exif import PhotoExif
 from colmap_ihe.errors import PhotographError
@@ -132,3 +133,16 @@ def test_real_raw_files(photographs: Path, name: str) -> None:
     medians = np.median(found.linear_rgb.reshape(-1, 3), axis=0) / 65535
     assert (medians > 0.003).all()
     assert (medians < 0.8).all()
+
+
+def test_pixels_that_libraw_passes_over_are_not_taken_from_memory(tmp_path: Path) -> None:
+    """A DNG whose data are not the lossless JPEG that its header says: LibRaw raises nothing, and says nothing."""
+    file = tmp_path / "a.dng"
+    shoot(file)
+    data = bytearray(file.read_bytes())
+    compression = data.index(struct.pack("<HHIHH", 259, 3, 1, 1, 0))
+    struct.pack_into("<H", data, compression + 8, 7)
+    file.write_bytes(data)
+    for read in (develop, read_mosaic):
+        with pytest.raises(PhotographError, match=r"a\.dng: 100\.0% of its pixels cannot be decoded"):
+            read(file)
