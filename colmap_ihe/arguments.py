@@ -1,0 +1,218 @@
+"""What can be said on the command line."""
+
+from __future__ import annotations
+
+import argparse
+import json
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import get_args
+
+from colmap_ihe.captures.encode import SUFFIXES
+from colmap_ihe.captures.recipe import Demosaic
+from colmap_ihe.grey.conversions import CONVERSIONS
+from colmap_ihe.grey.convert import TONES
+from colmap_ihe.options import DevelopOptions, load_options
+from colmap_ihe.pipeline import NAMES
+from colmap_ihe.terminal import Bars
+from colmap_ihe.version import __version__
+
+METHODS = tuple(CONVERSIONS)
+Run = Callable[[argparse.Namespace, Bars], None]
+
+
+def parser_of(runs: Mapping[str, Run]) -> argparse.ArgumentParser:
+    """The parser, which puts what runs a command into `run`."""
+    parser = argparse.ArgumentParser(
+        prog="colmap-ihe",
+        description="One grey conversion fitted to a whole set of photographs, and the road from them to a "
+        "coloured dense cloud with COLMAP.",
+        epilog="Exit status: 0 done, 1 failed with one line that says why, 2 wrong usage, 130 stopped.",
+    )
+    parser.add_argument("--version", action="version", version=f"colmap-ihe {__version__}")
+    subparsers = parser.add_subparsers(metavar="COMMAND", required=True)
+
+    def command(name: str, text: str) -> argparse.ArgumentParser:
+        added = subparsers.add_parser(name, help=text.split(". ")[0].rstrip("."), description=text)
+        added.set_defaults(run=runs[name])
+        added.add_argument("--json", action="store_true", help="print the result as JSON, for machines")
+        added.add_argument("-q", "--quiet", action="store_true", help="no progress, only warnings")
+        return added
+
+    _add_demo(command)
+    _add_reconstruct(command)
+    _add_fit(command)
+    _add_convert(command)
+    _add_develop(command)
+    one = command("status", "Where each stage of a project stands, and why it would run again.")
+    _add_project(one)
+    _add_camera(one)
+    command("doctor", "What this installation and this machine can do.")
+    return parser
+
+
+_Command = Callable[[str, str], argparse.ArgumentParser]
+
+
+def _add_project(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("project", type=Path, metavar="PROJECT", help="the project's folder")
+    parser.add_argument("--images", type=Path, metavar="DIR", help="photographs, if not in PROJECT/images")
+    parser.add_argument(
+        "--set",
+        action="append",
+        default=[],
+        metavar="STAGE.OPTION=VALUE",
+        dest="assignments",
+        help="change an option, as in --set dense.max_image_size=2400; see docs/options.md",
+    )
+
+
+def _add_camera(parser: argparse.ArgumentParser) -> None:
+    group = parser.add_argument_group(
+        "photographs without EXIF",
+        "For scans, and for photographs by drones, old lenses and programs that leave their focal length out: the"
+        " grey images say what is given here, and COLMAP need not guess. What EXIF says is left as it is. For"
+        " several cameras write `cameras:` into project.yaml; see docs/options.md.",
+    )
+    group.add_argument(
+        "--focal-length", type=float, metavar="MM", help="as on the lens, not the 35 mm equivalent"
+    )
+    group.add_argument(
+        "--sensor-width",
+        type=float,
+        metavar="MM",
+        help="of the sensor along the longer side of the photographs, as 36 of full frame",
+    )
+
+
+def camera_assignments(parsed: argparse.Namespace) -> list[str]:
+    """What was said of the camera, as assignments of options."""
+    given = {"focal_length": parsed.focal_length, "sensor_width": parsed.sensor_width}
+    return [f"cameras.*.{name}={value}" for name, value in given.items() if value is not None]
+
+
+def _add_demo(command: _Command) -> None:
+    demo = command(
+        "demo",
+        "Renders a small portico with known truth to RAW and JPEG photographs, reconstructs it like any other "
+        "project and prints the error against the truth. Needs no download.",
+    )
+    demo.add_argument(
+        "folder", type=Path, nargs="?", default=Path("demo"), metavar="DIR", help="where to put it (demo)"
+    )
+    demo.add_argument(
+        "--set",
+        action="append",
+        default=[],
+        metavar="STAGE.OPTION=VALUE",
+        dest="assignments",
+        help="change an option",
+    )
+
+
+def _add_reconstruct(command: _Command) -> None:
+    parser = command(
+        "reconstruct",
+        "From the photographs in PROJECT/images to cameras, points and a coloured dense cloud in "
+        "PROJECT/workspace, a plain COLMAP workspace. The same command goes on after an interruption, and "
+        "runs again only what a change makes stale.",
+    )
+    _add_project(parser)
+    parser.add_argument("--from", dest="start", choices=NAMES, help="run this stage and all after it again")
+    parser.add_argument("--until", choices=NAMES, help="end after this stage")
+    parser.add_argument("--no-dense", action="store_true", help="end with the sparse model")
+    parser.add_argument("--strict", action="store_true", help="stop at a photograph that cannot be used")
+    _add_camera(parser)
+
+
+def _add_fit(command: _Command) -> None:
+    parser = command(
+        "fit", "The grey weights of a set of photographs, without COLMAP. IMAGES are folders or files."
+    )
+    parser.add_argument("images", type=Path, nargs="+", metavar="IMAGES")
+    parser.add_argument("-o", "--output", type=Path, metavar="FILE", help="write the weights, for convert")
+    parser.add_argument("--method", choices=METHODS, default="ihe")
+    parser.add_argument(
+        "--guard", choices=("noise", "none"), default="noise", help="of ihe; none is the paper to the letter"
+    )
+    parser.add_argument("--step", type=float, default=0.01, help="of the grid of weights (0.01)")
+    parser.add_argument("--sample", type=float, default=1.0, help="of each side of a photograph (1)")
+    parser.add_argument(
+        "--weighting", choices=("pixel", "image"), default="pixel", help="what counts equally"
+    )
+    _add_development(parser)
+    parser.add_argument("--strict", action="store_true", help="stop at a photograph that cannot be used")
+
+
+def _add_convert(command: _Command) -> None:
+    parser = command(
+        "convert",
+        "Grey images of a folder of photographs, with their EXIF, for any photogrammetry program. Subfolders "
+        "are kept. Run again, it writes only what a change makes stale; a file that it did not write is never "
+        "overwritten. See docs/use-with.",
+    )
+    parser.add_argument("images", type=Path, metavar="IMAGES", help="a folder of photographs")
+    parser.add_argument("out", type=Path, metavar="OUT", help="the folder for the grey images")
+    parser.add_argument(
+        "--colour",
+        type=Path,
+        metavar="DIR",
+        help="also a colour twin of each grey image, same name and pixels, for texture",
+    )
+    chosen = parser.add_mutually_exclusive_group()
+    chosen.add_argument("--method", choices=METHODS, default="ihe")
+    chosen.add_argument(
+        "--weights", type=Path, metavar="FILE", help="weights of another campaign, from fit -o"
+    )
+    parser.add_argument("--format", choices=tuple(SUFFIXES), default="png")
+    parser.add_argument("--tone", choices=TONES, default="sqrt", help="of RAW photographs")
+    parser.add_argument(
+        "--wallis", action="store_true", help="enhance local contrast; a colour is then not the same grey"
+    )
+    _add_development(parser)
+    parser.add_argument("--strict", action="store_true", help="stop at a photograph that cannot be used")
+    _add_camera(parser)
+
+
+def _add_develop(command: _Command) -> None:
+    parser = command(
+        "develop",
+        "The RAW photographs of a folder as linear TIFFs of 16 bit, developed as little as possible: black point, "
+        "calibration frames, green equilibrium, demosaicing. No white balance, no colour matrix, no gamma. EXIF and "
+        "subfolders are kept; run again, it writes only what a change makes stale.",
+    )
+    parser.add_argument("images", type=Path, metavar="IMAGES", help="a folder of photographs")
+    parser.add_argument("out", type=Path, metavar="OUT", help="the folder for the TIFFs, 6 bytes a pixel")
+    _add_development(parser)
+    parser.add_argument("--strict", action="store_true", help="stop at a photograph that cannot be used")
+
+
+def _add_development(parser: argparse.ArgumentParser) -> None:
+    group = parser.add_argument_group("development of RAW, as `develop` in docs/options.md")
+    group.add_argument(
+        "--calibration", type=Path, metavar="DIR", help="holds bias/, darks/, flats/ or bad-pixels.txt"
+    )
+    group.add_argument("--demosaic", choices=get_args(Demosaic), default="linear")
+    group.add_argument("--green-equilibrium", action=argparse.BooleanOptionalAction, default=True)
+    group.add_argument(
+        "--find-bad-pixels", action="store_true", help="look for them over the set, without dark frames"
+    )
+    group.add_argument(
+        "--exposure", choices=("as_shot", "normalise"), default="as_shot", help="normalise: by EXIF"
+    )
+    group.add_argument(
+        "--balance", action="store_true", help="colour balance across the set, of any photographs"
+    )
+    group.add_argument(
+        "--denoise",
+        type=float,
+        default=0.0,
+        metavar="N",
+        help="in deviations of the noise, of any photographs",
+    )
+
+
+def development(parsed: argparse.Namespace) -> DevelopOptions:
+    """What was said of development."""
+    names = DevelopOptions.model_fields
+    return load_options(None, [f"develop.{n}={json.dumps(getattr(parsed, n))}" for n in names]).develop
