@@ -17,7 +17,7 @@ from PIL.TiffImagePlugin import IFDRational as R
 from colmap_ihe.captures.encode import SUFFIXES, Format, encode_image
 from colmap_ihe.captures.exif import PREFIX, pixels_per_mm, put_together, slimmed, take_apart, with_size
 from colmap_ihe.captures.mend import mend
-from colmap_ihe.captures.metadata import Metadata, read_metadata, sized
+from colmap_ihe.captures.metadata import Metadata, read_metadata, read_metadata_here, sized
 from colmap_ihe.captures.png import encode_png
 from colmap_ihe.colmap.native import pycolmap
 
@@ -178,7 +178,7 @@ def test_hundreds_of_broken_blocks_lose_tags_and_never_the_photograph(tmp_path: 
     kept = 0
     for number in range(120):
         (tmp_path / "a.png").write_bytes(encode_png(COLOUR, spoiled(whole, rng)))
-        found = sized(read_metadata(tmp_path / "a.png", "coded"), *SIZE)
+        found = sized(read_metadata_here(tmp_path / "a.png", "coded"), *SIZE)
         kept += bool(found.exif)
         assert found.exif or found.problem
         file_format = FORMATS[number % 3]
@@ -209,7 +209,7 @@ def test_broken_files_of_every_kind_are_read_for_what_is_left(tmp_path: Path, na
     for _ in range(150):
         header = spoiled(whole[place : place + 1500], rng).ljust(1500, b"\xff")
         (tmp_path / name).write_bytes(whole[:place] + header[:1500] + whole[place + 1500 :])
-        found = read_metadata(tmp_path / name, kind)
+        found = read_metadata_here(tmp_path / name, kind)
         makes += found.make == "Canon"
         take_apart(bytearray(found.exif or blob({})))
     assert 60 < makes < 150
