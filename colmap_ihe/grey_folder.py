@@ -15,7 +15,7 @@ from colmap_ihe.captures.decode import encoding_of
 from colmap_ihe.captures.discover import discover
 from colmap_ihe.captures.encode import SUFFIXES
 from colmap_ihe.errors import KnownError, ProjectError, WeightsError
-from colmap_ihe.executor import local_executor
+from colmap_ihe.executor import in_order, local_executor
 from colmap_ihe.fitting import Fit, Trial, fit_captures
 from colmap_ihe.grey.convert import Tone
 from colmap_ihe.grey.weights import Grey, grey_from_dict
@@ -60,9 +60,10 @@ def convert_folder(
             surveyed, left_out = survey(discovery.captures, executor, watch, strict=strict)
         with audience.stage("content") as watch:
             watch.start(len(surveyed))
+            files = [s.capture.path for s in surveyed]
             digests = {}
-            for one in surveyed:
-                digests[one.capture.name] = digest_file(one.capture.path)
+            for one, digest in zip(surveyed, in_order(executor, digest_file, files), strict=True):
+                digests[one.capture.name] = digest
                 watch.advance()
         for text in oddities.warnings_of(surveyed, discovery.ignored):
             audience.warn(text)
