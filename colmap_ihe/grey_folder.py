@@ -15,7 +15,7 @@ from colmap_ihe.captures.decode import encoding_of
 from colmap_ihe.captures.discover import discover
 from colmap_ihe.captures.encode import SUFFIXES
 from colmap_ihe.errors import KnownError, ProjectError, WeightsError
-from colmap_ihe.executor import local_executor
+from colmap_ihe.executor import in_order, local_executor
 from colmap_ihe.fitting import Fit, Trial, fit_captures
 from colmap_ihe.grey.convert import Tone, check_tone
 from colmap_ihe.grey.weights import Grey, grey_from_dict
@@ -66,7 +66,7 @@ def convert_folder(
             )
         )
         surveyed, left_out = prepared.surveyed, dict(prepared.left_out)
-        digests = digests_of(surveyed, audience)
+        digests = digests_of(surveyed, executor, audience)
         for text in oddities.warnings_of(surveyed, discovery.ignored):
             audience.warn(text)
         for text in oddities.camera_warnings(cameras, surveyed, left_out):
@@ -233,13 +233,14 @@ def _warn_of_the_fit(found: Fit, surveyed: Sequence[Surveyed], audience: Audienc
         audience.warn(text)
 
 
-def digests_of(surveyed: Sequence[Surveyed], audience: Audience) -> dict[str, str]:
+def digests_of(surveyed: Sequence[Surveyed], executor: Executor, audience: Audience) -> dict[str, str]:
     """Of the content of each photograph, by name."""
     digests = {}
     with audience.stage("content") as watch:
         watch.start(len(surveyed))
-        for one in surveyed:
-            digests[one.capture.name] = digest_file(one.capture.path)
+        files = [s.capture.path for s in surveyed]
+        for one, digest in zip(surveyed, in_order(executor, digest_file, files), strict=True):
+            digests[one.capture.name] = digest
             watch.advance()
     return digests
 

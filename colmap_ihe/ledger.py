@@ -10,12 +10,13 @@ from __future__ import annotations
 import fcntl
 import os
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
 from colmap_ihe.errors import ProjectError
+from colmap_ihe.executor import local_executor
 from colmap_ihe.project import digest_file, read_json, room_on_disk, write_json
 
 RECORD = ".colmap-ihe.json"
@@ -68,7 +69,8 @@ class Ledger:
         """Removes what is stale or no longer wanted, and notes what will be written: the names returned.
         `prints`: the fingerprint that each wanted file is to have. Raises `ProjectError` for a stale file that
         was changed since."""
-        changed = self.changed = {n for n in self.files if not self._is_as_written(n)}
+        there = self._digests([n for n, f in self.files.items() if f["digest"]])
+        changed = self.changed = {n for n, digest in there.items() if digest != self.files[n]["digest"]}
         stale = {n for n in wanted if self.files.get(n, {}).get("fingerprint") != prints[n]}
         for name in sorted(stale & changed):
             raise ProjectError(
@@ -91,17 +93,18 @@ class Ledger:
 
     def end(self) -> None:
         """Notes what has been written."""
-        for name, file in self.files.items():
-            if not file["digest"] and (self.folder / name).exists():
-                file["digest"] = digest_file(self.folder / name)
+        for name, digest in self._digests([n for n, f in self.files.items() if not f["digest"]]).items():
+            self.files[name]["digest"] = digest
         self.save()
 
     def save(self) -> None:
         write_json(self.folder / RECORD, {"files": self.files, "notes": self.notes})
 
-    def _is_as_written(self, name: str) -> bool:
-        file, digest = self.folder / name, self.files[name]["digest"]
-        return not digest or not file.exists() or digest_file(file) == digest
+    def _digests(self, names: Sequence[str]) -> dict[str, str]:
+        """Of those files that are there."""
+        there = [n for n in names if (self.folder / n).exists()]
+        with local_executor() as executor:
+            return dict(zip(there, executor.map(digest_file, [self.folder / n for n in there]), strict=True))
 
 
 @contextmanager

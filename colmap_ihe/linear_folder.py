@@ -55,7 +55,7 @@ def develop_folder(
             audience.warn(text)
         if len(raw) < len(discovery.captures):
             audience.warn(f"{len(discovery.captures) - len(raw)} photographs are no RAW files: passed over")
-        digests = digests_of(prepared.surveyed, audience)
+        digests = digests_of(prepared.surveyed, executor, audience)
         ledger = stack.enter_context(opened(out.resolve()))
         names = {s.capture.name: f"{s.capture.grey_stem}.tif" for s in prepared.surveyed}
         wanted = {tiff: name for name, tiff in names.items()}

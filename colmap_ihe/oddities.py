@@ -193,7 +193,7 @@ def fit_warnings(captures: Sequence[Capture], weights: Iterable[Grey]) -> list[s
             rgb = read_photograph(capture).rgb
         except PhotographError:
             continue
-        if (rgb[..., 0] != rgb[..., 1]).any() or (rgb[..., 1] != rgb[..., 2]).any():
+        if any((row != row[:, :1]).any() for row in rgb):
             return []
     return [
         "the photographs are greyscale (R = G = B): every triplet of weights gives the same grey, so none was"

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Mapping, Sequence
-from concurrent.futures import Executor
+from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -18,6 +19,7 @@ from colmap_ihe.captures.encode import SUFFIXES, encode_image
 from colmap_ihe.captures.metadata import Metadata, read_metadata, sized
 from colmap_ihe.captures.png import encode_png
 from colmap_ihe.errors import ProjectError, WeightsError
+from colmap_ihe.executor import local_workers
 from colmap_ihe.fitting import Fit
 from colmap_ihe.grey.convert import check_tone, to_colour, to_grey
 from colmap_ihe.grey.wallis import wallis
@@ -83,30 +85,43 @@ def convert_captures(
     for weights in fit.weights.values():
         check_tone(weights, options.tone)
     left_out: LeftOut = {}
+    by_name = {s.capture.name: s for s in surveyed}
 
-    def convert(one: Surveyed) -> tuple[str, str]:
-        name = one.capture.grey_stem + SUFFIXES[options.format]
+    def convert(capture: Capture) -> tuple[str, str, list[Future[None]]]:
+        one = by_name[capture.name]
+        name = capture.grey_stem + SUFFIXES[options.format]
         grey_file, colour_file = grey_folder / name, colour_folder / name if colour_folder else None
         grey_due = not (keep_finished and grey_file.exists())
         colour_due = colour_file is not None and not (keep_finished and colour_file.exists())
+        writes: list[Future[None]] = []
         if not grey_due and not colour_due:
-            return one.capture.name, name
-        photograph = read_photograph(one.capture)
-        exif, weights = one.metadata.exif, weights_for(one.capture, fit)
+            return capture.name, name, writes
+        photograph = read_photograph(capture)
+        exif, weights = one.metadata.exif, weights_for(capture, fit)
         if grey_due:
             grey = to_grey(photograph.rgb, weights, options.tone)
             if options.wallis:
                 grey = wallis(grey)
-            write_bytes(grey_file, encode_image(grey, exif, options.format))
+            writes.append(disk.submit(write_bytes, grey_file, encode_image(grey, exif, options.format)))
         if colour_file is not None and colour_due:
             colour = _colour_twin(photograph, fit.colour_white)
-            write_bytes(colour_file, encode_image(colour, exif, options.format, photograph.profile))
-        return one.capture.name, name
+            content = encode_image(colour, exif, options.format, photograph.profile)
+            writes.append(disk.submit(write_bytes, colour_file, content))
+        return capture.name, name, writes
 
-    names = [s.capture for s in surveyed]
-    by_name = {s.capture.name: s for s in surveyed}
-    pairs = each_usable(lambda c: convert(by_name[c.name]), names, executor, watch, strict, left_out)
-    return dict(pairs), left_out
+    names: dict[str, str] = {}
+    waiting: deque[Future[None]] = deque()
+    # Threads of their own: to wait until the disk has a file takes no core.
+    with ThreadPoolExecutor(local_workers(), thread_name_prefix="write") as disk:
+        captures = [s.capture for s in surveyed]
+        for capture, name, writes in each_usable(convert, captures, executor, watch, strict, left_out):
+            names[capture] = name
+            waiting += writes
+            while len(waiting) > local_workers():
+                waiting.popleft().result()
+        for write in waiting:
+            write.result()
+    return names, left_out
 
 
 def write_masks(masks: Path, grey_names: Mapping[str, str], grey_folder: Path, out: Path) -> set[str]:

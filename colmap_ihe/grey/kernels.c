@@ -394,12 +394,32 @@ void count_pixels_16(const uint16_t *rgb, size_t n, const Rule *rules, size_t m,
     }
 }
 
-/* Grey levels of pixels. */
-void weigh_8(const uint8_t *restrict rgb, size_t n, const Rule *rule, uint8_t *restrict out)
-{
-    const Rule local = *rule;
-    for (size_t i = 0; i < n; i++)
+#define WEIGH_LOOP                                                      \
+    const Rule local = *rule;                                           \
+    for (size_t i = 0; i < n; i++)                                      \
         out[i] = (uint8_t)level_of(rgb[3 * i], rgb[3 * i + 1], rgb[3 * i + 2], &local);
+
+typedef void Weigh(const uint8_t *restrict rgb, size_t n, const Rule *rule, uint8_t *restrict out);
+
+static Weigh weigh_plain, *weigh = weigh_plain;
+
+static void weigh_plain(const uint8_t *restrict rgb, size_t n, const Rule *rule, uint8_t *restrict out)
+{
+    WEIGH_LOOP
+}
+
+#ifdef __x86_64__
+__attribute__((target("avx2,fma"))) static void weigh_avx2(const uint8_t *restrict rgb, size_t n,
+                                                           const Rule *rule, uint8_t *restrict out)
+{
+    WEIGH_LOOP
+}
+#endif
+
+/* Grey levels of pixels. */
+void weigh_8(const uint8_t *rgb, size_t n, const Rule *rule, uint8_t *out)
+{
+    weigh(rgb, n, rule, out);
 }
 
 /* Below, every operation is rounded on its own, so that all processors come to the same bits. */
@@ -624,6 +644,7 @@ __attribute__((constructor)) static void choose(void)
     if ((saved & 6) == 6 && __get_cpuid_count(7, 0, &a, &b, &c, &d) && (b & bit_AVX2)) {
         levels = levels_avx2;
         places_of = places_avx2;
+        weigh = weigh_avx2;
         detail = detail_avx2;
         blocks = blocks_avx2;
     }
