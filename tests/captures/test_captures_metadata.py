@@ -15,7 +15,7 @@ from PIL import ExifTags, Image
 from colmap_ihe.captures import metadata as captures_metadata
 from colmap_ihe.captures.coded import stored_size
 from colmap_ihe.captures.encode import SUFFIXES, Format, encode_image
-from colmap_ihe.captures.metadata import Metadata, read_metadata, sized
+from colmap_ihe.captures.metadata import Metadata, read_metadata, read_metadata_here, sized
 from colmap_ihe.captures.raw import Noted, noted_by_libraw
 from colmap_ihe.colmap.native import pycolmap
 from colmap_ihe.demo.dng import write_dng
@@ -199,7 +199,7 @@ def test_exif_of_a_preview_counts_where_the_raw_file_holds_none(
     Image.new("RGB", SIZE).save(preview, "JPEG", exif=exif)
     (tmp_path / "a.raf").write_bytes(b"FUJIFILMCCD-RAW " + bytes(100))
     monkeypatch.setattr(captures_metadata, "preview_of", lambda _: preview.getvalue())
-    found = sized(read_metadata(tmp_path / "a.raf", "raw"), 2 * SIZE[0], 2 * SIZE[1])
+    found = sized(read_metadata_here(tmp_path / "a.raf", "raw"), 2 * SIZE[0], 2 * SIZE[1])
     assert (found.focal_mm, found.problem) == (30, "")
     assert found.pixels_per_mm == pytest.approx(2 * SIZE[0] / 36, rel=1e-5)
 
@@ -213,11 +213,11 @@ def test_what_libraw_knows_fills_in_a_raw_file_without_exif(
     (tmp_path / "a.mrw").write_bytes(b"\0MRM" + bytes(100))
     monkeypatch.setattr(captures_metadata, "preview_of", lambda _: b"")
     monkeypatch.setattr(captures_metadata, "noted_by_libraw", lambda _: noted)
-    found = read_metadata(tmp_path / "a.mrw", "raw")
+    found = read_metadata_here(tmp_path / "a.mrw", "raw")
     assert (found.focal_mm, found.exposure_s, found.f_number, found.iso) == (35, 0.004, 5.6, 200)
     assert (found.lens, found.problem) == ("Rokkor 35", "")
     monkeypatch.setattr(captures_metadata, "noted_by_libraw", lambda _: Noted())
-    assert read_metadata(tmp_path / "a.mrw", "raw").problem == "no EXIF found"
+    assert read_metadata_here(tmp_path / "a.mrw", "raw").problem == "no EXIF found"
 
 
 @pytest.mark.data
