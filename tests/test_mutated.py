@@ -38,7 +38,9 @@ import json, resource, sys
 from pathlib import Path
 from colmap_ihe import convert_folder
 from colmap_ihe.captures import decoders
-_, grey, left_out = convert_folder(Path(sys.argv[1]), Path(sys.argv[2]))
+from colmap_ihe.options import FitOptions
+# A fit would measure contrast in some of the photographs only, and in others where some are left out.
+_, grey, left_out = convert_folder(Path(sys.argv[1]), Path(sys.argv[2]), fit=FitOptions(method="rec709"))
 decoders.rest()
 peak = [resource.getrusage(who).ru_maxrss // 1024 for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)]
 print(json.dumps({"grey": grey, "left_out": left_out, "run_mb": peak[0], "decoders_mb": peak[1]}))
