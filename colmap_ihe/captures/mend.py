@@ -10,7 +10,7 @@ from PIL import TiffTags
 _ORDERS = {b"II": "<", b"MM": ">"}
 # Bytes of one value by type: TIFF 6.0, with 13 of its supplement and 129 (UTF-8) of Exif 3.0.
 _BYTES = {1: 1, 2: 1, 3: 2, 4: 4, 5: 8, 6: 1, 7: 1, 8: 2, 9: 4, 10: 8, 11: 4, 12: 8, 13: 4, 129: 1}
-_NUMBERS = frozenset({3, 4, 5, 8, 9, 10, 11, 12})
+_NUMBERS = frozenset({3, 4, 5, 6, 8, 9, 10, 11, 12, 13})
 _DIRECTORIES = frozenset(
     {0x8769, 0x8825, 0xA005}
 )  # tags that hold the place of one: EXIF, GPS, interoperability
