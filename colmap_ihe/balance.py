@@ -29,12 +29,16 @@ def balance_gains(captures: Sequence[Capture], executor: Executor, watch: Watch)
     """The factors of red, green and blue for each photograph, by name.
 
     The mean of each channel, over pixels that are not clipped and not among the darkest and brightest twentieth,
-    is brought to the geometric mean of the set's. RAW and gamma-coded photographs are balanced each among
-    themselves. Factors of RAW are linear and none exceeds 1, so that nothing clips: the common level does not matter,
-    for the white point of the set is found afterwards. Factors of the others multiply coded values, as a change
-    of exposure would a power law; those above 1 clip highlights. They come on top of the gains that a capture's
-    recipe has. Photographs that cannot be read, or with next to no pixel that is not clipped, get the level of the
-    others and no colour.
+    is brought to the geometric mean of the set's; RAW and gamma-coded photographs are balanced each among themselves.
+
+    - RAW: factors are linear, and level brightness too, for nothing else makes up for light that fades. None
+      exceeds 1, so nothing clips; the common level does not matter, since the white point of the set is found later.
+    - Coded: factors multiply coded values, and the three of a photograph have the geometric mean 1. They take a cast
+      away and leave its brightness, which the camera has seen to: levelling that as well was seen to cost matches
+      where photographs differ in what they show. Those above 1 clip highlights.
+
+    They come on top of the gains that a capture's recipe has. Photographs that cannot be read, or with next to no
+    pixel that is not clipped, get the level of the others and no colour.
 
     This is grey world over a set: it takes all photographs to see the same mix of surfaces, and puts down to the
     light whatever differs. Where the light did change (clouds, dusk, automatic white balance) the same surface
@@ -62,6 +66,8 @@ def balance_gains(captures: Sequence[Capture], executor: Executor, watch: Watch)
             continue
         logs = np.log([means[name] for name in known])
         factors = np.exp(logs.mean(axis=0) - logs)
+        if encoding == "coded":
+            factors /= np.exp(np.log(factors).mean(axis=1, keepdims=True))
         common = 1 / float(factors.max()) if encoding == "linear" else 1.0
         gains |= dict.fromkeys(members, (common, common, common))
         for name, (red, green, blue) in zip(known, (common * factors).tolist(), strict=True):
