@@ -33,12 +33,22 @@ def remove(stage: str, project: Project) -> None:
         shutil.rmtree(project.dense, ignore_errors=True)
 
 
+def remove_masters(project: Project, recipes: Mapping[str, Mapping[str, Any]]) -> None:
+    """Removes means of calibration frames that no recipe names any more."""
+    for file in project.masters.glob("*.npy"):
+        if file.name not in _named(recipes):
+            file.unlink()
+
+
+def _named(recipes: Mapping[str, Mapping[str, Any]]) -> set[str]:
+    return {recipe[key] for recipe in recipes.values() for key in FILES if key in recipe}
+
+
 def missing(stage: str, project: Project, record: Mapping[str, Any]) -> list[Path]:
     """The files of a finished stage that are no longer there."""
     files: list[Path] = []
     if stage == "captures":
-        named = [recipe.get(key) for recipe in record["recipes"].values() for key in FILES]
-        files = [Path(name) for name in dict.fromkeys(named) if name]
+        files = [project.masters / name for name in _named(record["recipes"])]
     elif stage == "convert":
         files = [
             folder / name for name in record["grey"].values() for folder in (project.grey, project.colour)

@@ -185,6 +185,6 @@ def prepared_set(
 
 
 def recipe_notes(surveyed: Sequence[Surveyed]) -> dict[str, Mapping[str, Any]]:
-    """By photograph, what its recipe has beyond the default one; for a record."""
-    notes = {s.capture.name: s.capture.recipe.as_dict() for s in surveyed}
+    """By photograph, what its recipe has beyond the default one, its files by their names; for a record."""
+    notes = {s.capture.name: s.capture.recipe.identity() for s in surveyed}
     return {name: recipe for name, recipe in notes.items() if recipe}

@@ -15,7 +15,7 @@ from typing import Any
 
 import yaml
 
-from colmap_ihe import oddities
+from colmap_ihe import oddities, outputs
 from colmap_ihe.captures import decoders
 from colmap_ihe.captures.discover import Capture, Discovery
 from colmap_ihe.captures.recipe import recipe_from_dict
@@ -64,7 +64,9 @@ class Run:
         for record in self.records.values():
             out |= set(record.get("left_out", {}))
         first = self.records["captures"]
-        recipes = {name: recipe_from_dict(values) for name, values in first["recipes"].items()}
+        recipes = {
+            name: recipe_from_dict(values, self.project.masters) for name, values in first["recipes"].items()
+        }
         known = {s.capture.name: s.capture for s in self.surveyed}
         return [
             known.get(c.name) or replace(c, recipe=recipes.get(c.name, c.recipe), pixels=first["largest"])
@@ -91,6 +93,8 @@ def captures(run: Run, watch: Watch) -> Record:
         strict=run.strict,
     )
     run.surveyed = found.surveyed
+    recipes = recipe_notes(run.surveyed)
+    outputs.remove_masters(project, recipes)
     sizes = Counter((s.metadata.make, s.metadata.model, s.width, s.height) for s in run.surveyed)
     return {
         "images": len(run.surveyed),
@@ -101,7 +105,7 @@ def captures(run: Run, watch: Watch) -> Record:
         "pixels": sum(s.capture.pixels for s in run.surveyed),
         "largest": max(s.capture.pixels for s in run.surveyed),
         "development": found.steps,
-        "recipes": recipe_notes(run.surveyed),
+        "recipes": recipes,
         "ignored": list(run.discovery.ignored),
         "left_out": left_out,
         "warnings": [

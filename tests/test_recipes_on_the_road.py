@@ -48,7 +48,14 @@ def test_frames_of_a_project_change_its_grey_images(project: Path, quick_options
     assert done.stages_run == ("captures", "fit", "convert")
     assert '"dark frame"' in (project / "records" / "captures.json").read_text()
     assert np.abs(grey_of(project).astype(int) - before).mean() > 5
+    masters = set((project / "records" / "calibration").iterdir())
+    assert masters
     assert reconstruct(project, options, until="convert").stages_run == ()
+    moved = project.rename(project.with_name("moved"))
+    assert reconstruct(moved, options, until="convert").stages_run == ()
+    shutil.rmtree(moved / "calibration")
+    reconstruct(moved, options, until="captures")
+    assert not list((moved / "records" / "calibration").iterdir())
 
 
 def test_a_stage_that_goes_on_later_uses_the_same_recipes(project: Path, quick_options: MakeOptions) -> None:

@@ -47,8 +47,8 @@ class Recipe:
         }
 
 
-def recipe_from_dict(values: Mapping[str, Any]) -> Recipe:
-    """Raises ValueError for a key that a recipe has not."""
+def recipe_from_dict(values: Mapping[str, Any], folder: Path | None = None) -> Recipe:
+    """`folder`: where the files lie, of an `identity`. Raises ValueError for a key that a recipe has not."""
     unknown = set(values) - {f.name for f in fields(Recipe)}
     if unknown:
         raise ValueError(f"{sorted(unknown)}, expected fields of a Recipe")
@@ -56,4 +56,6 @@ def recipe_from_dict(values: Mapping[str, Any]) -> Recipe:
     if "gains" in plain:
         red, green, blue = (float(v) for v in plain["gains"])
         plain["gains"] = (red, green, blue)
+    if folder is not None:
+        plain |= {name: str(folder / plain[name]) for name in FILES if name in plain}
     return Recipe(**plain)

@@ -154,6 +154,7 @@ def test_a_recipe_comes_back_from_plain_values() -> None:
     assert recipe_from_dict(recipe.as_dict()) == recipe
     assert Recipe().as_dict() == {}
     assert recipe.identity() == replace(recipe, dark="/b/c/d.npy").identity()
+    assert recipe_from_dict(recipe.identity(), Path("/a")) == recipe
     with pytest.raises(ValueError, match="nonsense"):
         recipe_from_dict({"nonsense": 1})
 
