@@ -18,6 +18,7 @@ from typing import Any
 
 from colmap_ihe import outputs, preflight, stages
 from colmap_ihe.captures.discover import Discovery, discover
+from colmap_ihe.colmap import textured
 from colmap_ihe.colmap.dense import pick_backend
 from colmap_ihe.colmap.native import logged_to
 from colmap_ihe.errors import OptionError, PhotographError
@@ -247,6 +248,8 @@ def _options_of(options: Options, stage: Stage) -> dict[str, Any]:
         chosen["dense"]["backend"] = pick_backend(options.dense.backend) if options.dense.enabled else "none"
     if stage.name == "mesh":
         del chosen["mesh"]["enabled"]
+        if options.mesh.texture == "auto":
+            chosen["mesh"]["texture"] = textured.is_possible()
     return chosen
 
 

@@ -4,7 +4,7 @@ there."""
 from __future__ import annotations
 
 from colmap_ihe.captures.denoise import require_wavelets
-from colmap_ihe.colmap import dense, features, mapping, matching, mesh
+from colmap_ihe.colmap import dense, features, mapping, matching, mesh, textured
 from colmap_ihe.options import Options
 
 
@@ -26,3 +26,5 @@ def check_options(options: Options, images: int) -> None:
         dense.patchmatch_options(options.dense.patchmatch)
     if options.meshed:
         mesh.poisson_options(options.mesh.colmap)
+        if options.mesh.texture is True:
+            textured.libraries()

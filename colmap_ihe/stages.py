@@ -21,6 +21,7 @@ from colmap_ihe.captures.discover import Capture, Discovery
 from colmap_ihe.captures.recipe import recipe_from_dict
 from colmap_ihe.colmap import dense as dense_stereo
 from colmap_ihe.colmap import mesh as surface
+from colmap_ihe.colmap import textured
 from colmap_ihe.colmap.features import extract_features
 from colmap_ihe.colmap.mapping import map_images
 from colmap_ihe.colmap.matching import match_features
@@ -287,7 +288,16 @@ def mesh(run: Run, watch: Watch) -> Record:
         )
     except MappingError as error:  # the cloud is there all the same
         return {"files": [], "warnings": [f"no mesh was made: {error}"]}
-    return {**asdict(made), "files": [project.mesh.name], "warnings": []}
+    record = {**asdict(made), "files": [project.mesh.name], "warnings": []}
+    if options.texture is False:
+        return record
+    if options.texture == "auto" and not textured.is_possible():
+        note = "the mesh has vertex colours and no texture: pip install 'colmap-ihe[mesh]' for that"
+        return {**record, "warnings": [note]}
+    texture = textured.texture_mesh(
+        project.dense, project.mesh, options.texture_size, executor=run.executor, watch=watch
+    )
+    return {**record, "texture": asdict(texture), "files": [project.mesh.name, *textured.FILES]}
 
 
 def _masks(run: Run) -> tuple[Path | None, list[str]]:

@@ -44,6 +44,7 @@ _FINER = 4  # times as many faces as wanted: what simplification takes away is w
 _FACES_PER_CELL = 2.1
 _LEVELS_TRIMMED = 2.0  # where points are further apart than four cells, there is no surface
 _SMALL_PART = 0.002  # of the area of the largest part
+_SMALL_CELLS = 200  # the area of a small part in any case
 
 
 @dataclass(frozen=True)
@@ -79,7 +80,8 @@ def reconstruct_surface(
         watch.advance()
         _poisson(parts[0], parts[1], native, watch)
         watch.advance()
-        surface = _trimmed(parts[1])
+        cell = 1 / _cells_per_unit(_positions(thin), native.depth)
+        surface = _trimmed(parts[1], _SMALL_CELLS * cell**2)
         before = len(surface.faces)
         if before > faces:
             write_mesh(parts[1], surface)
@@ -121,7 +123,7 @@ def thinned(points: Rows, cells_per_unit: float) -> Rows:
 
 def nearest_colours(vertices: F32, points: Rows) -> U8:
     """(V, 3) uint8: the mean colour of the three points nearest to each vertex."""
-    tree = cv2.flann.Index(_positions(points), {"algorithm": _KD_TREE})  # type: ignore[call-arg]
+    tree = cv2.flann.Index(_positions(points), {"algorithm": _KD_TREE})
     rows, _ = tree.knnSearch(vertices, min(3, len(points)), params={"checks": -1})
     colours = np.stack([points[name] for name in ("red", "green", "blue")], axis=1)
     return np.asarray(np.rint(colours[rows].mean(axis=1)), np.uint8)
@@ -194,9 +196,9 @@ def _depth(positions: F32, faces: int) -> int:
     return depth
 
 
-def _trimmed(path: Path) -> Mesh:
+def _trimmed(path: Path, small_area: float) -> Mesh:
     """Poisson's mesh without its floating parts. Raises `MappingError`."""
-    mesh = without_small_parts(read_mesh(path), _SMALL_PART) if path.is_file() else None
+    mesh = without_small_parts(read_mesh(path), _SMALL_PART, small_area) if path.is_file() else None
     if mesh is None or not len(mesh.faces):
         raise MappingError(
             "no surface is dense enough to be kept",

@@ -49,6 +49,7 @@ def summarise(records: Mapping[str, Mapping[str, Any]], options: Options) -> dic
         "dense_backend": dense.get("backend"),
         "dense_pixels_with_depth_percent": _percent(dense.get("pixels_with_depth"), dense.get("pixels")),
         "mesh_faces": mesh.get("faces"),
+        "mesh_texture": [mesh["texture"]["width"], mesh["texture"]["height"]] if "texture" in mesh else None,
         "stages": {name: record["seconds"] for name, record in records.items()},
         "warnings": [text for record in records.values() for text in record["warnings"]],
     }
@@ -78,7 +79,9 @@ def summary_rows(summary: Mapping[str, Any]) -> list[tuple[str, str]]:
             ("dense cloud", f"{summary['dense_points']:,} points ({summary['dense_backend']}{share})")
         )
     if summary["mesh_faces"] is not None:
-        rows.append(("mesh", f"{summary['mesh_faces']:,} triangles"))
+        size = summary["mesh_texture"]
+        look = f"a texture of {size[0]}x{size[1]}" if size else "vertex colours"
+        rows.append(("mesh", f"{summary['mesh_faces']:,} triangles with {look}"))
     if "truth" in summary:
         rows += [
             (f"truth: {name.replace('_', ' ')}", f"{value:.4g}") for name, value in summary["truth"].items()

@@ -55,6 +55,17 @@ def face_normals(corners: F32) -> F64:
     return np.asarray(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]))
 
 
+def vertex_normals(mesh: Mesh) -> F32:
+    """(V, 3) float32 of length one: the mean of the faces around each vertex, by their area; zero where none is."""
+    normals = face_normals(mesh.corners())
+    total = np.zeros((len(mesh.vertices), 3))
+    for k in range(3):
+        for axis in range(3):
+            total[:, axis] += np.bincount(mesh.faces[:, k], normals[:, axis], len(total))
+    length = np.linalg.norm(total, axis=1, keepdims=True)
+    return np.asarray(total / np.maximum(length, 1e-300), np.float32)
+
+
 def neighbours(faces: I32) -> I64:
     """(E, 2): the pairs of faces that share an edge. An edge of more than two faces joins them in a chain."""
     edges = np.sort(faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2).astype(np.int64), axis=1)
@@ -84,10 +95,11 @@ def components(count: int, pairs: npt.NDArray[np.integer[Any]]) -> I64:
     return np.asarray(np.unique(parent, return_inverse=True)[1]).reshape(-1)
 
 
-def without_small_parts(mesh: Mesh, share: float) -> Mesh:
-    """Without the connected parts whose area is less than `share` of that of the largest."""
+def without_small_parts(mesh: Mesh, share: float, least_area: float = 0.0) -> Mesh:
+    """Without the connected parts whose area is less than `share` of that of the largest, or than `least_area`;
+    the largest stays."""
     if not len(mesh.faces):
         return mesh
     part = components(len(mesh.vertices), mesh.faces[:, [0, 1, 1, 2]].reshape(-1, 2))[mesh.faces[:, 0]]
-    area = np.bincount(part, np.linalg.norm(face_normals(mesh.corners()), axis=1))
-    return mesh.with_faces(area[part] >= share * area.max())
+    area = np.bincount(part, np.linalg.norm(face_normals(mesh.corners()), axis=1)) / 2
+    return mesh.with_faces(area[part] >= min(max(share * area.max(), least_area), area.max()))
