@@ -24,7 +24,7 @@ from colmap_ihe.colmap.native import apply_options, called, pycolmap
 from colmap_ihe.colmap.ply import Rows, read_mesh, read_ply, write_mesh, write_rows
 from colmap_ihe.errors import MappingError, NativeError
 from colmap_ihe.progress import SILENT, Watch
-from colmap_ihe.texture.mesh import F32, I64, U8, Mesh, without_small_parts
+from colmap_ihe.texture.mesh import F32, I32, I64, U8, Mesh, without_small_parts
 
 _START = """
 import json, sys
@@ -42,7 +42,10 @@ _DEPTHS = range(5, 14)
 _SCALE = 1.1  # of Poisson's cube over the box of the points
 _FINER = 4  # times as many faces as wanted: what simplification takes away is where the surface is flat
 _FACES_PER_CELL = 2.1
-_LEVELS_TRIMMED = 2.0  # where points are further apart than four cells, there is no surface
+_LEVELS_TRIMMED = (
+    2.0  # below the octree's depth; the surface then reaches about three cells beyond the points
+)
+_CELLS_BEYOND = 2.5  # that it may reach at most, which the density alone does not bound
 _SMALL_PART = 0.002  # of the area of the largest part
 _SMALL_CELLS = 200  # the area of a small part in any case
 
@@ -81,7 +84,7 @@ def reconstruct_surface(
         _poisson(parts[0], parts[1], native, watch)
         watch.advance()
         cell = 1 / _cells_per_unit(_positions(thin), native.depth)
-        surface = _trimmed(parts[1], _SMALL_CELLS * cell**2)
+        surface = _trimmed(parts[1], thin, cell)
         before = len(surface.faces)
         if before > faces:
             write_mesh(parts[1], surface)
@@ -123,8 +126,7 @@ def thinned(points: Rows, cells_per_unit: float) -> Rows:
 
 def nearest_colours(vertices: F32, points: Rows) -> U8:
     """(V, 3) uint8: the mean colour of the three points nearest to each vertex."""
-    tree = cv2.flann.Index(_positions(points), {"algorithm": _KD_TREE})
-    rows, _ = tree.knnSearch(vertices, min(3, len(points)), params={"checks": -1})
+    rows, _ = _nearest(vertices, points, min(3, len(points)))
     colours = np.stack([points[name] for name in ("red", "green", "blue")], axis=1)
     return np.asarray(np.rint(colours[rows].mean(axis=1)), np.uint8)
 
@@ -196,12 +198,24 @@ def _depth(positions: F32, faces: int) -> int:
     return depth
 
 
-def _trimmed(path: Path, small_area: float) -> Mesh:
-    """Poisson's mesh without its floating parts. Raises `MappingError`."""
-    mesh = without_small_parts(read_mesh(path), _SMALL_PART, small_area) if path.is_file() else None
+def _trimmed(path: Path, points: Rows, cell: float) -> Mesh:
+    """Poisson's mesh without what lies far from the cloud, and without floating parts. Raises `MappingError`."""
+    mesh = read_mesh(path) if path.is_file() else None
+    if mesh is not None and len(mesh.faces):
+        _, squared = _nearest(mesh.vertices, points, 1)
+        near = squared[:, 0] <= (_CELLS_BEYOND * cell) ** 2
+        mesh = mesh.with_faces(near[mesh.faces].all(axis=1))
+        mesh = without_small_parts(mesh, _SMALL_PART, _SMALL_CELLS * cell**2)
     if mesh is None or not len(mesh.faces):
         raise MappingError(
             "no surface is dense enough to be kept",
             hint="try a lower trim, as --set mesh.colmap.trim=0, or leave the mesh out with --no-mesh",
         )
     return mesh
+
+
+def _nearest(vertices: F32, points: Rows, count: int) -> tuple[I32, F32]:
+    """(V, count) rows of the points nearest to each vertex, and the squares of their distances."""
+    tree = cv2.flann.Index(_positions(points), {"algorithm": _KD_TREE})
+    rows, squared = tree.knnSearch(vertices, count, params={"checks": -1})
+    return np.asarray(rows, np.int32), np.asarray(squared, np.float32)

@@ -27,12 +27,20 @@ class Texels:
 
 
 def texels_of(atlas: Atlas) -> Texels:
-    """Each texel once; where charts overlap, the last face has it."""
+    """Each texel once; where charts overlap, the last face has it. A face that covers the centre of no texel has
+    the one that it lies in, else its colour would be its neighbour's on the texture."""
     face = np.full(atlas.size[0] * atlas.size[1], -1, np.int32)
     weights = np.zeros((len(face), 3), np.float32)
-    for part in covered(atlas.texel[atlas.faces], atlas.size):
+    corners = atlas.texel[atlas.faces]
+    for part in covered(corners, atlas.size):
         face[part.pixel] = part.face
         weights[part.pixel] = part.weights
+    small = np.setdiff1d(np.arange(len(corners)), face)
+    column, row = np.clip(np.floor(corners[small].mean(axis=1)).T, 0, np.array([atlas.size]).T - 1)
+    there = (row * atlas.size[0] + column).astype(np.int64)
+    free = face[there] < 0
+    face[there[free]] = small[free]
+    weights[there[free]] = 1 / 3
     pixel = np.flatnonzero(face >= 0)
     return Texels(pixel.astype(np.int32), face[pixel], weights[pixel])
 
