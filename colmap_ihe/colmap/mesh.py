@@ -9,6 +9,7 @@ trim, which COLMAP counts in levels of the octree, means the same on every scene
 from __future__ import annotations
 
 import json
+import os
 import subprocess
 import sys
 import time
@@ -141,6 +142,8 @@ def _poisson(cloud: Path, mesh: Path, options: pycolmap.PoissonMeshingOptions, w
         stdout=subprocess.DEVNULL,
         stderr=subprocess.DEVNULL,
         start_new_session=True,  # Ctrl-C in the terminal is for us
+        # Its threads meet often: beside other work, those that wait would else keep the cores busy for the others.
+        env=os.environ | {"OMP_WAIT_POLICY": "passive"},
     )
     try:
         while process.poll() is None:
@@ -204,7 +207,7 @@ def _trimmed(path: Path, points: Rows, cell: float) -> Mesh:
     if mesh is not None and len(mesh.faces):
         _, squared = _nearest(mesh.vertices, points, 1)
         near = squared[:, 0] <= (_CELLS_BEYOND * cell) ** 2
-        mesh = mesh.with_faces(near[mesh.faces].all(axis=1))
+        mesh = mesh.with_faces(np.asarray(near[mesh.faces].all(axis=1)))
         mesh = without_small_parts(mesh, _SMALL_PART, _SMALL_CELLS * cell**2)
     if mesh is None or not len(mesh.faces):
         raise MappingError(

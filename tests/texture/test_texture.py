@@ -58,7 +58,8 @@ def picture(view: View, colour: object, z: float = 0.0) -> U8:
     x = centre[0] + (column - SIZE[0] / 2) * away
     y = centre[1] + (row - SIZE[1] / 2) * away
     assert callable(colour)
-    return np.clip(np.rint(colour(x.ravel(), y.ravel())), 0, 255).astype(np.uint8).reshape(*SIZE[::-1], 3)
+    values = np.clip(np.rint(colour(x.ravel(), y.ravel())), 0, 255)
+    return np.asarray(values, np.uint8).reshape(*SIZE[::-1], 3)
 
 
 def ramp(x: Any, y: Any) -> Any:
