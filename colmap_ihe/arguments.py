@@ -113,7 +113,7 @@ def _add_demo(command: _Command) -> None:
 def _add_reconstruct(command: _Command) -> None:
     parser = command(
         "reconstruct",
-        "From the photographs in PROJECT/images to cameras, points and a coloured dense cloud in "
+        "From the photographs in PROJECT/images to cameras, points, a coloured dense cloud and a mesh in "
         "PROJECT/workspace, a plain COLMAP workspace. The same command goes on after an interruption, and "
         "runs again only what a change makes stale.",
     )
@@ -121,6 +121,7 @@ def _add_reconstruct(command: _Command) -> None:
     parser.add_argument("--from", dest="start", choices=NAMES, help="run this stage and all after it again")
     parser.add_argument("--until", choices=NAMES, help="end after this stage")
     parser.add_argument("--no-dense", action="store_true", help="end with the sparse model")
+    parser.add_argument("--no-mesh", action="store_true", help="end with the dense cloud")
     parser.add_argument("--strict", action="store_true", help="stop at a photograph that cannot be used")
     _add_camera(parser)
 

@@ -96,6 +96,8 @@ def _reconstruct(parsed: argparse.Namespace, bars: Bars) -> None:
     assignments = [*parsed.assignments, *camera_assignments(parsed)]
     if parsed.no_dense:
         assignments.append("dense.enabled=false")
+    if parsed.no_mesh:
+        assignments.append("mesh.enabled=false")
     if parsed.strict:
         assignments.append("captures.strict=true")
     options = commands.project_options(parsed.project, assignments)
@@ -107,7 +109,7 @@ def _reconstruct(parsed: argparse.Namespace, bars: Bars) -> None:
         return
     print_summary(done.summary, title=str(parsed.project))
     print(f"report    {done.project.summary_file}")
-    for name, place in (("sparse", done.sparse_model), ("dense", done.dense_cloud)):
+    for name, place in (("sparse", done.sparse_model), ("dense", done.dense_cloud), ("mesh", done.mesh)):
         if place.exists() and done.summary["stages"].get(name) is not None:
             print(f"{name:<9} {place}")
 

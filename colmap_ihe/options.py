@@ -191,6 +191,19 @@ class DenseOptions(_Section):
     """For pycolmap.PatchMatchOptions."""
 
 
+class MeshOptions(_Section):
+    enabled: bool = True
+    """Of no account where `dense.enabled` is false: the mesh is made of the dense cloud."""
+    faces: Annotated[int, Field(ge=100, le=50_000_000)] = 300_000
+    """The most triangles that the mesh is simplified to."""
+    texture: Literal["auto"] | bool = "auto"
+    """`auto`: a textured mesh beside that with vertex colours where xatlas and trimesh are installed."""
+    texture_size: Annotated[int, Field(ge=256, le=16_384)] = 4096
+    """The longest side of the texture in pixels; it is smaller where the photographs show no more."""
+    colmap: ColmapOptions = Field(default_factory=dict)
+    """For pycolmap.PoissonMeshingOptions."""
+
+
 class Options(_Section):
     """Every option of a project. `Options()` holds the defaults."""
 
@@ -204,6 +217,11 @@ class Options(_Section):
     matches: MatchesOptions = MatchesOptions()
     sparse: SparseOptions = SparseOptions()
     dense: DenseOptions = DenseOptions()
+    mesh: MeshOptions = MeshOptions()
+
+    @property
+    def meshed(self) -> bool:
+        return self.dense.enabled and self.mesh.enabled
 
 
 def load_options(path: Path | None, assignments: Iterable[str] = ()) -> Options:

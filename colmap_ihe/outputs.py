@@ -31,6 +31,9 @@ def remove(stage: str, project: Project) -> None:
             shutil.rmtree(folder, ignore_errors=True)
     elif stage == "dense":
         shutil.rmtree(project.dense, ignore_errors=True)
+    elif stage == "mesh":
+        for file in project.dense.glob("mesh.*"):
+            file.unlink(missing_ok=True)
 
 
 def remove_masters(project: Project, recipes: Mapping[str, Mapping[str, Any]]) -> None:
@@ -60,4 +63,6 @@ def missing(stage: str, project: Project, record: Mapping[str, Any]) -> list[Pat
         files = [project.sparse / str(n) / name for n in range(len(record["models"])) for name in names]
     elif stage == "dense":
         files = [project.dense / "fused.ply"]
+    elif stage == "mesh":
+        files = [project.dense / name for name in record["files"]]
     return [file for file in files if not file.is_file()]

@@ -1,4 +1,4 @@
-"""The road from photographs to a coloured dense cloud: which stages there are, and how one is skipped,
+"""The road from photographs to a coloured mesh: which stages there are, and how one is skipped,
 resumed, run and cancelled.
 
 A stage is up to date if its record carries the fingerprint that it would have now: of the options that
@@ -18,6 +18,7 @@ from typing import Any
 
 from colmap_ihe import outputs, preflight, stages
 from colmap_ihe.captures.discover import Discovery, discover
+from colmap_ihe.colmap import textured
 from colmap_ihe.colmap.dense import pick_backend
 from colmap_ihe.colmap.native import logged_to
 from colmap_ihe.errors import OptionError, PhotographError
@@ -48,6 +49,7 @@ ROAD = (
     Stage("matches", stages.matches, ("matches",)),
     Stage("sparse", stages.sparse, ("sparse",)),
     Stage("dense", stages.dense, ("dense",), ("opencv",)),
+    Stage("mesh", stages.mesh, ("mesh",)),
 )
 NAMES = tuple(stage.name for stage in ROAD)
 _FRAMES = "../calibration/"  # before the names of its files, which no photograph can have
@@ -70,6 +72,10 @@ class Reconstruction:
     @property
     def dense_cloud(self) -> Path:
         return self.project.dense / "fused.ply"
+
+    @property
+    def mesh(self) -> Path:
+        return self.project.mesh
 
 
 @dataclass(frozen=True)
@@ -117,7 +123,7 @@ def reconstruct(
         ran = []
         last = NAMES.index(until) if until else len(ROAD) - 1
         for number, stage in enumerate(ROAD[: last + 1]):
-            if stage.name == "dense" and not options.dense.enabled:
+            if _switched_off(stage.name, options):
                 continue
             forced = start is not None and number >= NAMES.index(start)
             record = None if forced else place.read_record(stage.name)
@@ -130,7 +136,7 @@ def reconstruct(
                 ran.append(stage.name)
             run.records[stage.name] = record
         for stage in ROAD[last + 1 :]:  # not asked for, but still true
-            record = place.read_record(stage.name)
+            record = None if _switched_off(stage.name, options) else place.read_record(stage.name)
             if record is None or _why_stale(place, stage, record, prints):
                 break
             run.records[stage.name] = record
@@ -147,8 +153,14 @@ def _check_range(start: str | None, until: str | None, options: Options) -> None
             raise OptionError(f"no stage is called {name!r}", hint=f"the stages are {', '.join(NAMES)}")
     if start is not None and until is not None and NAMES.index(start) > NAMES.index(until):
         raise OptionError(f"--from {start} comes after --until {until}", hint="name an earlier --from")
-    if start == "dense" and not options.dense.enabled:
-        raise OptionError("--from dense, and dense is switched off", hint="leave out --no-dense")
+    if start is not None and (switch := _switched_off(start, options)):
+        raise OptionError(f"--from {start}, and {switch} is switched off", hint=f"leave out --no-{switch}")
+
+
+def _switched_off(stage: str, options: Options) -> str:
+    """The section whose `enabled` switches the stage off, empty if none does."""
+    switches = {"dense": ("dense",), "mesh": ("dense", "mesh")}.get(stage, ())
+    return next((name for name in switches if not getattr(options, name).enabled), "")
 
 
 def status(
@@ -163,8 +175,8 @@ def status(
     stale_before = ""
     for stage in ROAD:
         record = place.read_record(stage.name)
-        if stage.name == "dense" and not options.dense.enabled:
-            states.append(StageState(stage.name, "off", "dense.enabled is false", None))
+        if switch := _switched_off(stage.name, options):
+            states.append(StageState(stage.name, "off", f"{switch}.enabled is false", None))
         elif record is None:
             why = "begun, not finished" if place.begun_file(stage.name).exists() else ""
             states.append(StageState(stage.name, "to do", why, None))
@@ -234,6 +246,10 @@ def _options_of(options: Options, stage: Stage) -> dict[str, Any]:
     if stage.name == "dense":
         del chosen["dense"]["enabled"]
         chosen["dense"]["backend"] = pick_backend(options.dense.backend) if options.dense.enabled else "none"
+    if stage.name == "mesh":
+        del chosen["mesh"]["enabled"]
+        if options.mesh.texture == "auto":
+            chosen["mesh"]["texture"] = textured.is_possible()
     return chosen
 
 

@@ -4,7 +4,7 @@ there."""
 from __future__ import annotations
 
 from colmap_ihe.captures.denoise import require_wavelets
-from colmap_ihe.colmap import dense, features, mapping, matching
+from colmap_ihe.colmap import dense, features, mapping, matching, mesh, textured
 from colmap_ihe.options import Options
 
 
@@ -24,3 +24,7 @@ def check_options(options: Options, images: int) -> None:
         dense.pick_backend(options.dense.backend)
         dense.fusion_options(options.dense.colmap)
         dense.patchmatch_options(options.dense.patchmatch)
+    if options.meshed:
+        mesh.poisson_options(options.mesh.colmap)
+        if options.mesh.texture is True:
+            textured.libraries()

@@ -112,6 +112,11 @@ class Project:
         return self.workspace / "dense" / "0"
 
     @property
+    def mesh(self) -> Path:
+        """The surface with vertex colours; the textured ones lie beside it."""
+        return self.dense / "mesh.ply"
+
+    @property
     def colour(self) -> Path:
         return self.root / "colour"
 

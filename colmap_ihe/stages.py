@@ -20,6 +20,8 @@ from colmap_ihe.captures import decoders
 from colmap_ihe.captures.discover import Capture, Discovery
 from colmap_ihe.captures.recipe import recipe_from_dict
 from colmap_ihe.colmap import dense as dense_stereo
+from colmap_ihe.colmap import mesh as surface
+from colmap_ihe.colmap import textured
 from colmap_ihe.colmap.features import extract_features
 from colmap_ihe.colmap.mapping import map_images
 from colmap_ihe.colmap.matching import match_features
@@ -36,6 +38,8 @@ from colmap_ihe.recipes import recipe_notes, with_recipes
 Record = dict[str, Any]
 
 _DATABASE_BYTES = 4_000_000  # features and matches of one image, roughly
+_CLOUD_BYTES = 27  # of a point
+_FACE_BYTES = 200  # of a face that is wanted, with those that are simplified away
 
 
 @dataclass
@@ -276,6 +280,28 @@ def dense(run: Run, watch: Watch) -> Record:
     if not points:
         record["warnings"].append("no point of the depth maps was confirmed: the cloud is empty")
     return {**record, "points": points}
+
+
+def mesh(run: Run, watch: Watch) -> Record:
+    project, options = run.project, run.options.mesh
+    points = run.records["dense"]["points"]
+    _require_room(project, points * _CLOUD_BYTES + options.faces * _FACE_BYTES)
+    try:
+        made = surface.reconstruct_surface(
+            project.dense / "fused.ply", project.mesh, options.faces, options=options.colmap, watch=watch
+        )
+    except MappingError as error:  # the cloud is there all the same
+        return {"files": [], "warnings": [f"no mesh was made: {error}"]}
+    record = {**asdict(made), "files": [project.mesh.name], "warnings": []}
+    if options.texture is False:
+        return record
+    if options.texture == "auto" and not textured.is_possible():
+        note = "the mesh has vertex colours and no texture: pip install 'colmap-ihe[mesh]' for that"
+        return {**record, "warnings": [note]}
+    texture = textured.texture_mesh(
+        project.dense, project.mesh, options.texture_size, executor=run.executor, watch=watch
+    )
+    return {**record, "texture": asdict(texture), "files": [project.mesh.name, *textured.FILES]}
 
 
 def _masks(run: Run) -> tuple[Path | None, list[str]]:

@@ -74,6 +74,7 @@ def test_cameras_are_the_same_after_a_kill_amid_features(finished: Path, quick_o
         ("workspace/database.db", "features"),
         ("workspace/sparse/0/points3D.bin", "sparse"),
         ("workspace/dense/0/fused.ply", "dense"),
+        ("workspace/dense/0/mesh.ply", "mesh"),
     ],
 )
 def test_a_stage_whose_files_are_gone_runs_again(

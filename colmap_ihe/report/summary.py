@@ -21,6 +21,7 @@ def summarise(records: Mapping[str, Mapping[str, Any]], options: Options) -> dic
     models = records["sparse"]["models"] if "sparse" in records else []
     model = models[0] if models else {}
     dense = records.get("dense", {})
+    mesh = records.get("mesh", {})
     left_out = {name: why for r in records.values() for name, why in r.get("left_out", {}).items()}
     return {
         "images": records["captures"]["images"] + len(records["captures"]["left_out"]),
@@ -47,6 +48,8 @@ def summarise(records: Mapping[str, Mapping[str, Any]], options: Options) -> dic
         "dense_points": dense.get("points"),
         "dense_backend": dense.get("backend"),
         "dense_pixels_with_depth_percent": _percent(dense.get("pixels_with_depth"), dense.get("pixels")),
+        "mesh_faces": mesh.get("faces"),
+        "mesh_texture": [mesh["texture"]["width"], mesh["texture"]["height"]] if "texture" in mesh else None,
         "stages": {name: record["seconds"] for name, record in records.items()},
         "warnings": [text for record in records.values() for text in record["warnings"]],
     }
@@ -75,6 +78,10 @@ def summary_rows(summary: Mapping[str, Any]) -> list[tuple[str, str]]:
         rows.append(
             ("dense cloud", f"{summary['dense_points']:,} points ({summary['dense_backend']}{share})")
         )
+    if summary["mesh_faces"] is not None:
+        size = summary["mesh_texture"]
+        look = f"a texture of {size[0]}x{size[1]}" if size else "vertex colours"
+        rows.append(("mesh", f"{summary['mesh_faces']:,} triangles with {look}"))
     if "truth" in summary:
         rows += [
             (f"truth: {name.replace('_', ' ')}", f"{value:.4g}") for name, value in summary["truth"].items()

@@ -1,0 +1,159 @@
+"""The mesh, measured: against the demo's truth, and its texture against the photographs.
+
+    python benchmarks/mesh.py PROJECT [--truth PROJECT/truth] [--pictures DIR]
+
+PROJECT is a finished project. "Accuracy" is the share of points on the mesh that are so near to a true surface,
+"completeness" the share of what the photographs truly see that is so near to the mesh; the distance is in percent
+of the scene's extent. "Reprojection" renders the textured mesh from each camera and takes the mean absolute
+difference from the undistorted photograph, in grey levels of 255, over the pixels that the mesh covers.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import trimesh
+from PIL import Image
+
+from colmap_ihe.colmap.native import pycolmap
+from colmap_ihe.colmap.ply import read_mesh
+from colmap_ihe.evaluate.surface import moved, points_on, surface_errors, true_points
+from colmap_ihe.evaluate.truth import pose_errors, read_truth
+from colmap_ihe.texture.bake import sample
+from colmap_ihe.texture.raster import View, covered, depth_picture
+
+SAMPLES = 1_000_000
+WITHIN_PERCENT = (0.1, 0.5)
+
+Array = npt.NDArray[Any]
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("project", type=Path)
+    parser.add_argument("--truth", type=Path, help="a folder of truth, as the demo writes it")
+    parser.add_argument("--pictures", type=Path, help="where renderings go, from a camera and between two")
+    arguments = parser.parse_args()
+    dense = arguments.project / "workspace" / "dense" / "0"
+    record = json.loads((arguments.project / "records" / "mesh.json").read_text())
+    rows = [
+        ("faces", f"{record['faces']:,} of {record['faces_before']:,}"),
+        ("octree depth", str(record["depth"])),
+        ("seconds", f"{record['seconds']:.0f}"),
+    ]
+    if "texture" in record:
+        rows.append(("texture", ", ".join(f"{k} {v}" for k, v in record["texture"].items())))
+    if arguments.truth:
+        rows += _against_truth(dense, arguments.truth)
+    if "texture" in record:
+        rows += _reprojection(dense, arguments.pictures)
+    print("| measure | value |\n|---|---|")
+    for name, value in rows:
+        print(f"| {name} | {value} |")
+
+
+def _against_truth(dense: Path, folder: Path) -> list[tuple[str, str]]:
+    truth = read_truth(folder)
+    model = pycolmap.Reconstruction(dense / "sparse")
+    poses = {model.images[i].name: model.images[i].cam_from_world().matrix() for i in model.reg_image_ids()}
+    similarity = pose_errors(poses, truth).world_from_model
+    on_mesh = moved(points_on(read_mesh(dense / "mesh.ply").corners(), SAMPLES), similarity)
+    true = np.concatenate([true_points(image, step=4) for image in truth.images.values()])
+    errors = surface_errors(on_mesh, true)
+    rows = []
+    for percent in WITHIN_PERCENT:
+        accuracy, completeness = errors.shares_percent(percent / 100 * truth.extent_m)
+        rows.append(
+            (
+                f"within {percent} % ({percent / 100 * truth.extent_m * 100:.1f} cm)",
+                f"accuracy {accuracy:.1f} %, completeness {completeness:.1f} %",
+            )
+        )
+    return rows
+
+
+def _reprojection(dense: Path, pictures: Path | None) -> list[tuple[str, str]]:
+    scene: Any = trimesh.load(dense / "mesh.glb", process=False)
+    mesh = scene.geometry["mesh"]
+    texture = np.asarray(mesh.visual.material.baseColorTexture.convert("RGB"))
+    uv = np.asarray(mesh.visual.uv) * [1, -1] + [0, 1]
+    texel = uv * texture.shape[1::-1]
+    model = pycolmap.Reconstruction(dense / "sparse")
+    differences, share = [], []
+    views = []
+    for image_id in sorted(model.reg_image_ids()):
+        image = model.images[image_id]
+        camera = model.cameras[image.camera_id]
+        view = View(
+            camera.calibration_matrix(), image.cam_from_world().matrix(), (camera.width, camera.height)
+        )
+        views.append(view)
+        drawn, here = rendered(np.asarray(mesh.vertices), np.asarray(mesh.faces), texel, texture, view)
+        photograph = np.asarray(Image.open(dense / "images" / image.name).convert("RGB"))
+        differences.append(float(np.abs(drawn[here] - photograph[here].astype(float)).mean()))
+        share.append(float(here.mean()))
+        if pictures and len(views) in (1, 6):
+            pictures.mkdir(parents=True, exist_ok=True)
+            beside = np.concatenate((photograph, np.where(here[..., None], drawn, 255)), axis=1)
+            Image.fromarray(beside.astype(np.uint8)).save(pictures / f"camera-{len(views)}.png")
+    if pictures and len(views) > 6:
+        drawn, here = rendered(
+            np.asarray(mesh.vertices), np.asarray(mesh.faces), texel, texture, _elsewhere(views)
+        )
+        Image.fromarray(np.where(here[..., None], drawn, 255).astype(np.uint8)).save(
+            pictures / "new-view.png"
+        )
+    return [
+        (
+            "reprojection",
+            f"{np.mean(differences):.2f} of 255 (worst photograph {max(differences):.2f}),"
+            f" over {100 * np.mean(share):.0f} % of the pixels",
+        )
+    ]
+
+
+def _elsewhere(views: list[View]) -> View:
+    """Higher than the middle camera by a quarter of what the cameras span, turned down to what it looked at."""
+    middle = views[len(views) // 2]
+    right, down, forward = middle.cam_from_world[:, :3]
+    span = float(np.linalg.norm(np.ptp([view.centre for view in views], axis=0)))
+    centre = middle.centre - 0.25 * span * down + 0.1 * span * right
+    turned = forward + 0.3 * down
+    turned /= np.linalg.norm(turned)
+    right = np.cross(down, turned)
+    right /= np.linalg.norm(right)
+    rotation = np.stack((right, np.cross(turned, right), turned))
+    return View(middle.calibration, np.column_stack((rotation, -rotation @ centre)), middle.size)
+
+
+def rendered(vertices: Array, faces: Array, texel: Array, texture: Array, view: View) -> tuple[Array, Array]:
+    """(H, W, 3) float and (H, W) where the mesh is; only faces that show their outside, with perspective."""
+    pixels, depths = view.project(vertices.astype(np.float32))
+    corners, depth = pixels[faces], depths[faces]
+    one, other = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
+    # Anticlockwise from outside is clockwise where y is down.
+    front = one[:, 0] * other[:, 1] - one[:, 1] * other[:, 0] < 0
+    corners, depth, faces = corners[front], depth[front], faces[front]
+    nearest = depth_picture(corners, depth, view.size).ravel()
+    place = np.zeros((len(nearest), 2))
+    for part in covered(corners, view.size):
+        weights = part.weights / depth[part.face]
+        z = 1 / weights.sum(axis=1)
+        first = z <= nearest[part.pixel] * (1 + 1e-5)
+        found = (texel[faces[part.face]] * weights[:, :, None]).sum(axis=1) * z[:, None]
+        place[part.pixel[first]] = found[first]
+    here = np.isfinite(nearest)
+    drawn = np.zeros((len(nearest), 3))
+    drawn[here] = sample(texture, place[here])
+    return drawn.reshape(*view.size[::-1], 3), here.reshape(view.size[::-1])
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,1 @@
+"""A texture for a mesh from oriented photographs: arrays in, arrays out."""

@@ -1,0 +1,129 @@
+"""The surface of clouds of known shape."""
+
+from __future__ import annotations
+
+import threading
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from colmap_ihe.colmap import mesh as surface
+from colmap_ihe.colmap.ply import Rows, read_mesh, read_ply, write_mesh, write_rows
+from colmap_ihe.errors import Cancelled, MappingError, NativeError, OptionError, ProjectError
+from colmap_ihe.progress import Silent
+from colmap_ihe.texture.mesh import Mesh, face_normals
+
+_FIELDS = [
+    *((n, "<f4") for n in ("x", "y", "z", "nx", "ny", "nz")),
+    *((n, "u1") for n in ("red", "green", "blue")),
+]
+
+
+def cloud_of(positions: object, normals: object, colours: object) -> Rows:
+    values = np.column_stack([np.asarray(positions, float), np.asarray(normals, float), np.asarray(colours)])
+    rows = np.empty(len(values), _FIELDS)
+    for k, name in enumerate(rows.dtype.names or ()):
+        rows[name] = values[:, k]
+    return rows
+
+
+def sphere(count: int = 20_000, radius: float = 1.0, centre: tuple[float, float, float] = (0, 0, 0)) -> Rows:
+    """Red where x is positive, blue elsewhere."""
+    normals = np.random.default_rng(1).normal(size=(count, 3))
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    colours = np.where(normals[:, :1] > 0, [200, 20, 20], [20, 20, 200])
+    return cloud_of(radius * normals + centre, normals, colours)
+
+
+@pytest.mark.parametrize("scale", [0.01, 1000.0])
+def test_a_sphere_of_any_size(tmp_path: Path, scale: float) -> None:
+    write_rows(tmp_path / "cloud.ply", sphere(radius=scale))
+    made = surface.reconstruct_surface(tmp_path / "cloud.ply", tmp_path / "mesh.ply", 1500)
+    mesh = read_mesh(tmp_path / "mesh.ply")
+    assert len(mesh.faces) == made.faces
+    assert 1400 < made.faces <= 1500 < made.faces_before < 8 * 1500
+    radii = np.linalg.norm(mesh.vertices, axis=1) / scale
+    assert 0.98 < radii.min() <= radii.max() < 1.02
+    assert (mesh.vertices[mesh.colours[:, 0] > mesh.colours[:, 2], 0] > -0.1 * scale).all()
+    outwards = (face_normals(mesh.corners()) * mesh.corners().mean(axis=1)).sum(axis=1) > 0
+    assert outwards.mean() > 0.99
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["cloud.ply", "mesh.ply"]
+
+
+def test_what_floats_is_removed_and_holes_stay_open(tmp_path: Path) -> None:
+    dome = sphere()
+    speck = sphere(2000, radius=0.02, centre=(0, 0, -2))
+    write_rows(tmp_path / "cloud.ply", np.concatenate([dome[dome["z"] > 0.2], speck]))
+    surface.reconstruct_surface(tmp_path / "cloud.ply", tmp_path / "mesh.ply", 2000)
+    z = read_mesh(tmp_path / "mesh.ply").vertices[:, 2]
+    assert -0.1 < z.min() < 0.25
+
+
+@pytest.mark.parametrize(
+    "points",
+    [
+        sphere(0),
+        sphere(1),
+        sphere(99),
+        sphere(500, radius=0.0),
+        cloud_of(np.full((500, 3), np.nan), np.ones((500, 3)), np.zeros((500, 3))),
+        cloud_of(np.random.default_rng(0).random((500, 3)), np.zeros((500, 3)), np.zeros((500, 3))),
+    ],
+    ids=["empty", "one", "few", "all at one place", "not numbers", "no normals"],
+)
+def test_a_cloud_that_gives_no_surface(tmp_path: Path, points: Rows) -> None:
+    write_rows(tmp_path / "cloud.ply", points)
+    with pytest.raises(MappingError, match="a surface needs 100 points") as caught:
+        surface.reconstruct_surface(tmp_path / "cloud.ply", tmp_path / "mesh.ply", 1000)
+    assert "--no-mesh" in caught.value.hint
+    assert not (tmp_path / "mesh.ply").exists()
+
+
+def test_a_trim_that_leaves_nothing(tmp_path: Path) -> None:
+    write_rows(tmp_path / "cloud.ply", sphere())
+    with pytest.raises(MappingError, match="no surface is dense enough"):
+        surface.reconstruct_surface(
+            tmp_path / "cloud.ply", tmp_path / "mesh.ply", 1000, options={"trim": 40.0}
+        )
+
+
+def test_colmap_may_abort(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    write_rows(tmp_path / "cloud.ply", sphere())
+    monkeypatch.setattr(surface, "_START", "import os; os.abort()")
+    with pytest.raises(NativeError, match="ended with status -6"):
+        surface.reconstruct_surface(tmp_path / "cloud.ply", tmp_path / "mesh.ply", 1000)
+    assert [p.name for p in tmp_path.iterdir()] == ["cloud.ply"]
+
+
+def test_it_stops_when_asked_to(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    write_rows(tmp_path / "cloud.ply", sphere())
+    monkeypatch.setattr(surface, "_START", "import time; time.sleep(60)")
+    watch = Silent()
+    threading.Timer(0.5, lambda: setattr(watch, "cancelled", True)).start()
+    with pytest.raises(Cancelled):
+        surface.reconstruct_surface(tmp_path / "cloud.ply", tmp_path / "mesh.ply", 1000, watch=watch)
+    assert [p.name for p in tmp_path.iterdir()] == ["cloud.ply"]
+
+
+def test_options_are_pycolmaps() -> None:
+    with pytest.raises(OptionError, match=r"mesh\.colmap"):
+        surface.poisson_options({"deep": 3})
+
+
+def test_mesh_files_go_round(tmp_path: Path) -> None:
+    mesh = Mesh(
+        np.random.default_rng(0).random((5, 3), np.float32),
+        np.array([[0, 1, 2], [2, 3, 4]], np.int32),
+        np.arange(15, dtype=np.uint8).reshape(5, 3),
+    )
+    write_mesh(tmp_path / "mesh.ply", mesh)
+    again = read_mesh(tmp_path / "mesh.ply")
+    assert np.array_equal(again.vertices, mesh.vertices)
+    assert np.array_equal(again.faces, mesh.faces)
+    assert np.array_equal(again.colours, mesh.colours)
+    content = (tmp_path / "mesh.ply").read_bytes()
+    for broken in (b"", content[:-1], content[:60], content.replace(b"binary_little", b"binary_big")):
+        (tmp_path / "broken.ply").write_bytes(broken)
+        with pytest.raises(ProjectError, match="cannot be read as a binary PLY file"):
+            read_ply(tmp_path / "broken.ply")

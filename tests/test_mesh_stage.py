@@ -1,0 +1,109 @@
+"""The mesh at the end of the road, on the small demo."""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from colmap_ihe.colmap.ply import read_mesh, read_ply, write_rows
+from colmap_ihe.errors import CapabilityError, OptionError
+from colmap_ihe.options import Options
+from colmap_ihe.pipeline import reconstruct, status
+from colmap_ihe.project import Project
+
+MakeOptions = Callable[..., Options]
+
+
+def record(project: Path) -> dict[str, Any]:
+    found: dict[str, Any] = json.loads((project / "records/mesh.json").read_text())
+    return found
+
+
+def test_it_leaves_a_mesh_with_colours_and_one_with_a_texture(
+    finished: Path, finished_summary: dict[str, Any]
+) -> None:
+    trimesh: Any = pytest.importorskip("trimesh", reason="needs the extra `mesh`")
+    dense = finished / "workspace/dense/0"
+    mesh = read_mesh(dense / "mesh.ply")
+    assert 1000 < len(mesh.faces) == finished_summary["mesh_faces"] <= 2000
+    assert mesh.colours.std() > 10
+    loaded = trimesh.load(dense / "mesh.glb", process=False).geometry["mesh"]
+    assert len(loaded.faces) == len(mesh.faces)
+    picture = loaded.visual.material.baseColorTexture
+    assert list(picture.size) == finished_summary["mesh_texture"]
+    corners = np.asarray(loaded.vertices)[np.asarray(loaded.faces)]
+    assert np.abs(corners - mesh.corners()).max() < 1e-4
+    pixels = np.asarray(picture.convert("RGB"))
+    place = np.asarray(loaded.visual.uv) * [1, -1] + [0, 1]
+    assert (place >= 0).all()
+    assert (place <= 1).all()
+    column, row = np.minimum(place * picture.size, np.array(picture.size) - 1).astype(int).T
+    by_vertex = {tuple(v): c for v, c in zip(mesh.vertices.tolist(), mesh.colours.tolist(), strict=True)}
+    expected = np.array([by_vertex[tuple(v)] for v in np.asarray(loaded.vertices, np.float32).tolist()])
+    difference = np.abs(pixels[row, column].astype(float) - expected).mean(axis=1)
+    assert 1 < np.median(difference) < 40, f"{np.median(difference):.1f}: colours are not at their places"
+    lines = (dense / "mesh.obj").read_text().splitlines()
+    kinds = {word: sum(line.startswith(f"{word} ") for line in lines) for word in ("v", "vt", "f", "mtllib")}
+    assert kinds == {
+        "v": len(loaded.vertices),
+        "vt": len(loaded.vertices),
+        "f": len(mesh.faces),
+        "mtllib": 1,
+    }
+    assert "map_Kd mesh.jpeg" in (dense / "mesh.mtl").read_text()
+    with Image.open(dense / "mesh.jpeg") as beside:
+        assert beside.size == picture.size
+    assert not list(dense.glob("*.part*"))
+    upright = trimesh.load(dense / "mesh.glb").graph["mesh"][0]
+    assert np.allclose(upright[:3, :3] @ upright[:3, :3].T, np.eye(3), atol=1e-5)
+
+
+def test_without_the_libraries_it_has_vertex_colours_and_says_so(
+    finished: Path, quick_options: MakeOptions, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, "xatlas", None)
+    with pytest.raises(CapabilityError, match="a textured mesh needs xatlas and trimesh") as caught:
+        reconstruct(finished, quick_options("mesh.texture=true"))
+    assert "pip install 'colmap-ihe[mesh]'" in caught.value.hint
+    assert record(finished)["texture"]
+    done = reconstruct(finished, quick_options())
+    assert done.stages_run == ("mesh",)
+    assert any("no texture" in text for text in done.summary["warnings"])
+    assert done.mesh.is_file()
+    assert not (done.mesh.parent / "mesh.glb").exists()
+
+
+def test_it_may_be_left_out_and_is_options_are_checked_first(
+    finished: Path, quick_options: MakeOptions
+) -> None:
+    done = reconstruct(finished, quick_options("mesh.enabled=false"))
+    assert (done.stages_run, done.summary["mesh_faces"]) == ((), None)
+    assert [s.why for s in status(finished, quick_options("mesh.enabled=false"))][-1] == (
+        "mesh.enabled is false"
+    )
+    with pytest.raises(OptionError, match="--from mesh, and mesh is switched off"):
+        reconstruct(finished, quick_options("mesh.enabled=false"), start="mesh")
+    with pytest.raises(OptionError, match=r"mesh\.colmap"):
+        reconstruct(finished, quick_options("mesh.colmap.deep=3"))
+    done = reconstruct(finished, quick_options("mesh.texture=false", "mesh.faces=500"))
+    assert done.stages_run == ("mesh",)
+    assert sorted(p.name for p in done.mesh.parent.glob("mesh.*")) == ["mesh.ply"]
+    assert done.summary["mesh_faces"] <= 500
+
+
+def test_a_cloud_of_a_few_points_is_a_warning(finished: Path, quick_options: MakeOptions) -> None:
+    cloud = Project.at(finished).dense / "fused.ply"
+    points = read_ply(cloud)["vertex"][:20].copy()
+    cloud.unlink()
+    write_rows(cloud, points)
+    done = reconstruct(finished, quick_options(), start="mesh")
+    assert done.summary["mesh_faces"] is None
+    assert any("no mesh was made: a surface needs 100 points" in text for text in done.summary["warnings"])
+    assert reconstruct(finished, quick_options()).stages_run == ()

@@ -1,0 +1,239 @@
+"""Texture on scenes whose colours are known: planes seen by cameras above them."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from colmap_ihe.texture.atlas import cut, pack
+from colmap_ihe.texture.bake import bake, corner_colours, corner_labels, texels_of
+from colmap_ihe.texture.level import seam_offsets
+from colmap_ihe.texture.mesh import U8, Mesh, components, face_normals, neighbours, without_small_parts
+from colmap_ihe.texture.raster import View, covered, depth_picture
+from colmap_ihe.texture.select import UNSEEN, Candidates, box_labels, choose, quality_in
+
+pytest.importorskip("xatlas", reason="needs the extra `mesh`")
+
+SIZE = (200, 200)
+
+
+def grid(side: int = 10, low: float = -1.0, high: float = 1.0, z: float = 0.0) -> Mesh:
+    """A square across z, facing -z, of `side` x `side` x 2 faces."""
+    ticks = np.linspace(low, high, side + 1)
+    x, y = np.meshgrid(ticks, ticks)
+    vertices = np.stack((x.ravel(), y.ravel(), np.full(x.size, z)), axis=1).astype(np.float32)
+    corner = (np.arange(side)[:, None] * (side + 1) + np.arange(side)).ravel()
+    step = side + 1
+    faces = np.concatenate(
+        (
+            np.stack((corner, corner + step, corner + 1), axis=1),
+            np.stack((corner + 1, corner + step, corner + step + 1), axis=1),
+        )
+    )
+    return Mesh(vertices, faces.astype(np.int32), np.full(vertices.shape, 77, np.uint8))
+
+
+def joined(*meshes: Mesh) -> Mesh:
+    starts = np.cumsum([0, *(len(m.vertices) for m in meshes[:-1])])
+    return Mesh(
+        np.concatenate([m.vertices for m in meshes]),
+        np.concatenate([m.faces + start for m, start in zip(meshes, starts, strict=True)]).astype(np.int32),
+        np.concatenate([m.colours for m in meshes]),
+    )
+
+
+def camera(x: float = 0.0, y: float = 0.0, z: float = -4.0, focal: float = 300.0) -> View:
+    """Looks along +z; 4 before the square, which then is 150 pixels wide."""
+    K = np.array([[focal, 0, SIZE[0] / 2], [0, focal, SIZE[1] / 2], [0, 0, 1]])
+    return View(K, np.column_stack((np.eye(3), [-x, -y, -z])), SIZE)
+
+
+def picture(view: View, colour: object, z: float = 0.0) -> U8:
+    """What `view` sees of a plane at `z` with `colour(x, y)`, (N, 3) of (N,) twice."""
+    column, row = np.meshgrid(np.arange(SIZE[0]) + 0.5, np.arange(SIZE[1]) + 0.5)
+    centre = view.centre
+    away = (z - centre[2]) / view.calibration[0, 0]
+    x = centre[0] + (column - SIZE[0] / 2) * away
+    y = centre[1] + (row - SIZE[1] / 2) * away
+    assert callable(colour)
+    values = np.clip(np.rint(colour(x.ravel(), y.ravel())), 0, 255)
+    return np.asarray(values, np.uint8).reshape(*SIZE[::-1], 3)
+
+
+def ramp(x: Any, y: Any) -> Any:
+    return np.stack((120 + 60 * x, 120 + 60 * y, 120 + 30 * x - 30 * y), axis=1)
+
+
+def labelled(mesh: Mesh, views: list[View]) -> tuple[Any, Any]:
+    candidates = Candidates.none(len(mesh.faces))
+    for number, view in enumerate(views):
+        candidates.add(number, quality_in(mesh, view))
+    pairs = neighbours(mesh.faces)
+    return choose(candidates, pairs), pairs
+
+
+def textured(mesh: Mesh, views: list[View], pictures: list[U8], *, level: bool = True) -> Any:
+    """(F, 3): the texture at the centre of each face."""
+    chosen, pairs = labelled(mesh, views)
+    labels = box_labels(mesh, chosen, len(views))
+    patches = cut(mesh, labels, views, pairs)
+    atlas = pack(patches, 1024)
+    colours, known = corner_colours(patches, labels, pictures, mesh.colours)
+    offsets = seam_offsets(patches, colours, known) if level else np.zeros_like(colours)
+    texture = bake(atlas, patches, labels, pictures, offsets, mesh.colours)
+    assert texture.shape == (atlas.size[1], atlas.size[0], 3)
+    column, row = np.floor(atlas.texel[atlas.faces].mean(axis=1)).astype(int).T
+    return texture[row, column].astype(float)
+
+
+def test_a_face_covers_the_pixels_whose_centres_are_in_it() -> None:
+    corners = np.array([[[1.0, 1.0], [5.0, 1.0], [1.0, 5.0]]])
+    (part,) = covered(corners, (8, 8))
+    rows, columns = np.divmod(part.pixel, 8)
+    expected = {(r, c) for r in range(8) for c in range(8) if r >= 1 and c >= 1 and r + c + 1 <= 6}
+    assert set(zip(rows.tolist(), columns.tolist(), strict=True)) == expected
+    points = np.einsum("nk,kc->nc", part.weights, corners[0])
+    assert np.allclose(points, np.stack((columns + 0.5, rows + 0.5), axis=1))
+    broken = np.array(
+        [[[1, 1], [np.nan, 1], [1, 5]], [[1, 1], [2, 2], [3, 3]], [[-9, -9], [-5, -9], [-9, -5]]]
+    )
+    assert sum(len(p.pixel) for p in covered(broken.astype(float), (8, 8))) == 0
+
+
+def test_depth_has_the_nearest_face_in_front() -> None:
+    view = camera()
+    mesh = joined(grid(z=0.0), grid(low=-0.3, high=0.3, z=-1.0))
+    pixels, depths = view.project(mesh.vertices)
+    depth = depth_picture(pixels[mesh.faces], depths[mesh.faces], SIZE)
+    assert depth[100, 100] == pytest.approx(3.0)
+    assert depth[100, 40] == pytest.approx(4.0)
+    assert np.isinf(depth[0, 0])
+
+
+def test_a_plane_has_the_colours_of_its_photograph() -> None:
+    mesh, view = grid(), camera()
+    found = textured(mesh, [view], [picture(view, ramp)])
+    centres = mesh.corners().mean(axis=1)
+    assert np.abs(found - ramp(centres[:, 0], centres[:, 1])).max() < 3
+
+
+def test_what_is_hidden_has_no_colour_of_what_stands_before_it() -> None:
+    """The red square hides the middle of the ramp from the first camera; the second sees it from aside."""
+    wall, screen = grid(20), grid(4, -0.3, 0.3, z=-1.0)
+    mesh = joined(wall, screen)
+    views = [camera(), camera(x=1.2, focal=250.0)]
+    pictures = []
+    for view in views:
+        pixels = picture(view, ramp)
+        corners, _ = view.project(screen.vertices)
+        (left, top), (right, bottom) = np.rint(corners.min(axis=0)), np.rint(corners.max(axis=0))
+        pixels[int(top) : int(bottom), int(left) : int(right)] = (255, 0, 0)
+        pictures.append(pixels)
+    found = textured(mesh, views, pictures, level=False)
+    chosen, _ = labelled(mesh, views)
+    behind = np.abs(mesh.corners().mean(axis=1)[: len(wall.faces), :2]).max(axis=1) < 0.35
+    assert set(chosen[: len(wall.faces)][behind]) <= {1, UNSEEN}
+    assert (
+        chosen[: len(wall.faces)][behind] == 1
+    ).mean() > 0.25  # the rest is behind the screen from there too
+    centres = wall.corners().mean(axis=1)
+    seen = chosen[: len(wall.faces)] != UNSEEN
+    error = np.abs(found[: len(wall.faces)] - ramp(centres[:, 0], centres[:, 1])).max(axis=1)
+    assert error[seen].max() < 4
+    assert np.abs(found[: len(wall.faces)][~seen] - 77).max(initial=0) <= 1  # its vertex colours
+
+
+def test_faces_that_look_away_or_lie_outside_are_not_seen() -> None:
+    mesh = grid()
+    assert (quality_in(mesh, camera()) > 0).all()
+    turned = Mesh(mesh.vertices, mesh.faces[:, ::-1].copy(), mesh.colours)
+    assert not quality_in(turned, camera()).any()
+    assert not quality_in(mesh, camera(x=9)).any()
+    assert not quality_in(mesh, camera(z=4)).any()
+    part = quality_in(mesh, camera(x=1.5)) > 0
+    assert 0 < part.sum() < len(part)
+
+
+def test_the_nearer_photograph_is_taken_and_patches_are_whole() -> None:
+    mesh = grid(20)
+    chosen, _ = labelled(mesh, [camera(), camera(z=-3.2), camera(x=0.1, z=-4.1)])
+    assert (chosen == 1).all()
+    noisy = Candidates.none(len(mesh.faces))
+    draw = np.random.default_rng(0)
+    for number in range(3):
+        noisy.add(number, (1 + 0.1 * draw.random(len(mesh.faces))).astype(np.float32))
+    pairs = neighbours(mesh.faces)
+    labels = choose(noisy, pairs)
+    assert (labels[pairs[:, 0]] != labels[pairs[:, 1]]).mean() < 0.25
+
+
+@pytest.mark.parametrize("level", [False, True])
+def test_photographs_of_different_exposure_meet_without_a_seam(level: bool) -> None:
+    """The left half is seen by a dark photograph only, the right half by a bright one."""
+    mesh = grid(20)
+    views = [camera(x=-1.05), camera(x=1.05)]
+    pictures = [picture(views[0], lambda x, y: 0.8 * ramp(x, y)), picture(views[1], ramp)]
+    found = textured(mesh, views, pictures, level=level)
+    chosen, pairs = labelled(mesh, views)
+    assert set(chosen) == {0, 1}
+    across = chosen[pairs[:, 0]] != chosen[pairs[:, 1]]
+    jump = np.abs(found[pairs[:, 0]] - found[pairs[:, 1]]).mean(axis=1)
+    if level:
+        assert jump[across].mean() < 1.5 * jump[~across].mean() + 1
+        assert np.abs(found.mean(axis=0) - 0.9 * 120).max() < 12
+    else:
+        assert jump[across].mean() > 15
+
+
+def test_every_face_has_a_texel_and_charts_do_not_touch() -> None:
+    mesh, views = grid(20), [camera(x=-1.05), camera(x=1.05)]
+    chosen, pairs = labelled(mesh, views)
+    labels = box_labels(mesh, chosen, len(views))
+    patches = cut(mesh, labels, views, pairs)
+    atlas = pack(patches, 256)
+    assert max(atlas.size) <= 256
+    texels = texels_of(atlas)
+    assert len(np.unique(texels.pixel)) == len(texels.pixel)
+    assert set(texels.face) == set(range(len(mesh.faces)))
+    owner = np.full(atlas.size[::-1], -1)
+    owner.ravel()[texels.pixel] = patches.patch[texels.face]
+    for shifted in (owner[1:], owner[:, 1:]):
+        beside = owner[: shifted.shape[0], : shifted.shape[1]]
+        assert not ((shifted != beside) & (shifted >= 0) & (beside >= 0)).any()
+    assert (corner_labels(patches, labels)[patches.faces] == labels[:, None]).all()
+
+
+def test_a_small_texture_is_of_smaller_scale() -> None:
+    mesh, view = grid(), camera(focal=380.0)
+    chosen, pairs = labelled(mesh, [view])
+    patches = cut(mesh, box_labels(mesh, chosen, 1), [view], pairs)
+    full, small = pack(patches, 1024), pack(patches, 64)
+    assert full.scale == 1.0
+    assert max(small.size) <= 64
+    assert 0.2 < small.scale < 0.5
+
+
+def test_what_belongs_together() -> None:
+    assert components(6, np.array([[0, 1], [4, 1], [2, 3]])).tolist() == [0, 0, 1, 1, 0, 2]
+    assert components(3, np.zeros((0, 2), int)).tolist() == [0, 1, 2]
+    mesh = joined(grid(4), grid(2, -0.1, 0.1, z=-1.0))
+    assert len(neighbours(grid(1).faces)) == 1
+    kept = without_small_parts(mesh, 0.05)
+    assert len(kept.faces) == len(grid(4).faces)
+    assert len(without_small_parts(mesh, 0.0, least_area=100.0).faces) == len(grid(4).faces)
+    assert (face_normals(kept.corners())[:, 2] < 0).all()
+
+
+@pytest.mark.parametrize(
+    ("faces", "colours", "words"),
+    [
+        (np.zeros((1, 4), np.int32), np.zeros((3, 3), np.uint8), r"faces\.shape"),
+        (np.array([[0, 1, 3]], np.int32), np.zeros((3, 3), np.uint8), "vertices up to 3 of 3"),
+        (np.zeros((0, 3), np.int32), np.zeros((2, 3), np.uint8), "2 colours of 3"),
+    ],
+)
+def test_a_broken_mesh_is_refused(faces: Any, colours: U8, words: str) -> None:
+    with pytest.raises(ValueError, match=words):
+        Mesh(np.zeros((3, 3), np.float32), faces, colours)
