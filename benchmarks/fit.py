@@ -3,16 +3,13 @@
     python benchmarks/fit.py [sceaux] [synthetic] [memory] [--photographs FOLDER] [--count 1000]
 
 `sceaux` uses the photographs of ../shared/data/sceaux, `synthetic` makes JPEGs of 1.2 megapixels in a
-temporary folder. Times are wall clock on all cores and processor time of all threads, each the best of three where
-that takes less than a minute; the paper's loop over 5,151 triplets is timed on 8 of them and scaled. On a machine
-that is not idle only ratios of processor time can be trusted.
+temporary folder. Times are wall clock on all cores, the best of three where that takes less than a minute; the
+paper's loop over 5,151 triplets is timed on 8 of them and scaled.
 """
 
 from __future__ import annotations
 
 import argparse
-import os
-import resource
 import subprocess
 import sys
 import tempfile
@@ -47,47 +44,15 @@ PAPER = FitOptions(guard="none")
 TIMED = 8  # of the triplets of the paper's loop
 
 
-Took = tuple[float, float]
-"""Seconds, by the clock on the wall and of all processors."""
-
-
-def now() -> Took:
-    return time.perf_counter(), time.process_time() + of_decoders()
-
-
-def of_decoders() -> float:
-    """Seconds of processors that the processes which decode photographs have taken, ended or not."""
-    ended = resource.getrusage(resource.RUSAGE_CHILDREN)
-    ticks = 0
-    for children in Path("/proc/self/task").glob("*/children"):
-        for child in children.read_text().split():
-            fields = Path(f"/proc/{child}/stat").read_text().rpartition(")")[2].split()
-            ticks += int(fields[11]) + int(fields[12])
-    return ended.ru_utime + ended.ru_stime + ticks / os.sysconf("SC_CLK_TCK")
-
-
-def since(began: Took) -> Took:
-    return time.perf_counter() - began[0], time.process_time() - began[1]
-
-
-def seconds(work: Callable[[], Any], times: int = 3) -> Took:
-    best = (float("inf"), float("inf"))
+def seconds(work: Callable[[], Any], times: int = 3) -> float:
+    best = float("inf")
     for _ in range(times):
-        began = now()
+        began = time.perf_counter()
         work()
-        wall, cpu = since(began)
-        best = min(best[0], wall), min(best[1], cpu)
-        if wall > 20:
+        best = min(best, time.perf_counter() - began)
+        if best > 20:
             break
     return best
-
-
-def scaled(took: Took, factor: float) -> Took:
-    return took[0] * factor, took[1] * factor
-
-
-def both(one: Took, other: Took) -> Took:
-    return one[0] + other[0], one[1] + other[1]
 
 
 def on_all_cores(work: Callable[[Path], Any], files: Sequence[Path]) -> None:
@@ -100,11 +65,11 @@ def read_with_opencv(file: Path) -> NDArray[np.uint8]:
     return np.asarray(cv2.imread(str(file), cv2.IMREAD_COLOR_RGB | cv2.IMREAD_IGNORE_ORIENTATION), np.uint8)
 
 
-def papers_loop(images: Sequence[NDArray[np.uint8]]) -> Took:
+def papers_loop(images: Sequence[NDArray[np.uint8]]) -> float:
     """Seconds of a NumPy loop over all triplets and the pixels of all images, scaled from a few triplets."""
     grid = triplets()
     chosen = grid[:: len(grid) // TIMED][:TIMED]
-    began = now()
+    began = time.perf_counter()
     for red, green, blue in chosen:
         counts = np.zeros(256, np.int64)
         for image in images:
@@ -113,24 +78,22 @@ def papers_loop(images: Sequence[NDArray[np.uint8]]) -> Took:
             counts += np.bincount(grey.ravel(), minlength=256)
         share = counts / counts.sum()
         ((share - 1 / 256) ** 2).sum()
-    return scaled(since(began), len(grid) / len(chosen))
+    return (time.perf_counter() - began) / len(chosen) * len(grid)
 
 
 class Table:
     """Rows of times, some of them against the time of another row."""
 
     def __init__(self) -> None:
-        self.times: dict[str, Took] = {}
-        self.rows: list[tuple[str, ...]] = []
+        self.times: dict[str, float] = {}
+        self.rows: list[tuple[str, str, str, str]] = []
 
-    def add(self, what: str, took: Took, *against: str) -> None:
+    def add(self, what: str, took: float, *against: str) -> None:
         self.times[what] = took
-        times = (what, f"{took[0]:.3f} s", f"{took[1]:.3f} s")
         if not against:
-            self.rows.append((*times, "", "", ""))
+            self.rows.append((what, f"{took:.3f} s", "", ""))
         for other in against:
-            ratios = (f"{mine / theirs:.3g}" for mine, theirs in zip(took, self.times[other], strict=True))
-            self.rows.append((*times, other, *ratios))
+            self.rows.append((what, f"{took:.3f} s", other, f"{took / self.times[other]:.3g}"))
 
 
 def compare(folder: Path, title: str) -> None:
@@ -171,26 +134,25 @@ def compare(folder: Path, title: str) -> None:
         took = seconds(lambda: convert_folder(folder, out / str(next(runs))), 2)
         table.add("convert: fit, grey, encode, EXIF", took, coding, bare)
 
-    histogram, counting = Histogram(), (0.0, 0.0)
+    histogram, counting = Histogram(), 0.0
     for file in files:
         rgb = read_with_opencv(file)
-        began = now()
+        began = time.perf_counter()
         histogram.add(rgb)
-        counting = both(counting, since(began))
+        counting += time.perf_counter() - began
     search = seconds(lambda: fit_histogram(histogram, triplets()))
     some = [read_with_opencv(file) for file in files[:11]]
     loop, patch = "the paper's loop, every pixel", "the paper's loop, its 25 % patchwork"
     quarter = [cv2.resize(i, None, fx=0.25, fy=0.25, interpolation=cv2.INTER_NEAREST) for i in some]
-    table.add(loop, scaled(papers_loop(some), len(files) / len(some)))
-    took = papers_loop([np.asarray(q, np.uint8) for q in quarter])
-    table.add(patch, scaled(took, len(files) / len(some)))
+    table.add(loop, papers_loop(some) * len(files) / len(some))
+    table.add(patch, papers_loop([np.asarray(q, np.uint8) for q in quarter]) * len(files) / len(some))
     table.add("search alone, without the guard", search)
-    table.add("fit of the same pixels in memory", both(counting, search), loop, patch)
+    table.add("fit of the same pixels in memory", counting + search, loop, patch)
     weights = fit_histogram(histogram, triplets())
     table.add("cv2.decolor, one photograph", seconds(lambda: cv2.decolor(some[0]), 1))
-    each = both(scaled(both(counting, search), 1 / len(files)), seconds(lambda: to_grey(some[0], weights)))
+    each = (counting + search) / len(files) + seconds(lambda: to_grey(some[0], weights))
     table.add("fit and grey, one photograph", each, "cv2.decolor, one photograph")
-    print_table(title, table.rows, ("what", "time", "of processors", "against", "ratio", "of processors"))
+    print_table(title, table.rows, ("what", "time", "against", "ratio"))
 
 
 def synthetic(folder: Path, count: int) -> Path:
@@ -211,7 +173,7 @@ def synthetic(folder: Path, count: int) -> Path:
 
 
 def memory(folder: Path, counts: Sequence[int]) -> None:
-    """Peak memory of a fit in a process of its own."""
+    """Peak memory of a fit in a process of its own, without those that decode for it."""
     code = (
         "import sys; from pathlib import Path; from colmap_ihe.commands import fit_files;"
         "fit_files([Path(p) for p in sys.stdin.read().split()]);"

@@ -27,7 +27,7 @@ from colmap_ihe.options import Options
 from colmap_ihe.progress import SILENT, Audience, Watch
 from colmap_ihe.project import Project, digest_file, fingerprint_of, read_json, room_on_disk, write_json
 from colmap_ihe.report.summary import summarise
-from colmap_ihe.stages import Record, Run
+from colmap_ihe.run import Record, Run
 from colmap_ihe.version import __version__, library_versions
 
 

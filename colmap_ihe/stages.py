@@ -8,17 +8,13 @@ from __future__ import annotations
 
 import shutil
 from collections import Counter
-from concurrent.futures import Executor
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict
 from pathlib import Path
-from typing import Any
 
 import yaml
 
 from colmap_ihe import oddities, outputs
 from colmap_ihe.captures import decoders
-from colmap_ihe.captures.discover import Capture, Discovery
-from colmap_ihe.captures.recipe import recipe_from_dict
 from colmap_ihe.colmap import dense as dense_stereo
 from colmap_ihe.colmap import mesh as surface
 from colmap_ihe.colmap import textured
@@ -30,56 +26,15 @@ from colmap_ihe.errors import DiskFullError, MappingError
 from colmap_ihe.fitting import Fit, Trial, fit_captures
 from colmap_ihe.grey.weights import grey_from_dict
 from colmap_ihe.options import Options
-from colmap_ihe.preprocess import Surveyed, convert_captures, survey, write_masks
+from colmap_ihe.preprocess import convert_captures, survey, write_masks
 from colmap_ihe.progress import Watch
 from colmap_ihe.project import Project, write_bytes
 from colmap_ihe.recipes import recipe_notes, with_recipes
-
-Record = dict[str, Any]
+from colmap_ihe.run import Record, Run
 
 _DATABASE_BYTES = 4_000_000  # features and matches of one image, roughly
 _CLOUD_BYTES = 27  # of a point
 _FACE_BYTES = 200  # of a face that is wanted, with those that are simplified away
-
-
-@dataclass
-class Run:
-    """One run over a project: what it was given, and what its stages have found so far.
-
-    `records` holds the records of the stages before this one; `resumed` is True if this stage was begun
-    with the same fingerprint and not finished, so that its files may be kept.
-    """
-
-    project: Project
-    options: Options
-    discovery: Discovery
-    executor: Executor
-    records: dict[str, Record] = field(default_factory=dict)
-    resumed: bool = False
-    surveyed: list[Surveyed] = field(default_factory=list)
-
-    @property
-    def strict(self) -> bool:
-        return self.options.captures.strict
-
-    def captures(self) -> list[Capture]:
-        """The captures that every stage so far could use, with their recipes."""
-        out: set[str] = set()
-        for record in self.records.values():
-            out |= set(record.get("left_out", {}))
-        first = self.records["captures"]
-        recipes = {
-            name: recipe_from_dict(values, self.project.masters) for name, values in first["recipes"].items()
-        }
-        known = {s.capture.name: s.capture for s in self.surveyed}
-        return [
-            known.get(c.name) or replace(c, recipe=recipes.get(c.name, c.recipe), pixels=first["largest"])
-            for c in self.discovery.captures
-            if c.name not in out
-        ]
-
-    def grey_names(self) -> list[str]:
-        return sorted(self.records["convert"]["grey"].values())
 
 
 def captures(run: Run, watch: Watch) -> Record:

@@ -1,0 +1,55 @@
+"""One run over a project, as its stages see it."""
+
+from __future__ import annotations
+
+from concurrent.futures import Executor
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+from colmap_ihe.captures.discover import Capture, Discovery
+from colmap_ihe.captures.recipe import recipe_from_dict
+from colmap_ihe.options import Options
+from colmap_ihe.preprocess import Surveyed
+from colmap_ihe.project import Project
+
+Record = dict[str, Any]
+
+
+@dataclass
+class Run:
+    """One run over a project: what it was given, and what its stages have found so far.
+
+    `records` holds the records of the stages before this one; `resumed` is True if this stage was begun
+    with the same fingerprint and not finished, so that its files may be kept.
+    """
+
+    project: Project
+    options: Options
+    discovery: Discovery
+    executor: Executor
+    records: dict[str, Record] = field(default_factory=dict)
+    resumed: bool = False
+    surveyed: list[Surveyed] = field(default_factory=list)
+
+    @property
+    def strict(self) -> bool:
+        return self.options.captures.strict
+
+    def captures(self) -> list[Capture]:
+        """The captures that every stage so far could use, with their recipes."""
+        out: set[str] = set()
+        for record in self.records.values():
+            out |= set(record.get("left_out", {}))
+        first = self.records["captures"]
+        recipes = {
+            name: recipe_from_dict(values, self.project.masters) for name, values in first["recipes"].items()
+        }
+        known = {s.capture.name: s.capture for s in self.surveyed}
+        return [
+            known.get(c.name) or replace(c, recipe=recipes.get(c.name, c.recipe), pixels=first["largest"])
+            for c in self.discovery.captures
+            if c.name not in out
+        ]
+
+    def grey_names(self) -> list[str]:
+        return sorted(self.records["convert"]["grey"].values())
