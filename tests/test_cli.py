@@ -328,6 +328,7 @@ def test_reconstruct_prints_its_summary(capsys: Captured, finished: Path) -> Non
     assert "8 of 8" in text
     assert str(finished / "workspace/sparse/0") in text
     assert str(finished / "workspace/dense/0/fused.ply") in text
+    assert str(finished / "workspace/dense/0/mesh.ply") in text
 
 
 def test_progress_goes_to_stderr_and_can_be_left_out(capsys: Captured, new_project: Make) -> None:
@@ -345,7 +346,7 @@ def test_status_as_table_and_json(capsys: Captured, finished: Path) -> None:
     states = json_of(capsys, "status", finished, *SETTINGS)
     assert [(s["name"], s["state"]) for s in states] == [(name, "done") for name in NAMES]
     states = json_of(capsys, "status", finished, *SETTINGS, "--set", "sparse.seed=3")
-    assert [s["state"] for s in states] == ["done"] * 5 + ["stale"] * 2
+    assert [s["state"] for s in states] == ["done"] * 5 + ["stale"] * 3
     text = output_of(capsys, "status", finished, *SETTINGS, "--set", "sparse.seed=3")
     assert "its options changed" in text
     assert "no such folder of photographs" in failure_of(capsys, "status", finished / "missing")

@@ -28,9 +28,10 @@ from colmap_ihe.progress import SILENT, Watch
 from colmap_ihe.texture.mesh import F32, I32, I64, U8, Mesh, without_small_parts
 
 _START = """
-import json, sys
+import json, os, sys, threading
 input_path, output_path, options = json.loads(sys.argv[1])
 sys.path[:] = sys.argv[2:]
+threading.Thread(target=lambda: (sys.stdin.read(), os._exit(1)), daemon=True).start()
 import pycolmap
 pycolmap.poisson_meshing(input_path, output_path, pycolmap.PoissonMeshingOptions(**options))
 """
@@ -138,7 +139,7 @@ def _poisson(cloud: Path, mesh: Path, options: pycolmap.PoissonMeshingOptions, w
     job = json.dumps([str(cloud), str(mesh), options.todict()])
     process = subprocess.Popen(
         [sys.executable or "python3", "-c", _START, job, *sys.path],
-        stdin=subprocess.DEVNULL,
+        stdin=subprocess.PIPE,  # which ends with us, however that is, and it with that
         stdout=subprocess.DEVNULL,
         stderr=subprocess.DEVNULL,
         start_new_session=True,  # Ctrl-C in the terminal is for us
@@ -151,7 +152,7 @@ def _poisson(cloud: Path, mesh: Path, options: pycolmap.PoissonMeshingOptions, w
             watch.check()
     finally:
         process.kill()
-        process.wait()
+        process.communicate()
     if process.returncode:
         raise NativeError(
             f"COLMAP's Poisson meshing ended with status {process.returncode}",

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import json
+import subprocess
+import sys
 import threading
 from pathlib import Path
 
@@ -104,6 +107,13 @@ def test_it_stops_when_asked_to(tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
     with pytest.raises(Cancelled):
         surface.reconstruct_surface(tmp_path / "cloud.ply", tmp_path / "mesh.ply", 1000, watch=watch)
     assert [p.name for p in tmp_path.iterdir()] == ["cloud.ply"]
+
+
+def test_the_process_ends_with_ours(tmp_path: Path) -> None:
+    job = json.dumps([str(tmp_path / "none.ply"), str(tmp_path / "mesh.ply"), {}])
+    start = surface._START.replace("import pycolmap", "import time; time.sleep(60)")
+    command = [sys.executable, "-c", start, job, *sys.path]
+    assert subprocess.run(command, input=b"", timeout=30, check=False).returncode == 1
 
 
 def test_options_are_pycolmaps() -> None:
