@@ -14,8 +14,8 @@ from pathlib import Path
 from statistics import mean, pstdev
 from typing import Any
 
-from colmap_ihe.options import load_options
 from colmap_ihe.pipeline import reconstruct
+from colmap_ihe.project_yaml import load_options
 from colmap_ihe.terminal import Bars, print_table
 
 SCEAUX = Path(__file__).resolve().parents[2] / "shared" / "data" / "sceaux"

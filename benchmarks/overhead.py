@@ -16,8 +16,8 @@ import time
 from pathlib import Path
 
 from colmap_ihe.colmap.native import logged_to, pycolmap
-from colmap_ihe.options import load_options
 from colmap_ihe.pipeline import reconstruct
+from colmap_ihe.project_yaml import load_options
 from colmap_ihe.terminal import print_table
 
 SCEAUX = Path(__file__).resolve().parents[2] / "shared" / "data" / "sceaux"

@@ -26,8 +26,8 @@ from PIL import Image
 import colmap_ihe  # noqa: F401  before pycolmap
 from colmap_ihe.colmap.native import pycolmap
 from colmap_ihe.evaluate.truth import pose_errors, read_truth
-from colmap_ihe.options import load_options
 from colmap_ihe.pipeline import Reconstruction, reconstruct
+from colmap_ihe.project_yaml import load_options
 from colmap_ihe.terminal import print_table
 
 NAMES = [f"{n:04}" for n in range(11)]

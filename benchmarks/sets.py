@@ -21,8 +21,8 @@ import colmap_ihe  # noqa: F401  before pycolmap
 from colmap_ihe.colmap.native import pycolmap
 from colmap_ihe.commands import demo
 from colmap_ihe.evaluate.truth import pose_errors, read_truth
-from colmap_ihe.options import load_options
 from colmap_ihe.pipeline import Reconstruction, reconstruct
+from colmap_ihe.project_yaml import load_options
 from colmap_ihe.terminal import Bars, print_table
 
 DATA = Path(__file__).resolve().parents[2] / "shared" / "data"

@@ -12,8 +12,9 @@ if TYPE_CHECKING:
     from colmap_ihe.grey.ihe import fit_weights
     from colmap_ihe.grey.weights import Weights
     from colmap_ihe.grey_folder import convert_folder
-    from colmap_ihe.options import Options, load_options
+    from colmap_ihe.options import Options
     from colmap_ihe.pipeline import Reconstruction, reconstruct, status
+    from colmap_ihe.project_yaml import load_options
     from colmap_ihe.version import __version__
 
 __all__ = [
@@ -40,7 +41,7 @@ _HOMES = {
     "__version__": "version",
     "convert_folder": "grey_folder",
     "fit_weights": "grey.ihe",
-    "load_options": "options",
+    "load_options": "project_yaml",
     "reconstruct": "pipeline",
     "status": "pipeline",
     "to_grey": "grey.convert",

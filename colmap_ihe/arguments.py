@@ -12,8 +12,9 @@ from colmap_ihe.captures.encode import SUFFIXES
 from colmap_ihe.captures.recipe import Demosaic
 from colmap_ihe.grey.conversions import CONVERSIONS
 from colmap_ihe.grey.convert import TONES
-from colmap_ihe.options import DevelopOptions, load_options
+from colmap_ihe.options import DevelopOptions
 from colmap_ihe.pipeline import NAMES
+from colmap_ihe.project_yaml import load_options
 from colmap_ihe.terminal import Bars
 from colmap_ihe.version import __version__
 

@@ -19,8 +19,9 @@ from colmap_ihe.errors import Cancelled, KnownError
 from colmap_ihe.grey.weights import Weights
 from colmap_ihe.grey_folder import convert_folder
 from colmap_ihe.linear_folder import develop_folder
-from colmap_ihe.options import ConvertOptions, FitOptions, load_options
+from colmap_ihe.options import ConvertOptions, FitOptions
 from colmap_ihe.pipeline import reconstruct, status
+from colmap_ihe.project_yaml import load_options
 from colmap_ihe.report.summary import weights_in_words
 from colmap_ihe.terminal import Bars, print_summary, print_table
 

@@ -26,11 +26,12 @@ from colmap_ihe.executor import local_executor, local_workers
 from colmap_ihe.fitting import fit_captures
 from colmap_ihe.grey.convert import to_grey
 from colmap_ihe.grey.weights import Grey, grey_from_dict
-from colmap_ihe.options import DevelopOptions, FitOptions, Options, load_options
+from colmap_ihe.options import DevelopOptions, FitOptions, Options
 from colmap_ihe.per_image import LeftOut
 from colmap_ihe.pipeline import Reconstruction, reconstruct
 from colmap_ihe.progress import SILENT, Audience
 from colmap_ihe.project import write_bytes
+from colmap_ihe.project_yaml import load_options
 from colmap_ihe.recipes import prepared_set
 from colmap_ihe.version import __version__
 

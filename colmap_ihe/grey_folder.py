@@ -85,11 +85,8 @@ def convert_folder(
             _warn_of_the_fit(found, surveyed, audience)
         for text in oddities.wallis_warnings(options.wallis):
             audience.warn(text)
-        for grey in found.weights.values():
-            check_tone(grey, options.tone)
         usable = [s for s in surveyed if s.capture.name not in left_out]
-        for one in usable:
-            weights_for(one.capture, found)  # a kind without weights is refused before anything is written
+        _require_weights(usable, found, options.tone)
         names, failed = _convert(usable, digests, found, options, ledgers, executor, audience, strict)
         left_out |= failed
     for reason in left_out.values():
@@ -231,6 +228,14 @@ def _warn_of_the_fit(found: Fit, surveyed: Sequence[Surveyed], audience: Audienc
         )
     for text in oddities.fit_warnings([s.capture for s in surveyed], found.weights.values()):
         audience.warn(text)
+
+
+def _require_weights(surveyed: Sequence[Surveyed], found: Fit, tone: Tone) -> None:
+    """Refuses a kind without weights, and a tone that a grey cannot have, before anything is written."""
+    for grey in found.weights.values():
+        check_tone(grey, tone)
+    for one in surveyed:
+        weights_for(one.capture, found)
 
 
 def digests_of(surveyed: Sequence[Surveyed], executor: Executor, audience: Audience) -> dict[str, str]:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
+from concurrent.futures import Executor
 from contextlib import ExitStack
 from pathlib import Path
 
@@ -14,9 +16,10 @@ from colmap_ihe.captures.linear_tiff import encode_linear_tiff
 from colmap_ihe.errors import ProjectError
 from colmap_ihe.executor import local_executor
 from colmap_ihe.grey_folder import digests_of, require_apart
-from colmap_ihe.ledger import opened
+from colmap_ihe.ledger import Ledger, opened
 from colmap_ihe.options import DevelopOptions
 from colmap_ihe.per_image import LeftOut, each_usable
+from colmap_ihe.preprocess import Surveyed
 from colmap_ihe.progress import SILENT, Audience
 from colmap_ihe.project import fingerprint_of, write_bytes
 from colmap_ihe.recipes import prepared_set
@@ -57,33 +60,44 @@ def develop_folder(
             audience.warn(f"{len(discovery.captures) - len(raw)} photographs are no RAW files: passed over")
         digests = digests_of(prepared.surveyed, executor, audience)
         ledger = stack.enter_context(opened(out.resolve()))
-        names = {s.capture.name: f"{s.capture.grey_stem}.tif" for s in prepared.surveyed}
-        wanted = {tiff: name for name, tiff in names.items()}
-        ledger.refuse(wanted)
-        versions = library_versions("rawpy", "libraw")
-        prints = {
-            names[c.name]: fingerprint_of(__version__, versions, digests[c.name], c.recipe.identity())
-            for c in (s.capture for s in prepared.surveyed)
-        }
-        due = {wanted[tiff] for tiff in ledger.begin(wanted, prints)}
-        exif = {s.capture.name: s.metadata.exif for s in prepared.surveyed}
-
-        def develop(capture: Capture) -> None:
-            rgb = read_photograph(capture).rgb
-            write_bytes(
-                ledger.folder / names[capture.name],
-                encode_linear_tiff(np.asarray(rgb, np.uint16), exif[capture.name]),
-            )
-
-        left_out = dict(prepared.left_out)
-        if due:
-            with audience.stage("develop") as watch:
-                captures = [s.capture for s in prepared.surveyed if s.capture.name in due]
-                for _ in each_usable(develop, captures, executor, watch, strict, left_out):
-                    pass
-        else:
-            audience.kept("develop")
-        ledger.end()
+        names, failed = _develop(prepared.surveyed, digests, ledger, executor, audience, strict)
+    left_out = prepared.left_out | failed
     for reason in left_out.values():
         audience.warn(f"left out: {reason}")
     return {n: t for n, t in names.items() if n not in left_out}, prepared.steps, left_out
+
+
+def _develop(
+    surveyed: Sequence[Surveyed],
+    digests: Mapping[str, str],
+    ledger: Ledger,
+    executor: Executor,
+    audience: Audience,
+    strict: bool,
+) -> tuple[dict[str, str], LeftOut]:
+    """Writes the TIFFs that are not up to date; the names of all by photograph, and what was left out."""
+    names = {s.capture.name: f"{s.capture.grey_stem}.tif" for s in surveyed}
+    wanted = {tiff: name for name, tiff in names.items()}
+    ledger.refuse(wanted)
+    versions = library_versions("rawpy", "libraw")
+    prints = {
+        names[c.name]: fingerprint_of(__version__, versions, digests[c.name], c.recipe.identity())
+        for c in (s.capture for s in surveyed)
+    }
+    due = {wanted[tiff] for tiff in ledger.begin(wanted, prints)}
+    exif = {s.capture.name: s.metadata.exif for s in surveyed}
+    left_out: LeftOut = {}
+
+    def develop(capture: Capture) -> None:
+        linear_rgb = np.asarray(read_photograph(capture).rgb, np.uint16)
+        write_bytes(ledger.folder / names[capture.name], encode_linear_tiff(linear_rgb, exif[capture.name]))
+
+    if due:
+        with audience.stage("develop") as watch:
+            captures = [s.capture for s in surveyed if s.capture.name in due]
+            for _ in each_usable(develop, captures, executor, watch, strict, left_out):
+                pass
+    else:
+        audience.kept("develop")
+    ledger.end()
+    return names, left_out

@@ -6,7 +6,6 @@ from collections import defaultdict
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Executor
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -138,7 +137,7 @@ def found_over_the_set(
             candidates.append(pixels)
             watch.advance()
         places, counts = np.unique(np.concatenate(candidates), axis=0, return_counts=True)
-        found[camera] = kept(store, "bad", places[counts >= _CONFIRMED * len(some)])
+        found[camera] = kept(store, places[counts >= _CONFIRMED * len(some)])
     return found
 
 
@@ -147,10 +146,11 @@ def camera_of(one: Surveyed) -> tuple[str, ...]:
     return (said.make, said.model, said.serial, str(one.width), str(one.height))
 
 
-def kept(store: Path, name: str, array: NDArray[Any]) -> str:
-    file = store / f"{name}-{fingerprint_of(array.shape, array.tolist())}.npy"
+def kept(store: Path, pixels: NDArray[np.intp]) -> str:
+    """The file of these bad pixels, named after them."""
+    file = store / f"bad-{fingerprint_of(pixels.tolist())}.npy"
     if not file.exists():
-        write_array(file, array)
+        write_array(file, pixels)
     return str(file)
 
 
@@ -158,4 +158,4 @@ def united(files: Sequence[str], store: Path) -> str:
     """The file of all pixels in `files`, empty if there are none."""
     lists = [np.load(f, allow_pickle=False) for f in sorted({f for f in files if f})]
     lists = [pixels for pixels in lists if len(pixels)]
-    return kept(store, "bad", np.unique(np.concatenate(lists), axis=0)) if lists else ""
+    return kept(store, np.unique(np.concatenate(lists), axis=0)) if lists else ""

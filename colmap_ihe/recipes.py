@@ -62,7 +62,7 @@ def with_recipes(
     if calibration is not None and calibration.is_dir():
         masters = masters_of(calibration, store, executor, watch, strict, lambda text: told[text].append(""))
         if (calibration / BAD_PIXELS).is_file():
-            listed = kept(store, "bad", read_bad_pixels(calibration / BAD_PIXELS))
+            listed = kept(store, read_bad_pixels(calibration / BAD_PIXELS))
     plain = Recipe(
         demosaic=options.demosaic, green_equilibrium=options.green_equilibrium, denoise=options.denoise
     )
@@ -131,7 +131,6 @@ def _steps(surveyed: Sequence[Surveyed]) -> dict[str, list[str]]:
 
 
 def _steps_of(recipe: Recipe, sensor: str) -> Iterator[str]:
-    on_mosaic = sensor != "demosaiced"
     if recipe.bias and recipe.dark:
         yield "bias frame, and dark frame scaled to the exposure"
     else:
@@ -142,7 +141,7 @@ def _steps_of(recipe: Recipe, sensor: str) -> Iterator[str]:
         yield f"{len(np.load(recipe.bad_pixels, allow_pickle=False))} bad pixels"
     if sensor == "bayer" and recipe.green_equilibrium:
         yield "green equilibrium"
-    if on_mosaic and sensor != "monochrome":
+    if sensor not in ("demosaiced", "monochrome"):
         yield f"demosaicing ({recipe.demosaic})"
     if recipe.gains != (1, 1, 1):
         yield "exposure or colour balance"

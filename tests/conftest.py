@@ -15,8 +15,9 @@ from hypothesis import settings
 
 import colmap_ihe  # noqa: F401  before pycolmap
 from colmap_ihe.demo.folder import render_demo
-from colmap_ihe.options import Options, load_options
+from colmap_ihe.options import Options
 from colmap_ihe.pipeline import reconstruct
+from colmap_ihe.project_yaml import load_options
 
 settings.register_profile("house", deadline=None, derandomize=True, database=None)
 settings.load_profile("house")

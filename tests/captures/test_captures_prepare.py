@@ -14,8 +14,9 @@ from colmap_ihe.captures.denoise import denoised, noise_of
 from colmap_ihe.captures.prepare import prepared
 from colmap_ihe.captures.recipe import Recipe
 from colmap_ihe.errors import CapabilityError
-from colmap_ihe.options import Options, load_options
+from colmap_ihe.options import Options
 from colmap_ihe.preflight import check_options
+from colmap_ihe.project_yaml import load_options
 
 pytest.importorskip("pywt", reason="denoising needs PyWavelets: pip install 'colmap-ihe[denoise]'")
 

@@ -1,0 +1,104 @@
+"""Options out of project.yaml, then out of `stage.option=value`: strictly read, and refused by name."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any
+
+import yaml
+from pydantic import ValidationError
+
+from colmap_ihe.errors import OptionError
+from colmap_ihe.options import KnownCamera, Options
+
+
+def load_options(path: Path | None, assignments: Iterable[str] = ()) -> Options:
+    """The defaults, changed by project.yaml at `path` if there is one, then by `stage.option=value` each.
+
+    Raises `OptionError`.
+    """
+    values: dict[str, Any] = {}
+    source = "project.yaml"
+    if path is not None and path.exists():
+        source = str(path)
+        values = _read_yaml(path)
+    _validate(values, source)
+    for assignment in assignments:
+        _assign(values, assignment)
+        _validate(values, f"--set {assignment}")
+    return _validate(values, source)
+
+
+def _read_yaml(path: Path) -> dict[str, Any]:
+    try:
+        values = yaml.safe_load(path.read_text(encoding="utf-8"))
+    except (OSError, yaml.YAMLError, UnicodeDecodeError) as error:
+        problem = str(error).replace("\n", " ")
+        hint = 'put patterns into quotes, as in "*":' if "alias" in problem else "correct or remove it"
+        raise OptionError(f"{path}: not readable as YAML: {problem}", hint=hint) from error
+    if values is None:
+        return {}
+    if not isinstance(values, dict) or not all(isinstance(v, dict | None) for v in values.values()):
+        raise OptionError(
+            f"{path}: holds {type(values).__name__}, wanted sections such as `dense:` with options below them",
+            hint="see docs/options.md",
+        )
+    return {str(k): dict(v or {}) for k, v in values.items()}
+
+
+def _assign(values: dict[str, Any], assignment: str) -> None:
+    name, equals, text = assignment.partition("=")
+    stage, dot, option = name.strip().partition(".")
+    if not equals or not dot or not stage or not option:
+        raise OptionError(
+            f"--set {assignment}: wanted stage.option=value", hint="as in --set dense.backend=sgm"
+        )
+    try:
+        value = yaml.safe_load(text)
+    except yaml.YAMLError as error:
+        raise OptionError(f"--set {assignment}: the value is not readable as YAML") from error
+    target = values.setdefault(stage, {})
+    *parents, last = option.split(".") if stage != "cameras" else _pattern_and_key(option, value)
+    for parent in parents:  # colmap options nest: features.colmap.sift.max_num_features=4096
+        target = target.setdefault(parent, {})
+        if not isinstance(target, dict):
+            raise OptionError(f"--set {assignment}: {parent!r} is not a mapping")
+    target[last] = value
+
+
+def _pattern_and_key(option: str, value: Any) -> list[str]:
+    """Patterns hold dots: the key comes behind the last one, `cameras.*.JPG.focal_length=24`; a mapping is all
+    of a pattern, `cameras.*.JPG={focal_length: 24}`."""
+    pattern, dot, key = option.rpartition(".")
+    return [option] if isinstance(value, dict) or not dot else [pattern, key]
+
+
+def _validate(values: Mapping[str, Any], source: str) -> Options:
+    try:
+        return Options.model_validate(values)
+    except ValidationError as error:
+        first = error.errors()[0]
+        place = ".".join(str(part) for part in first["loc"])
+        if first["type"] == "extra_forbidden":
+            raise OptionError(
+                f"{source}: unknown option {place!r}", hint=f"known there: {_known(first['loc'])}"
+            ) from error
+        raise OptionError(
+            f"{source}: {place} is {first['input']!r}; {_worded(first['msg'])}",
+            hint="see docs/options.md",
+        ) from error
+
+
+def _worded(message: str) -> str:
+    message = message.removeprefix("Value error, ")
+    return message[:1].lower() + message[1:]
+
+
+def _known(location: tuple[int | str, ...]) -> str:
+    section = Options.model_fields.get(str(location[0]))
+    if len(location) == 1 or section is None:
+        return ", ".join(Options.model_fields)
+    if location[0] == "cameras":
+        return ", ".join(KnownCamera.model_fields)
+    return ", ".join(type(section.default).model_fields)
