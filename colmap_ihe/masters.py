@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import Executor
 from pathlib import Path
 
@@ -65,14 +65,26 @@ def masters_of(
                 if strict:
                     raise
                 say(f"calibration frame left out: {error}")
-        for shot, names in groups_of(shots, kind):
-            try:
-                masters.append(_master(kind, shot, names, masters, store, executor, watch))
-            except PhotographError as error:
-                if strict:
-                    raise
-                say(f"{len(names)} calibration frames left out: {error}")
+        for shot, group in groups_of(shots, kind):
+            names = list(group)
+            while names:
+                try:
+                    masters.append(_master(kind, shot, names, masters, store, executor, watch))
+                    break
+                except _BrokenFrame as broken:  # the others begin again: what is kept is named after them
+                    if strict:
+                        raise broken.error from None
+                    say(f"calibration frame left out: {broken.error}")
+                    names.remove(broken.name)
     return masters
+
+
+class _BrokenFrame(Exception):
+    """A frame whose pixels cannot be read, by its name."""
+
+    def __init__(self, name: str, error: PhotographError) -> None:
+        super().__init__(name)
+        self.name, self.error = name, error
 
 
 def _master(
@@ -92,12 +104,13 @@ def _master(
     file, bad = store / f"{kind}-{key}.npy", store / f"bad-{kind}-{key}.npy"
     if not file.exists() or not bad.exists():
 
-        def read() -> Iterator[Mosaic]:
-            for mosaic in in_order(executor, lambda n: read_mosaic(Path(n)), names):
-                watch.advance()
-                yield mosaic
+        def read(name: str) -> Mosaic:
+            try:
+                return read_mosaic(Path(name))
+            except PhotographError as error:
+                raise _BrokenFrame(name, error) from error
 
-        mean, like = mean_of(read())
+        mean, like = mean_of(_watched(in_order(executor, read, names), watch))
         pixels: NDArray[np.intp] = np.empty((0, 2), np.intp)
         if kind == "flats":
             mean, pixels = flat_gain(mean, like, frames_of(dark_of_flat).dark)
@@ -108,6 +121,12 @@ def _master(
     else:
         watch.advance(len(names))
     return Master(kind, shot, len(names), str(file), str(bad))
+
+
+def _watched(mosaics: Iterable[Mosaic], watch: Watch) -> Iterator[Mosaic]:
+    for mosaic in mosaics:
+        watch.advance()
+        yield mosaic
 
 
 def found_over_the_set(

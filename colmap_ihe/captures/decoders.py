@@ -68,7 +68,7 @@ def ask(
     seconds, limit = SECONDS, _HEADER_MEMORY
     if pixels is not None:
         seconds += SECONDS_A_MEGAPIXEL * (pixels or _UNKNOWN_PIXELS) / 1e6
-        limit = max(limit, int(memory.available() * _SHARE_OF_MEMORY))
+        limit = max(limit, int(_room.bytes() * _SHARE_OF_MEMORY))
     request = {"task": task, "name": name, "memory": limit, "arguments": arguments}
     with _pool.lent() as decoder:
         answer, array = decoder.ask(request, name, seconds)
@@ -209,10 +209,12 @@ class _Pool:
 
     @contextmanager
     def lent(self) -> Iterator[_Decoder]:
-        """The decoder that was used last and is idle, else a new one."""
+        """An idle decoder, else a new one. Of several the one used last whose photograph is no longer wanted: its
+        memory can be used again, and making new takes as long as decoding into it."""
         decoder: _Decoder | None = None
         while decoder is None or decoder.dead:
             with self.lock:
+                self.idle.sort(key=lambda one: one.window.is_free)
                 decoder = self.idle.pop() if self.idle else None
             if decoder is None:
                 decoder = _Decoder()
@@ -247,6 +249,20 @@ class _Pool:
         self.idle, self.busy = [], set()
 
 
+class _RoomInMemory:
+    """How much memory is free, asked for once a second: to ask takes as long as a small photograph's decoding."""
+
+    def __init__(self) -> None:
+        self._bytes, self._until = 0, 0.0
+
+    def bytes(self) -> int:
+        now = time.monotonic()
+        if now >= self._until:
+            self._bytes, self._until = memory.available(), now + 1
+        return self._bytes
+
+
+_room = _RoomInMemory()
 _pool = _Pool()
 atexit.register(_pool.end_all)
 os.register_at_fork(after_in_child=_pool.after_fork)

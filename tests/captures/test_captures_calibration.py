@@ -285,11 +285,15 @@ def test_a_list_alone_is_enough(flawed: Callable[..., Path]) -> None:
     assert "3 bad pixels" in next(iter(recipes(project).steps.values()))
 
 
-def test_a_broken_frame_is_left_out_and_named(flawed: Callable[..., Path]) -> None:
+@pytest.mark.parametrize("breaks_in", ["header", "pixels"])
+def test_only_a_broken_frame_is_left_out_and_named(flawed: Callable[..., Path], breaks_in: str) -> None:
     project = flawed()
-    (project / "calibration" / "darks" / "0.dng").write_bytes(b"II*\0" + bytes(100))
+    frame = project / "calibration" / "darks" / "0.dng"
+    whole = frame.read_bytes()
+    frame.write_bytes(b"II*\0" + bytes(100) if breaks_in == "header" else whole[: len(whole) // 2])
     found = recipes(project)
     assert any("0.dng" in w and "left out" in w for w in found.warnings)
+    assert next(iter(found.steps.values()))[0] == "bias frame, and dark frame scaled to the exposure"
     assert found.surveyed[0].capture.recipe.dark
     with pytest.raises(PhotographError, match=r"0\.dng"):
         recipes(project, strict=True)
