@@ -22,8 +22,10 @@ import cv2
 import numpy as np
 from PIL import Image
 
-from colmap_ihe.colmap import dense
+from colmap_ihe.colmap.depth_maps import sgm_depth_maps
+from colmap_ihe.colmap.fusion import fuse
 from colmap_ihe.colmap.native import pycolmap
+from colmap_ihe.colmap.undistort import undistort
 
 REC709 = np.array([0.2126, 0.7152, 0.0722])
 
@@ -48,12 +50,12 @@ def main() -> None:
         model, grey, colour = work / "sparse" / "0", work / "grey", work / "colour"
         size = arguments.max_image_size
         rows += [
-            ("undistort", *_timed(lambda: dense.undistort(model, grey, colour, folder, max_image_size=size))),
+            ("undistort", *_timed(lambda: undistort(model, grey, colour, folder, max_image_size=size))),
             (
                 "depth maps",
-                *_timed(lambda: dense.sgm_depth_maps(folder, sources_per_image=arguments.sources)),
+                *_timed(lambda: sgm_depth_maps(folder, sources_per_image=arguments.sources)),
             ),
-            ("fuse", *_timed(lambda: dense.fuse(folder))),
+            ("fuse", *_timed(lambda: fuse(folder))),
         ]
         _print_table(rows, folder)
 

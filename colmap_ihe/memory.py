@@ -44,7 +44,12 @@ def _bytes_a_pixel(photograph: _Photograph) -> int:
 
 def at_once(photographs: Sequence[_Photograph], workers: int) -> int:
     """How many of these may be worked on at a time: `workers`, or as many as there is memory for, at least one."""
-    need, room = needed(photographs), available()
+    return most_at_once(needed(photographs), available(), workers)
+
+
+def most_at_once(need: int, room: int, workers: int) -> int:
+    """As many of `workers` as may take `need` bytes each out of `room`, at least one; all where either is unknown,
+    0."""
     if not need or not room:
         return workers
     return max(1, min(workers, int(room * (1 - _KEPT_FREE)) // need))

@@ -4,7 +4,7 @@ there."""
 from __future__ import annotations
 
 from colmap_ihe.captures.denoise import require_wavelets
-from colmap_ihe.colmap import dense, features, mapping, matching, mesh, textured
+from colmap_ihe.colmap import dense, features, fusion, mapping, matching, mesh, textured
 from colmap_ihe.options import Options
 
 
@@ -22,7 +22,7 @@ def check_options(options: Options, images: int) -> None:
     mapping.native_options(options.sparse)
     if options.dense.enabled:
         dense.pick_backend(options.dense.backend)
-        dense.fusion_options(options.dense.colmap)
+        fusion.fusion_options(options.dense.colmap)
         dense.patchmatch_options(options.dense.patchmatch)
     if options.meshed:
         mesh.poisson_options(options.mesh.colmap)

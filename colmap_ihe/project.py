@@ -100,6 +100,11 @@ class Project:
         return self.workspace / "images"
 
     @property
+    def made_masks(self) -> Path:
+        """COLMAP's masks of the grey images, made of the user's."""
+        return self.workspace / "masks"
+
+    @property
     def database(self) -> Path:
         return self.workspace / "database.db"
 

@@ -6,6 +6,7 @@ plain values. It knows nothing of records, resuming or the terminal: that is `pi
 
 from __future__ import annotations
 
+import logging
 import shutil
 from collections import Counter
 from dataclasses import asdict
@@ -13,16 +14,21 @@ from pathlib import Path
 
 import yaml
 
-from colmap_ihe import oddities, outputs
+from colmap_ihe import memory, oddities, outputs
 from colmap_ihe.captures import decoders
-from colmap_ihe.colmap import dense as dense_stereo
 from colmap_ihe.colmap import mesh as surface
 from colmap_ihe.colmap import textured
+from colmap_ihe.colmap.cost import dense_cost
+from colmap_ihe.colmap.dense import patchmatch_depth_maps, pick_backend
+from colmap_ihe.colmap.depth_maps import sgm_depth_maps
 from colmap_ihe.colmap.features import extract_features
+from colmap_ihe.colmap.fusion import FUSION_BYTES, fuse
 from colmap_ihe.colmap.mapping import map_images
 from colmap_ihe.colmap.matching import match_features
+from colmap_ihe.colmap.undistort import sizes_of, undistort
 from colmap_ihe.colmap.workspace import database_is_sound, remove_database
 from colmap_ihe.errors import DiskFullError, MappingError
+from colmap_ihe.executor import local_workers
 from colmap_ihe.fitting import Fit, Trial, fit_captures
 from colmap_ihe.grey.weights import grey_from_dict
 from colmap_ihe.options import Options
@@ -31,6 +37,8 @@ from colmap_ihe.progress import Watch
 from colmap_ihe.project import Project, write_bytes
 from colmap_ihe.recipes import recipe_notes, with_recipes
 from colmap_ihe.run import Record, Run
+
+logger = logging.getLogger(__name__)
 
 _DATABASE_BYTES = 4_000_000  # features and matches of one image, roughly
 _CLOUD_BYTES = 27  # of a point
@@ -198,29 +206,36 @@ def sparse(run: Run, watch: Watch) -> Record:
 
 def dense(run: Run, watch: Watch) -> Record:
     project, options = run.project, run.options.dense
-    backend = dense_stereo.pick_backend(options.backend)
-    for folder in ("images", "sparse", "grey/images", "grey/sparse"):  # quickly made, and not atomically
+    for folder in (
+        "images",
+        "sparse",
+        "masks",
+        "grey/images",
+        "grey/sparse",
+    ):  # quickly made, and not atomically
         shutil.rmtree(project.dense / folder, ignore_errors=True)
-    registered = run.records["sparse"]["models"][0]["registered_images"]
-    if registered < 2:
+    sizes = sizes_of(project.sparse / "0")
+    if len(sizes) < 2:
         raise MappingError(
             "dense stereo needs two registered photographs, the model has one",
             hint="look at the warnings of the sparse stage in records/sparse.json",
         )
-    captures = run.records["captures"]
-    pixels = min(options.max_image_size**2, captures["pixels"] // captures["images"])
-    _require_room(project, registered * pixels * 24)
-    dense_stereo.undistort(
+    free = memory.available()
+    cost = dense_cost(sizes, options.max_image_size, pick_backend(options.backend), local_workers(), free)
+    logger.info("%s", cost.in_words())
+    _require_room(project, cost.disk_bytes)
+    undistort(
         project.sparse / "0",
         project.grey,
         project.colour,
         project.dense,
+        masks_dir=project.made_masks if project.made_masks.is_dir() else None,
         max_image_size=options.max_image_size,
         watch=watch,
     )
-    record: Record = {"backend": backend, "warnings": []}
-    if backend == "sgm":
-        counts = dense_stereo.sgm_depth_maps(project.dense, executor=run.executor, watch=watch)
+    record: Record = {"backend": cost.backend, "warnings": []}
+    if cost.backend == "sgm":
+        counts = sgm_depth_maps(project.dense, executor=run.executor, at_once=cost.at_once, watch=watch)
         record |= {
             "pixels": counts.pixels,
             "pixels_with_depth": counts.pixels_with_depth,
@@ -230,8 +245,9 @@ def dense(run: Run, watch: Watch) -> Record:
         if counts.empty:
             record["warnings"].append(f"no depth could be found for {', '.join(sorted(counts.empty)[:5])}")
     else:
-        dense_stereo.patchmatch_depth_maps(project.dense, options=options.patchmatch, watch=watch)
-    points = dense_stereo.fuse(project.dense, options=options.colmap, watch=watch)
+        patchmatch_depth_maps(project.dense, options=options.patchmatch, watch=watch)
+    most = min(FUSION_BYTES, free // 2) if free else FUSION_BYTES
+    points = fuse(project.dense, options=options.colmap, most_bytes=most, watch=watch)
     if not points:
         record["warnings"].append("no point of the depth maps was confirmed: the cloud is empty")
     return {**record, "points": points}
@@ -261,11 +277,10 @@ def mesh(run: Run, watch: Watch) -> Record:
 
 def _masks(run: Run) -> tuple[Path | None, list[str]]:
     """COLMAP's mask folder for the grey images, made of the user's masks; None if there are none."""
-    project = run.project
+    project, made = run.project, run.project.made_masks
+    shutil.rmtree(made, ignore_errors=True)
     if not project.masks.is_dir():
         return None, []
-    made = project.workspace / "masks"
-    shutil.rmtree(made, ignore_errors=True)
     used = write_masks(project.masks, run.records["convert"]["grey"], project.grey, made)
     found = {p.relative_to(project.masks).as_posix() for p in project.masks.rglob("*.png")}
     unused = sorted(found - used)

@@ -6,19 +6,21 @@ Every image is one job that knows nothing of the others, so any `concurrent.futu
 from __future__ import annotations
 
 import os
+from collections import deque
 from collections.abc import Mapping
-from concurrent.futures import FIRST_COMPLETED, Executor, ThreadPoolExecutor, wait
+from concurrent.futures import FIRST_COMPLETED, Executor, Future, ThreadPoolExecutor, wait
 from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 
 from colmap_ihe.colmap.native import pycolmap
-from colmap_ihe.errors import Cancelled, ProjectError
+from colmap_ihe.colmap.undistort import read_grey, read_mask
+from colmap_ihe.errors import Cancelled
 from colmap_ihe.progress import SILENT, Watch
 from colmap_ihe.stereo.depth import StereoOptions, depth_and_normals
 from colmap_ihe.stereo.sources import Sources, choose_sources
-from colmap_ihe.stereo.views import Array, Camera, Float64, View
+from colmap_ihe.stereo.views import Array, Camera, Float32, Float64, View
 
 
 @dataclass
@@ -47,19 +49,23 @@ class _Job:
     options: StereoOptions
 
 
+_Made = tuple[int, int, dict[str, str]]
+
+
 def sgm_depth_maps(
     dense_dir: Path,
     *,
     sources_per_image: int = 5,
     options: StereoOptions | None = None,
     executor: Executor | None = None,
+    at_once: int | None = None,
     watch: Watch = SILENT,
 ) -> DepthCounts:
     """Depth and normal maps of every image of `dense_dir` by semi-global matching on the CPU.
 
     A map that is already there is kept: the caller sees to it that the folder belongs to the same
-    inputs. When `watch` cancels, the maps under way stop within one pair's time and the finished ones
-    stay.
+    inputs. No more than `at_once` are worked on at a time. When `watch` cancels, the maps under way stop
+    within one pair's time and the finished ones stay.
     """
     model = pycolmap.Reconstruction(dense_dir / "sparse")
     cameras = {image_id: _camera(model, image_id) for image_id in sorted(model.reg_image_ids())}
@@ -77,9 +83,9 @@ def sgm_depth_maps(
     watch.start(len(jobs), "depth maps")
     if executor is None:
         with ThreadPoolExecutor(os.cpu_count()) as own:
-            _run_all(jobs, own, counts, watch)
+            _run_all(jobs, own, at_once, counts, watch)
     else:
-        _run_all(jobs, executor, counts, watch)
+        _run_all(jobs, executor, at_once, counts, watch)
     return counts
 
 
@@ -103,17 +109,25 @@ def _plan(
     return _Job(dense_dir, names, tuple(cameras[key] for key in members), points_world, options), sources
 
 
-def _run_all(jobs: list[_Job], executor: Executor, counts: DepthCounts, watch: Watch) -> None:
+def _run_all(
+    jobs: list[_Job], executor: Executor, at_once: int | None, counts: DepthCounts, watch: Watch
+) -> None:
     """Makes every depth map, and counts; on cancellation tells the workers through a file, wherever they
     run.
     """
     stop_file = _stop_file(jobs[0].dense_dir) if jobs else None
     if stop_file:
         stop_file.unlink(missing_ok=True)
-    names = {executor.submit(_make_maps, job): job.names[0] for job in jobs}
-    waiting = set(names)
+    names: dict[Future[_Made], str] = {}
+    waiting: set[Future[_Made]] = set()
+    left = deque(jobs)
     try:
-        while waiting:
+        while waiting or left:
+            while left and len(waiting) < (at_once or len(jobs)):
+                job = left.popleft()
+                future = executor.submit(_make_maps, job)
+                names[future] = job.names[0]
+                waiting.add(future)
             done, waiting = wait(waiting, timeout=0.2, return_when=FIRST_COMPLETED)
             watch.check()
             for future in done:
@@ -137,14 +151,13 @@ def _run_all(jobs: list[_Job], executor: Executor, counts: DepthCounts, watch: W
             stop_file.unlink(missing_ok=True)
 
 
-def _make_maps(job: _Job) -> tuple[int, int, dict[str, str]]:
+def _make_maps(job: _Job) -> _Made:
     """Writes the depth and normal map of one reference, unless they are there.
 
     Returns its pixels, those with depth, and the pairs left out with the reason.
     """
-    stereo = job.dense_dir / "stereo"
-    depth_path = stereo / "depth_maps" / f"{job.names[0]}.geometric.bin"
-    normal_path = stereo / "normal_maps" / f"{job.names[0]}.geometric.bin"
+    depth_path = depth_file(job.dense_dir, job.names[0])
+    normal_path = job.dense_dir / "stereo" / "normal_maps" / f"{job.names[0]}.geometric.bin"
     stop_file = _stop_file(job.dense_dir)
 
     def check() -> None:
@@ -160,29 +173,32 @@ def _make_maps(job: _Job) -> tuple[int, int, dict[str, str]]:
             left_out[f"{job.names[0]} | {job.names[1 + place]}"] = reason
         write_map(result.normals, normal_path)
         write_map(result.depth, depth_path)
-    written = pycolmap.DepthMap()
-    written.read(depth_path)
-    depth = written.to_array()
+    depth = read_depth(depth_path)
     return depth.size, int(np.count_nonzero(depth)), left_out
 
 
 def _view(job: _Job, place: int) -> View:
-    path = job.dense_dir / "grey" / "images" / job.names[place]
-    camera = job.cameras[place]
-    # By pycolmap, which wrote it: its PNG reader works in every order of imports (captures/png.py).
-    bitmap = pycolmap.Bitmap.read(path, as_rgb=False)
-    if bitmap is None:
-        raise ProjectError(
-            f"{path} cannot be read as an image", hint="run the dense stage again with --from dense"
-        )
-    grey_u8 = np.ascontiguousarray(bitmap.to_array().reshape(bitmap.height, bitmap.width))
-    return View(camera.K, camera.cam_from_world, camera.size, grey_u8)
+    name, camera = job.names[place], job.cameras[place]
+    grey_u8 = read_grey(job.dense_dir / "grey" / "images" / name)
+    return View(camera.K, camera.cam_from_world, camera.size, grey_u8, read_mask(job.dense_dir, name))
 
 
 def _camera(model: pycolmap.Reconstruction, image_id: int) -> Camera:
     image = model.images[image_id]
     camera = model.cameras[image.camera_id]
     return Camera(camera.calibration_matrix(), image.cam_from_world().matrix(), (camera.width, camera.height))
+
+
+def depth_file(dense_dir: Path, name: str) -> Path:
+    """Where the depth map of an image lies."""
+    return dense_dir / "stereo" / "depth_maps" / f"{name}.geometric.bin"
+
+
+def read_depth(path: Path) -> Float32:
+    """(H, W) float32, depth along the optical axis in world units, 0 for none."""
+    written = pycolmap.DepthMap()
+    written.read(path)
+    return np.asarray(written.to_array(), np.float32)
 
 
 def write_map(values: Array, path: Path) -> None:

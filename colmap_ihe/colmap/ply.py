@@ -56,8 +56,13 @@ def _elements(header: str) -> list[tuple[str, int, list[Any]]]:
 def write_rows(path: Path, rows: Rows) -> None:
     """A cloud: `rows` is a structured array."""
     with path.open("wb") as handle:
-        handle.write(_header([("vertex", len(rows), _properties(rows.dtype))]))
+        handle.write(row_header(len(rows), rows.dtype))
         handle.write(rows.tobytes())
+
+
+def row_header(count: int, dtype: np.dtype[Any]) -> bytes:
+    """What stands before the rows of a cloud in its file."""
+    return _header([("vertex", count, _properties(dtype))])
 
 
 def read_mesh(path: Path) -> Mesh:

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import importlib
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -15,6 +16,7 @@ import simplejpeg
 
 from colmap_ihe.colmap.native import pycolmap
 from colmap_ihe.colmap.ply import read_mesh
+from colmap_ihe.colmap.undistort import read_mask
 from colmap_ihe.errors import CapabilityError, ProjectError
 from colmap_ihe.progress import SILENT, Watch
 from colmap_ihe.project import write_bytes
@@ -75,7 +77,8 @@ def texture_mesh(
     paths = [dense_dir / "images" / image.name for image in images]
     views = [_view(model, image) for image in images]
     mesh = read_mesh(mesh_file)
-    candidates = _candidates(mesh, views, executor, watch)
+    masks = [partial(read_mask, dense_dir, image.name) for image in images]
+    candidates = _candidates(mesh, views, masks, executor, watch)
     pairs = neighbours(mesh.faces)
     chosen = choose(candidates, pairs)
     labels = box_labels(mesh, chosen, len(views))
@@ -100,14 +103,20 @@ def texture_mesh(
     )
 
 
-def _candidates(mesh: Mesh, views: list[View], executor: Executor, watch: Watch) -> Candidates:
+def _candidates(
+    mesh: Mesh,
+    views: list[View],
+    masks: Sequence[Callable[[], U8 | None]],
+    executor: Executor,
+    watch: Watch,
+) -> Candidates:
     """The best views of each face; added in the order of the views, so that the result is always the same."""
     candidates = Candidates.none(len(mesh.faces))
     watch.start(len(views), "photographs looked through")
     jobs = []
     try:
         for number, view in enumerate(views):
-            jobs.append((number, executor.submit(quality_in, mesh, view)))
+            jobs.append((number, executor.submit(quality_in, mesh, view, masks[number])))
             if len(jobs) > _AHEAD:
                 first, job = jobs.pop(0)
                 candidates.add(first, job.result())

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import cv2
 import numpy as np
 
-from colmap_ihe.texture.mesh import F32, I32, I64, Bool, Mesh, face_normals
+from colmap_ihe.texture.mesh import F32, I32, I64, U8, Bool, Mesh, face_normals
 from colmap_ihe.texture.raster import View, depth_picture
 
 UNSEEN = -1
@@ -44,9 +45,9 @@ class Candidates:
         self.quality[rows, worst[rows]] = quality[rows]
 
 
-def quality_in(mesh: Mesh, view: View) -> F32:
+def quality_in(mesh: Mesh, view: View, mask: Callable[[], U8 | None] = lambda: None) -> F32:
     """(F,) float32: how well `view` shows each face, zero where it does not: its area on the picture in pixels,
-    times the cosine of the angle at which it is seen."""
+    times the cosine of the angle at which it is seen. `mask()` (H, W) is 0 where the picture is not to be used."""
     pixels, depths = view.project(mesh.vertices)
     corners = mesh.corners()
     normals = face_normals(corners)
@@ -61,6 +62,8 @@ def quality_in(mesh: Mesh, view: View) -> F32:
     quality = np.zeros(len(mesh.faces), np.float32)
     rows = np.flatnonzero(possible)
     nearest = depth_picture(shown, depths[mesh.faces], view.size)
+    if (allowed := mask()) is not None:
+        nearest[allowed == 0] = 0  # as if something stood right before the camera
     rows = rows[_seen(corners[rows], view, nearest)]
     quality[rows] = area[rows] * facing[rows]
     return quality

@@ -7,84 +7,29 @@ from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
-import cv2
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 from PIL import Image
+from plane import COLOUR, NORMAL, SIZE, VIEWS, make_project, plane_depth
 
 from colmap_ihe.colmap import dense, depth_maps
-from colmap_ihe.colmap.depth_maps import write_map
+from colmap_ihe.colmap.depth_maps import DepthCounts, sgm_depth_maps, write_map
+from colmap_ihe.colmap.fusion import fuse
 from colmap_ihe.colmap.native import pycolmap
+from colmap_ihe.colmap.undistort import undistort
 from colmap_ihe.errors import Cancelled, CapabilityError, OptionError, ProjectError
 from colmap_ihe.progress import Silent
 
-NAMES = ["façade 1.png", "nef/a.png", "nef/b c.png", "nef/côté/d.png", "e.png"]
-CENTRES = [(-0.8, 0, 0), (-0.4, 0, 0), (0, 0, 0), (0.4, 0, 0), (0, 0.4, 0)]
-SIZE = (320, 240)
-K = np.array([[340.0, 0, 160], [0, 340, 120], [0, 0, 1]])
-# The plane n.X = d through (0, 0, 4).
-NORMAL = np.array([0.2, -0.1, -1]) / np.linalg.norm([0.2, -0.1, -1])
-COLOUR = (0.9, 0.6, 0.3)
-
-
-def _plane_depth(centre: tuple[float, float, float]) -> NDArray[np.float64]:
-    v, u = np.mgrid[: SIZE[1], : SIZE[0]] + 0.5
-    rays = np.stack([u, v, np.ones_like(u)], axis=-1) @ np.linalg.inv(K).T
-    return np.asarray(((np.array([0, 0, 4]) - centre) @ NORMAL) / (rays @ NORMAL))
-
-
-def _photograph(centre: tuple[float, float, float], texture: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """The plane's texture, fixed to the world's x and y, through the view's own rays."""
-    v, u = np.mgrid[: SIZE[1], : SIZE[0]] + 0.5
-    depth = _plane_depth(centre)
-    x = (u - K[0, 2]) / K[0, 0] * depth + centre[0]
-    y = (v - K[1, 2]) / K[1, 1] * depth + centre[1]
-    place = ((x * 90 + 400).astype(np.float32), (y * 90 + 300).astype(np.float32))
-    return np.asarray(cv2.remap(texture, *place, cv2.INTER_CUBIC), np.uint8)
-
-
-def _model() -> pycolmap.Reconstruction:
-    model = pycolmap.Reconstruction()
-    camera = pycolmap.Camera.create_from_model_name(1, "PINHOLE", 340, *SIZE)
-    camera.params = [K[0, 0], K[1, 1], K[0, 2], K[1, 2]]
-    model.add_camera_with_trivial_rig(camera)
-    points = np.random.default_rng(3).uniform([-1.5, -1, 0], [1.5, 1, 0], (150, 3))
-    points[:, 2] = 4 - (points[:, :2] @ NORMAL[:2]) / NORMAL[2]
-    tracks = [pycolmap.Track() for _ in points]
-    for image_id, (name, centre) in enumerate(zip(NAMES, CENTRES, strict=True), start=1):
-        pixels = (points - centre) @ K.T
-        image = pycolmap.Image(
-            name=name, keypoints=pixels[:, :2] / pixels[:, 2:], camera_id=1, image_id=image_id
-        )
-        pose = pycolmap.Rigid3d(pycolmap.Rotation3d(), -np.array(centre, float))
-        model.add_image_with_trivial_frame(image, pose)
-        for index, (x, y) in enumerate(pixels[:, :2] / pixels[:, 2:]):
-            if 0 < x < SIZE[0] and 0 < y < SIZE[1]:
-                tracks[index].add_element(image_id, index)
-    for point, track in zip(points, tracks, strict=True):
-        if track.length() >= 2:
-            model.add_point3D(point, track, np.zeros(3, np.uint8))
-    return model
+NAMES = list(VIEWS)
 
 
 @pytest.fixture(scope="module")
 def project(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """sparse/, grey/, colour/ and the finished dense/ of the plane."""
     root = tmp_path_factory.mktemp("dénse project")
-    noise = np.random.default_rng(2).normal(size=(600, 800))
-    smooth = cv2.GaussianBlur(noise, (0, 0), 1.2)
-    texture = np.clip(128 + 45 * smooth / smooth.std(), 0, 255).astype(np.uint8)
-    for name, centre in zip(NAMES, CENTRES, strict=True):
-        grey = _photograph(centre, texture)
-        colour = (grey[..., None] * np.array(COLOUR)).astype(np.uint8)
-        for folder, pixels in (("grey", grey), ("colour", colour)):
-            path = root / folder / name
-            path.parent.mkdir(parents=True, exist_ok=True)
-            Image.fromarray(pixels).save(path)
-    (root / "sparse").mkdir()
-    _model().write(root / "sparse")
-    dense.undistort(root / "sparse", root / "grey", root / "colour", root / "dense")
+    make_project(root)
+    undistort(root / "sparse", root / "grey", root / "colour", root / "dense")
     return root
 
 
@@ -95,8 +40,8 @@ def _depth(project: Path, name: str) -> NDArray[np.float32]:
 
 
 @pytest.fixture(scope="module")
-def counts(project: Path) -> dense.DepthCounts:
-    return dense.sgm_depth_maps(project / "dense")
+def counts(project: Path) -> DepthCounts:
+    return sgm_depth_maps(project / "dense")
 
 
 def test_the_workspace_is_a_plain_one_in_colour_with_a_grey_twin(project: Path) -> None:
@@ -110,25 +55,25 @@ def test_the_workspace_is_a_plain_one_in_colour_with_a_grey_twin(project: Path) 
     assert (project / "dense" / "stereo" / "fusion.cfg").read_text().split("\n")[: len(NAMES)]
 
 
-def test_depth_maps_are_the_plane(project: Path, counts: dense.DepthCounts) -> None:
+def test_depth_maps_are_the_plane(project: Path, counts: DepthCounts) -> None:
     assert counts.images == len(NAMES)
     assert counts.pixels == len(NAMES) * SIZE[0] * SIZE[1]
     assert counts.empty == []
     assert 0.85 < counts.pixels_with_depth / counts.pixels < 1.0
-    for name, centre in zip(NAMES, CENTRES, strict=True):
+    for name, centre in VIEWS.items():
         depth = _depth(project, name)
         held = depth > 0
-        errors = np.abs(depth[held] / _plane_depth(centre)[held] - 1)
+        errors = np.abs(depth[held] / plane_depth(centre)[held] - 1)
         assert depth.shape == SIZE[::-1]
         assert 1e-6 < np.median(errors) < 0.002, f"{name}: {np.median(errors):.5f}"
 
 
 @pytest.mark.usefixtures("counts")
 def test_fusion_keeps_its_normal_check_and_has_colour(project: Path) -> None:
-    strict = dense.fuse(project / "dense", options={"max_normal_error": 10.0})
+    strict = fuse(project / "dense", options={"max_normal_error": 10.0})
     cloud = _read_ply(project / "dense" / "fused.ply")
     assert len(cloud) == strict
-    loose = dense.fuse(project / "dense", options={"max_normal_error": 180.0})
+    loose = fuse(project / "dense", options={"max_normal_error": 180.0})
     assert strict > 0.9 * loose
     # One point a pixel of the union of the views, which is about one view and a half.
     assert 60_000 < strict < 200_000
@@ -155,14 +100,14 @@ def _read_ply(path: Path) -> NDArray[np.void]:
     return np.frombuffer(content[end:], np.dtype(fields), number)
 
 
-def test_maps_that_are_there_are_kept_and_missing_ones_made(project: Path, counts: dense.DepthCounts) -> None:
+def test_maps_that_are_there_are_kept_and_missing_ones_made(project: Path, counts: DepthCounts) -> None:
     folder = project / "dense" / "stereo" / "depth_maps"
     before = {path: path.stat().st_mtime_ns for path in folder.rglob("*.bin")}
     missing = folder / f"{NAMES[1]}.geometric.bin"
     content = missing.read_bytes()
     missing.unlink()
     with ThreadPoolExecutor(1) as executor:
-        again = dense.sgm_depth_maps(project / "dense", executor=executor)
+        again = sgm_depth_maps(project / "dense", executor=executor)
     assert again == counts
     assert missing.read_bytes() == content
     after = {path: path.stat().st_mtime_ns for path in folder.rglob("*.bin")}
@@ -177,17 +122,17 @@ class _StopsAfter(Silent):
         super().advance(count)
 
 
-def test_cancelled_depth_maps_leave_whole_files_only(project: Path, counts: dense.DepthCounts) -> None:
+def test_cancelled_depth_maps_leave_whole_files_only(project: Path, counts: DepthCounts) -> None:
     folder = project / "dense" / "stereo"
     contents = {path: path.read_bytes() for path in folder.rglob("*.geometric.bin")}
     for path in contents:
         path.unlink()
     with pytest.raises(Cancelled), ThreadPoolExecutor(1) as executor:
-        dense.sgm_depth_maps(project / "dense", executor=executor, watch=_StopsAfter())
+        sgm_depth_maps(project / "dense", executor=executor, watch=_StopsAfter())
     left = [path for path in folder.rglob("*") if path.is_file() and path.suffix != ".cfg"]
     assert 0 < len(left) < len(contents)
     assert all(path.read_bytes() == contents[path] for path in left)
-    assert dense.sgm_depth_maps(project / "dense") == counts
+    assert sgm_depth_maps(project / "dense") == counts
     assert {path: path.read_bytes() for path in folder.rglob("*.geometric.bin")} == contents
 
 
@@ -218,7 +163,7 @@ def test_a_map_under_way_is_told_to_stop(project: Path, monkeypatch: pytest.Monk
     missing.unlink()
     monkeypatch.setattr(depth_maps, "depth_and_normals", endless)
     with pytest.raises(Cancelled), ThreadPoolExecutor(1) as executor:
-        dense.sgm_depth_maps(project / "dense", executor=executor, watch=CancelledWhileRunning())
+        sgm_depth_maps(project / "dense", executor=executor, watch=CancelledWhileRunning())
     assert len(told) == 1
     assert not (project / "dense" / "stereo" / ".stop").exists()
     missing.write_bytes(content)
@@ -226,7 +171,7 @@ def test_a_map_under_way_is_told_to_stop(project: Path, monkeypatch: pytest.Monk
 
 def test_undistortion_can_shrink(project: Path, tmp_path: Path) -> None:
     folders = (project / "sparse", project / "grey", project / "colour")
-    assert dense.undistort(*folders, tmp_path / "dense", max_image_size=160) == len(NAMES)
+    assert undistort(*folders, tmp_path / "dense", max_image_size=160) == len(NAMES)
     for workspace in (tmp_path / "dense", tmp_path / "dense" / "grey"):
         with Image.open(workspace / "images" / NAMES[0]) as image:
             assert image.size == (160, 120)
@@ -237,7 +182,7 @@ def test_a_missing_colour_twin_is_named(project: Path, tmp_path: Path) -> None:
         for name in NAMES[:-1]:
             (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
             (tmp_path / name).write_bytes((project / "colour" / name).read_bytes())
-        dense.undistort(project / "sparse", project / "grey", tmp_path, tmp_path / "dense")
+        undistort(project / "sparse", project / "grey", tmp_path, tmp_path / "dense")
 
 
 def test_cancelling_is_heard(project: Path, tmp_path: Path) -> None:
@@ -245,9 +190,9 @@ def test_cancelling_is_heard(project: Path, tmp_path: Path) -> None:
     watch.cancelled = True
     folders = (project / "sparse", project / "grey", project / "colour", tmp_path / "dense")
     calls: list[Callable[[], object]] = [
-        lambda: dense.undistort(*folders, watch=watch),
-        lambda: dense.sgm_depth_maps(project / "dense", watch=watch),
-        lambda: dense.fuse(project / "dense", watch=watch),
+        lambda: undistort(*folders, watch=watch),
+        lambda: sgm_depth_maps(project / "dense", watch=watch),
+        lambda: fuse(project / "dense", watch=watch),
     ]
     for call in calls:
         with pytest.raises(Cancelled):
@@ -291,4 +236,4 @@ def test_backends(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_an_unknown_fusion_option_is_refused(project: Path) -> None:
     with pytest.raises(OptionError, match=r"dense\.colmap"):
-        dense.fuse(project / "dense", options={"min_pixels": 3})
+        fuse(project / "dense", options={"min_pixels": 3})

@@ -1,0 +1,152 @@
+"""Fusion in cells of space, and masks all the way from the sparse model to the cloud."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from PIL import Image
+from plane import SIZE, K, make_project
+
+from colmap_ihe.colmap import fusion
+from colmap_ihe.colmap.cells import Seen, cells_of
+from colmap_ihe.colmap.depth_maps import depth_file, read_depth, sgm_depth_maps
+from colmap_ihe.colmap.native import pycolmap
+from colmap_ihe.colmap.ply import read_ply
+from colmap_ihe.colmap.undistort import mask_of, read_mask, undistort
+from colmap_ihe.errors import Cancelled
+from colmap_ihe.progress import Silent
+
+STRIP = {f"{n:02}.png": (0.5 * n, 0.0, 0.0) for n in range(14)}
+FEW = dict(list(STRIP.items())[:5])
+A_MAP = SIZE[0] * SIZE[1] * fusion.FUSION_BYTES_A_PIXEL
+
+
+def folders(root: Path) -> tuple[Path, Path, Path, Path]:
+    return root / "sparse", root / "grey", root / "colour", root / "dense"
+
+
+def positions(dense: Path) -> NDArray[np.float32]:
+    rows = read_ply(dense / "fused.ply")["vertex"]
+    return np.stack([rows[axis] for axis in "xyz"], axis=1)
+
+
+@pytest.fixture(scope="module")
+def strip(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    root = tmp_path_factory.mktemp("strip")
+    make_project(root, STRIP)
+    undistort(*folders(root))
+    sgm_depth_maps(root / "dense")
+    return root / "dense"
+
+
+def test_cells_give_the_cloud_that_one_fusion_gives(strip: Path) -> None:
+    count = fusion.fuse(strip)
+    whole = positions(strip)
+    runs = Silent()
+    assert fusion.fuse(strip, most_bytes=7 * A_MAP, watch=runs) == pytest.approx(count, rel=0.02)
+    parts = positions(strip)
+    assert not list(strip.glob("fused.part*"))
+    assert not (strip / "stereo" / ".cell").exists()
+    # As dense everywhere, at borders of cells too: none missing there, and none twice.
+    edges = np.arange(-0.5, 7.5, 0.1)
+    before, after = (np.histogram(cloud[:, 0], edges)[0] for cloud in (whole, parts))
+    busy = before > 500
+    ratio = after[busy] / before[busy]
+    assert busy.sum() > 50
+    assert ratio.min() > 0.9
+    assert ratio.max() < 1.1, ratio
+
+
+def test_every_point_of_cells_says_which_images_see_it(strip: Path) -> None:
+    count = fusion.fuse(strip, most_bytes=7 * A_MAP)
+    words = np.fromfile(strip / "fused.ply.vis", "<u4")
+    assert words[:2].view("<u8")[0] == count
+    model = pycolmap.Reconstruction(strip / "sparse")
+    order = [model.images[i].name for i in model.reg_image_ids()]
+    points, place = positions(strip), 2
+    for row in range(count):
+        images = words[place + 1 : place + 1 + words[place]]
+        assert len(images) >= 1
+        if row % 997 == 0:
+            centres = np.array([STRIP[order[i]][0] for i in images])
+            assert np.abs(centres - points[row, 0]).max() < SIZE[0] / K[0, 0] * 4
+        place += 1 + len(images)
+    assert place == len(words)
+
+
+def test_cells_can_be_cancelled_and_leave_nothing(strip: Path) -> None:
+    class AfterOne(Silent):
+        def advance(self, count: int = 1) -> None:
+            self.cancelled = True
+
+    before = positions(strip)
+    with pytest.raises(Cancelled):
+        fusion.fuse(strip, most_bytes=7 * A_MAP, watch=AfterOne())
+    assert not list(strip.glob("fused.part*"))
+    assert not (strip / "stereo" / ".cell").exists()
+    assert np.array_equal(positions(strip), before)
+
+
+def test_space_is_cut_until_images_fit() -> None:
+    draw = np.random.default_rng(0)
+    image = np.repeat(np.arange(40), 50)
+    points = draw.uniform(-1, 1, (2000, 3)) + np.stack([image, 0 * image, 0 * image], axis=1)
+    seen = Seen(points, image, np.full(2000, 3.0))
+    cells = cells_of(seen, np.ones(40), most=10)
+    assert len(cells) > 4
+    assert all(cell.cost <= 10 and cell.cost == len(cell.images) for cell in cells)
+    assert (sum(cell.holds(points).astype(int) for cell in cells) == 1).all()
+    everywhere = draw.uniform(-1e6, 1e6, (1000, 3))
+    assert (sum(cell.holds(everywhere).astype(int) for cell in cells) == 1).all()
+    for cell in cells:
+        assert set(image[cell.holds(points)]) <= set(cell.images)
+
+
+def test_space_is_left_whole_where_all_images_see_the_same() -> None:
+    points = np.random.default_rng(0).uniform(-1, 1, (2000, 3))
+    seen = Seen(points, np.arange(2000) % 20, np.full(2000, 3.0))
+    assert [cell.images for cell in cells_of(seen, np.ones(20), most=4)] == [tuple(range(20))]
+    nothing = Seen(np.empty((0, 3)), np.empty(0, np.int64), np.empty(0))
+    assert len(cells_of(nothing, np.ones(3), most=1)) == 1
+
+
+def test_what_a_mask_hides_has_no_depth_and_no_point(tmp_path: Path) -> None:
+    make_project(tmp_path, FEW)
+    masks = tmp_path / "masks"
+    masks.mkdir()
+    hidden = 1.0  # everything right of this x of the world, in all images
+    for name, (x, _, _) in FEW.items():
+        white = np.full(SIZE[::-1], 255, np.uint8)
+        white[:, max(0, min(SIZE[0], int(K[0, 2] + (hidden - x) / 4 * K[0, 0]))) :] = 0
+        Image.fromarray(white).save(masks / f"{name}.png")
+    dense = tmp_path / "dense"
+    undistort(*folders(tmp_path), masks_dir=masks)
+    sgm_depth_maps(dense)
+    assert fusion.fuse(dense) > 10_000
+    for name in FEW:
+        mask = read_mask(dense, name)
+        assert mask is not None
+        assert set(np.unique(mask)) <= {0, 255}
+        assert not read_depth(depth_file(dense, name))[mask == 0].any()
+    # The plane is at z = 4 in its middle, and slanted: the border is as far off as that makes it.
+    assert positions(dense)[:, 0].max() < hidden + 0.15
+
+
+def test_fusion_keeps_to_masks_where_depth_maps_do_not(tmp_path: Path) -> None:
+    """As those of PatchMatch, which knows of no masks."""
+    make_project(tmp_path, FEW)
+    black = tmp_path / "masks"
+    black.mkdir()
+    for name in FEW:
+        Image.fromarray(np.zeros(SIZE[::-1], np.uint8)).save(black / f"{name}.png")
+    undistort(*folders(tmp_path))
+    sgm_depth_maps(tmp_path / "dense")
+    assert fusion.fuse(tmp_path / "dense") > 10_000
+    for name in FEW:
+        mask = mask_of(tmp_path / "dense", name)
+        mask.parent.mkdir(exist_ok=True)
+        mask.write_bytes((black / mask.name).read_bytes())
+    assert fusion.fuse(tmp_path / "dense") == 0
