@@ -187,6 +187,7 @@ def expose(
     gains: tuple[float, float, float],
     iso: int,
     demosaic: str = "LINEAR",
+    focal_35mm: int = 35,
 ) -> Set:
     """DNG of linear scenes (1 is white), with the photon and read noise of that ISO, developed as the product does."""
     folder.mkdir(parents=True, exist_ok=True)
@@ -212,7 +213,7 @@ def expose(
             as_shot_neutral=gains,
             colour_matrix=np.eye(3),
             exif=PhotoExif(
-                taken="2016:06:21 10:00:00", exposure_time_s=Fraction(1, 100), focal_length_35mm=35
+                taken="2016:06:21 10:00:00", exposure_time_s=Fraction(1, 100), focal_length_35mm=focal_35mm
             ),
         )
         files.append(path)

@@ -48,15 +48,20 @@ def parser_of(runs: Mapping[str, Run]) -> argparse.ArgumentParser:
     one = command("status", "Where each stage of a project stands, and why it would run again.")
     _add_project(one)
     _add_camera(one)
-    command("doctor", "What this installation and this machine can do.")
+    doctor = command(
+        "doctor",
+        "What this installation and this machine can do; with a PROJECT also how its dense stereo will run, and what"
+        " that takes in time, memory and disk.",
+    )
+    _add_project(doctor, nargs="?")
     return parser
 
 
 _Command = Callable[[str, str], argparse.ArgumentParser]
 
 
-def _add_project(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("project", type=Path, metavar="PROJECT", help="the project's folder")
+def _add_project(parser: argparse.ArgumentParser, nargs: str | None = None) -> None:
+    parser.add_argument("project", type=Path, nargs=nargs, metavar="PROJECT", help="the project's folder")
     parser.add_argument("--images", type=Path, metavar="DIR", help="photographs, if not in PROJECT/images")
     parser.add_argument(
         "--set",

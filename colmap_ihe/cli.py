@@ -186,7 +186,7 @@ def _status(parsed: argparse.Namespace, _bars: Bars) -> None:
 
 
 def _doctor(parsed: argparse.Namespace, _bars: Bars) -> None:
-    found = commands.doctor()
+    found = commands.doctor(parsed.project, parsed.assignments, parsed.images)
     if parsed.json:
         _print_json(found)
     else:

@@ -15,8 +15,9 @@ import numpy as np
 import yaml
 from numpy.typing import NDArray
 
-from colmap_ihe import oddities
+from colmap_ihe import memory, oddities
 from colmap_ihe.captures.discover import captures_of_files, discover
+from colmap_ihe.colmap.cost import dense_cost
 from colmap_ihe.colmap.dense import pick_backend
 from colmap_ihe.colmap.native import pycolmap
 from colmap_ihe.demo.folder import render_demo
@@ -29,8 +30,9 @@ from colmap_ihe.grey.weights import Grey, grey_from_dict
 from colmap_ihe.options import DevelopOptions, FitOptions, Options
 from colmap_ihe.per_image import LeftOut
 from colmap_ihe.pipeline import Reconstruction, reconstruct
+from colmap_ihe.preprocess import survey
 from colmap_ihe.progress import SILENT, Audience
-from colmap_ihe.project import write_bytes
+from colmap_ihe.project import Project, write_bytes
 from colmap_ihe.project_yaml import load_options
 from colmap_ihe.recipes import prepared_set
 from colmap_ihe.version import __version__
@@ -134,9 +136,12 @@ def _read_formula(file: Path, values: dict[str, Any]) -> Grey:
     return grey
 
 
-def doctor() -> dict[str, Any]:
-    """What is installed, and what will run where."""
-    memory = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") if hasattr(os, "sysconf") else 0
+def doctor(
+    project: Path | None = None, assignments: Sequence[str] = (), images: Path | None = None
+) -> dict[str, Any]:
+    """What is installed, and what will run where; with a project also what its dense stereo will take, if every
+    photograph gets a place. Raises `KnownError`s of the project."""
+    total = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") if hasattr(os, "sysconf") else 0
     packages = ("numpy", "opencv-python-headless", "rawpy", "pillow")
     return {
         "colmap-ihe": __version__,
@@ -144,8 +149,19 @@ def doctor() -> dict[str, Any]:
         "pycolmap": f"{pycolmap.__version__} ({pycolmap.COLMAP_version})",
         **{name: metadata.version(name) for name in packages},
         "cores": local_workers(),
-        "memory_gb": round(memory / 1e9, 1),
+        "memory_gb": round(total / 1e9, 1),
         "free_disk_gb": round(shutil.disk_usage(Path.cwd()).free / 1e9, 1),
         "cuda": bool(pycolmap.has_cuda),
         "dense_backend": pick_backend("auto"),
+        **(_dense_cost(project, assignments, images) if project is not None else {}),
     }
+
+
+def _dense_cost(project: Path, assignments: Sequence[str], images: Path | None) -> dict[str, Any]:
+    place, options = Project.at(project, images), project_options(project, list(assignments)).dense
+    captures = discover(place.images).captures
+    with local_executor() as executor:
+        surveyed, _ = survey(captures, executor, SILENT, strict=False)
+    sizes = [(one.width, one.height) for one in surveyed]
+    backend = pick_backend(options.backend)
+    return dense_cost(sizes, options.max_image_size, backend, local_workers(), memory.available()).as_dict()

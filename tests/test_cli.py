@@ -433,7 +433,7 @@ def test_convert_fills_in_a_focal_length(capsys: Captured, new_project: Make, tm
 def test_an_unforeseen_error_keeps_its_traceback(monkeypatch: pytest.MonkeyPatch) -> None:
     """A bug is a bug: hiding it in one line would help nobody."""
 
-    def broken() -> dict[str, Any]:
+    def broken(*_: object) -> dict[str, Any]:
         raise RuntimeError("a bug")
 
     monkeypatch.setattr(commands, "doctor", broken)
@@ -442,7 +442,7 @@ def test_an_unforeseen_error_keeps_its_traceback(monkeypatch: pytest.MonkeyPatch
 
 
 def test_ctrl_c_exits_with_130(capsys: Captured, monkeypatch: pytest.MonkeyPatch) -> None:
-    def interrupted() -> dict[str, Any]:
+    def interrupted(*_: object) -> dict[str, Any]:
         raise KeyboardInterrupt
 
     monkeypatch.setattr(commands, "doctor", interrupted)
@@ -458,6 +458,19 @@ def test_doctor_says_what_is_there(capsys: Captured) -> None:
     assert found["memory_gb"] > 0.1
     assert {"python", "pycolmap", "numpy", "rawpy", "free_disk_gb"} <= found.keys()
     assert "dense_backend" in output_of(capsys, "doctor")
+
+
+def test_doctor_says_what_dense_stereo_of_a_project_will_take(photos: Path, capsys: Captured) -> None:
+    project = ("doctor", photos.parent, "--images", photos)
+    found = json_of(capsys, *project, "--set", "dense.backend=sgm")
+    assert found["dense_images"] == len(list(photos.iterdir()))
+    assert found["dense_megapixels"] > 0
+    assert found["dense_maps_at_once"] >= 1
+    assert {"dense_memory_gb", "dense_disk_gb", "dense_minutes"} <= found.keys()
+    smaller = json_of(capsys, *project, "--set", "dense.backend=sgm", "--set", "dense.max_image_size=64")
+    assert smaller["dense_megapixels"] <= found["dense_megapixels"]
+    assert main(["doctor", str(photos / "missing")]) == 1
+    assert "missing" in capsys.readouterr().err
 
 
 # In a process of its own

@@ -98,9 +98,9 @@ def test_space_is_cut_until_images_fit() -> None:
     cells = cells_of(seen, np.ones(40), most=10)
     assert len(cells) > 4
     assert all(cell.cost <= 10 and cell.cost == len(cell.images) for cell in cells)
-    assert (sum(cell.holds(points).astype(int) for cell in cells) == 1).all()
+    assert (np.sum([cell.holds(points) for cell in cells], axis=0) == 1).all()
     everywhere = draw.uniform(-1e6, 1e6, (1000, 3))
-    assert (sum(cell.holds(everywhere).astype(int) for cell in cells) == 1).all()
+    assert (np.sum([cell.holds(everywhere) for cell in cells], axis=0) == 1).all()
     for cell in cells:
         assert set(image[cell.holds(points)]) <= set(cell.images)
 

@@ -156,6 +156,16 @@ def test_faces_that_look_away_or_lie_outside_are_not_seen() -> None:
     assert 0 < part.sum() < len(part)
 
 
+def test_what_a_mask_hides_gives_no_colour() -> None:
+    mesh = grid()
+    left = np.full(SIZE[::-1], 255, np.uint8)
+    left[:, : SIZE[0] // 2] = 0
+    seen = quality_in(mesh, camera(), lambda: left) > 0
+    pixels, _ = camera().project(mesh.corners().mean(axis=1))
+    assert not seen[pixels[:, 0] < SIZE[0] / 2].any()
+    assert seen[pixels[:, 0] > SIZE[0] / 2 + 15].all()
+
+
 def test_the_nearer_photograph_is_taken_and_patches_are_whole() -> None:
     mesh = grid(20)
     chosen, _ = labelled(mesh, [camera(), camera(z=-3.2), camera(x=0.1, z=-4.1)])

@@ -1,0 +1,39 @@
+"""What dense stereo is said to take."""
+
+from __future__ import annotations
+
+import pytest
+
+from colmap_ihe.colmap.cost import STEREO_BYTES_A_PIXEL, dense_cost
+from colmap_ihe.colmap.fusion import FUSION_BYTES
+
+SIZES = [(3000, 2000)] * 20
+
+
+def test_memory_bounds_how_many_maps_are_made_at_a_time() -> None:
+    one = STEREO_BYTES_A_PIXEL * 6_000_000
+    assert dense_cost(SIZES, 100_000, "sgm", 8, 0).at_once == 8
+    assert dense_cost(SIZES, 100_000, "sgm", 8, 3 * one).at_once == 2
+    assert dense_cost(SIZES, 100_000, "sgm", 8, one // 2).at_once == 1
+    assert dense_cost(SIZES, 1500, "sgm", 8, 3 * one).at_once == 8
+
+
+def test_the_estimate_grows_with_pixels_and_not_beyond_the_bound_of_fusion() -> None:
+    few, many = (dense_cost(SIZES * n, 3000, "sgm", 2, 0) for n in (1, 10))
+    assert many.megapixels == pytest.approx(10 * few.megapixels) == pytest.approx(1200)
+    assert few.minutes is not None
+    assert many.minutes == pytest.approx(10 * few.minutes)
+    assert many.disk_bytes == 10 * few.disk_bytes
+    assert many.memory_bytes == max(FUSION_BYTES, 2 * STEREO_BYTES_A_PIXEL * 6_000_000)
+
+
+def test_portrait_and_landscape_shrink_alike() -> None:
+    tall, wide = (dense_cost([size], 1500, "sgm", 1, 0).megapixels for size in ((2000, 3000), (3000, 2000)))
+    assert tall == wide == pytest.approx(1.5)
+
+
+def test_what_was_never_measured_is_not_told() -> None:
+    found = dense_cost(SIZES, 3000, "patchmatch", 8, 0)
+    assert (found.minutes, found.at_once) == (None, None)
+    assert "PatchMatch" in found.in_words()
+    assert "min" not in found.in_words()
