@@ -7,10 +7,10 @@ from dataclasses import dataclass
 from typing import Any
 
 from colmap_ihe.colmap.dense import Backend
-from colmap_ihe.colmap.fusion import FUSION_BYTES, FUSION_BYTES_A_PIXEL
+from colmap_ihe.colmap.fusion import FUSION_BYTES, fusion_bytes
 from colmap_ihe.memory import most_at_once
 
-STEREO_BYTES_A_PIXEL = 160
+STEREO_BYTES_A_PIXEL = 200
 """Of one depth map on the way: five sources and their common frames. Measured with benchmarks/dense.py."""
 _CORE_SECONDS_A_MEGAPIXEL = 3.5
 """Of semi-global matching with fusion, on a server's core of 2 to 3 GHz; likewise."""
@@ -61,7 +61,7 @@ def dense_cost(
     one = STEREO_BYTES_A_PIXEL * max(pixels, default=0)
     at_once = most_at_once(one, free_bytes, workers) if backend == "sgm" else None
     stereo = one * (at_once or 0)
-    fusion = min(FUSION_BYTES, FUSION_BYTES_A_PIXEL * sum(pixels))
+    fusion = min(FUSION_BYTES, fusion_bytes(sum(pixels)))
     seconds = _CORE_SECONDS_A_MEGAPIXEL * sum(pixels) / 1e6 / (at_once or 1)
     return DenseCost(
         backend=backend,

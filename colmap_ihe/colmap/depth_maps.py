@@ -16,7 +16,7 @@ import numpy as np
 
 from colmap_ihe.colmap.native import pycolmap
 from colmap_ihe.colmap.undistort import read_grey, read_mask
-from colmap_ihe.errors import Cancelled
+from colmap_ihe.errors import Cancelled, ProjectError
 from colmap_ihe.progress import SILENT, Watch
 from colmap_ihe.stereo.depth import StereoOptions, depth_and_normals
 from colmap_ihe.stereo.sources import Sources, choose_sources
@@ -157,7 +157,7 @@ def _make_maps(job: _Job) -> _Made:
     Returns its pixels, those with depth, and the pairs left out with the reason.
     """
     depth_path = depth_file(job.dense_dir, job.names[0])
-    normal_path = job.dense_dir / "stereo" / "normal_maps" / f"{job.names[0]}.geometric.bin"
+    normal_path = normal_file(job.dense_dir, job.names[0])
     stop_file = _stop_file(job.dense_dir)
 
     def check() -> None:
@@ -194,11 +194,29 @@ def depth_file(dense_dir: Path, name: str) -> Path:
     return dense_dir / "stereo" / "depth_maps" / f"{name}.geometric.bin"
 
 
+def normal_file(dense_dir: Path, name: str) -> Path:
+    """Where its normal map lies."""
+    return dense_dir / "stereo" / "normal_maps" / f"{name}.geometric.bin"
+
+
+def read_planes(path: Path) -> Float32:
+    """(C, H, W) float32 of a map in COLMAP's format, as `write_map` writes it; read from the disk when used. Raises
+    `ProjectError`."""
+    try:
+        with path.open("rb") as handle:
+            width, height, channels = (int(n) for n in handle.read(64).split(b"&")[:3])
+        head = len(f"{width}&{height}&{channels}&")
+        return np.memmap(path, np.dtype("<f4"), "r", head, (channels, height, width))
+    except (OSError, ValueError) as error:
+        raise ProjectError(
+            f"{path}: cannot be read as a map of COLMAP's ({error})",
+            hint="run the dense stage again with --from dense",
+        ) from error
+
+
 def read_depth(path: Path) -> Float32:
-    """(H, W) float32, depth along the optical axis in world units, 0 for none."""
-    written = pycolmap.DepthMap()
-    written.read(path)
-    return np.asarray(written.to_array(), np.float32)
+    """(H, W) float32, depth along the optical axis in world units, 0 for none. Raises `ProjectError`."""
+    return np.asarray(read_planes(path)[0])
 
 
 def write_map(values: Array, path: Path) -> None:

@@ -16,8 +16,8 @@ import simplejpeg
 
 from colmap_ihe.colmap.native import pycolmap
 from colmap_ihe.colmap.ply import read_mesh
-from colmap_ihe.colmap.undistort import read_mask
-from colmap_ihe.errors import CapabilityError, ProjectError
+from colmap_ihe.colmap.undistort import read_colour, read_mask
+from colmap_ihe.errors import CapabilityError
 from colmap_ihe.progress import SILENT, Watch
 from colmap_ihe.project import write_bytes
 from colmap_ihe.texture.atlas import Atlas, cut, pack
@@ -137,12 +137,7 @@ def _view(model: pycolmap.Reconstruction, image: pycolmap.Image) -> View:
 
 def _pictures(paths: list[Path], watch: Watch) -> Iterator[U8]:
     for path in paths:
-        bitmap = pycolmap.Bitmap.read(path, as_rgb=True)
-        if bitmap is None:
-            raise ProjectError(
-                f"{path} cannot be read as an image", hint="run the dense stage again with --from dense"
-            )
-        yield np.ascontiguousarray(bitmap.to_array())
+        yield read_colour(path)
         watch.advance()
 
 

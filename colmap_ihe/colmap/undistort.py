@@ -80,13 +80,23 @@ def read_mask(dense_dir: Path, name: str) -> NDArray[np.uint8] | None:
 
 def read_grey(path: Path) -> NDArray[np.uint8]:
     """(H, W) uint8. Raises `ProjectError`."""
+    values = _read(path, as_rgb=False)
+    return values.reshape(values.shape[:2])
+
+
+def read_colour(path: Path) -> NDArray[np.uint8]:
+    """(H, W, 3) uint8. Raises `ProjectError`."""
+    return _read(path, as_rgb=True)
+
+
+def _read(path: Path, *, as_rgb: bool) -> NDArray[np.uint8]:
     # By pycolmap: its PNG reader works in every order of imports (captures/png.py).
-    bitmap = pycolmap.Bitmap.read(path, as_rgb=False)
+    bitmap = pycolmap.Bitmap.read(path, as_rgb=as_rgb)
     if bitmap is None:
         raise ProjectError(
             f"{path} cannot be read as an image", hint="run the dense stage again with --from dense"
         )
-    return np.ascontiguousarray(bitmap.to_array().reshape(bitmap.height, bitmap.width))
+    return np.ascontiguousarray(bitmap.to_array())
 
 
 def _undistort_mask(

@@ -11,7 +11,7 @@ from PIL import Image
 from plane import SIZE, K, make_project
 
 from colmap_ihe.colmap import fusion
-from colmap_ihe.colmap.cells import Seen, cells_of
+from colmap_ihe.colmap.cells import Price, Seen, cells_of
 from colmap_ihe.colmap.depth_maps import depth_file, read_depth, sgm_depth_maps
 from colmap_ihe.colmap.native import pycolmap
 from colmap_ihe.colmap.ply import read_ply
@@ -21,7 +21,7 @@ from colmap_ihe.progress import Silent
 
 STRIP = {f"{n:02}.png": (0.5 * n, 0.0, 0.0) for n in range(14)}
 FEW = dict(list(STRIP.items())[:5])
-A_MAP = SIZE[0] * SIZE[1] * fusion.FUSION_BYTES_A_PIXEL
+A_MAP = fusion.fusion_bytes(SIZE[0] * SIZE[1])
 
 
 def folders(root: Path) -> tuple[Path, Path, Path, Path]:
@@ -46,7 +46,7 @@ def test_cells_give_the_cloud_that_one_fusion_gives(strip: Path) -> None:
     count = fusion.fuse(strip)
     whole = positions(strip)
     runs = Silent()
-    assert fusion.fuse(strip, most_bytes=7 * A_MAP, watch=runs) == pytest.approx(count, rel=0.02)
+    assert fusion.fuse(strip, most_bytes=4 * A_MAP, watch=runs) == pytest.approx(count, rel=0.02)
     parts = positions(strip)
     assert not list(strip.glob("fused.part*"))
     assert not (strip / "stereo" / ".cell").exists()
@@ -61,7 +61,7 @@ def test_cells_give_the_cloud_that_one_fusion_gives(strip: Path) -> None:
 
 
 def test_every_point_of_cells_says_which_images_see_it(strip: Path) -> None:
-    count = fusion.fuse(strip, most_bytes=7 * A_MAP)
+    count = fusion.fuse(strip, most_bytes=4 * A_MAP)
     words = np.fromfile(strip / "fused.ply.vis", "<u4")
     assert words[:2].view("<u8")[0] == count
     model = pycolmap.Reconstruction(strip / "sparse")
@@ -84,20 +84,25 @@ def test_cells_can_be_cancelled_and_leave_nothing(strip: Path) -> None:
 
     before = positions(strip)
     with pytest.raises(Cancelled):
-        fusion.fuse(strip, most_bytes=7 * A_MAP, watch=AfterOne())
+        fusion.fuse(strip, most_bytes=4 * A_MAP, watch=AfterOne())
     assert not list(strip.glob("fused.part*"))
     assert not (strip / "stereo" / ".cell").exists()
     assert np.array_equal(positions(strip), before)
 
 
-def test_space_is_cut_until_images_fit() -> None:
+def shown(points: NDArray[np.float64], image: NDArray[np.int64]) -> Seen:
+    """As ever so many pixels of images of 40 by 40, that look along z."""
+    column = np.clip((points[:, :2] - np.floor(points[:, :2])) * 40, 0, 39).astype(np.int64)
+    return Seen(points, image, column, np.full(len(points), 3.0), np.ones(len(points), np.int64))
+
+
+def test_space_is_cut_until_what_is_held_is_little_enough() -> None:
     draw = np.random.default_rng(0)
     image = np.repeat(np.arange(40), 50)
-    points = draw.uniform(-1, 1, (2000, 3)) + np.stack([image, 0 * image, 0 * image], axis=1)
-    seen = Seen(points, image, np.full(2000, 3.0))
-    cells = cells_of(seen, np.ones(40), most=10)
-    assert len(cells) > 4
-    assert all(cell.cost <= 10 and cell.cost == len(cell.images) for cell in cells)
+    points = draw.uniform(0, 1, (2000, 3)) + np.stack([image, 0 * image, 0 * image], axis=1)
+    cells = cells_of(shown(points, image), Price(map=1, point=1), most=6000)
+    assert 15 < len(cells) < 40
+    assert all(cell.cost <= 6000 for cell in cells)
     assert (np.sum([cell.holds(points) for cell in cells], axis=0) == 1).all()
     everywhere = draw.uniform(-1e6, 1e6, (1000, 3))
     assert (np.sum([cell.holds(everywhere) for cell in cells], axis=0) == 1).all()
@@ -105,12 +110,24 @@ def test_space_is_cut_until_images_fit() -> None:
         assert set(image[cell.holds(points)]) <= set(cell.images)
 
 
-def test_space_is_left_whole_where_all_images_see_the_same() -> None:
-    points = np.random.default_rng(0).uniform(-1, 1, (2000, 3))
-    seen = Seen(points, np.arange(2000) % 20, np.full(2000, 3.0))
-    assert [cell.images for cell in cells_of(seen, np.ones(20), most=4)] == [tuple(range(20))]
-    nothing = Seen(np.empty((0, 3)), np.empty(0, np.int64), np.empty(0))
-    assert len(cells_of(nothing, np.ones(3), most=1)) == 1
+def test_windows_make_cells_small_where_all_images_see_the_same() -> None:
+    draw = np.random.default_rng(0)
+    image = np.repeat(np.arange(20), 300)
+    seen = shown(draw.uniform(0, 1, (6000, 3)) * [1, 1, 0.1], image)
+    whole, *others = cells_of(seen, Price(map=1, point=1), most=1e9)
+    assert not others
+    assert whole.images == tuple(range(20))
+    cells = cells_of(seen, Price(map=1, point=1), most=whole.cost / 6)
+    assert len(cells) >= 8
+    assert all(cell.cost <= whole.cost / 6 and len(cell.images) == 20 for cell in cells)
+
+
+def test_what_cannot_be_cut_stays_one_cell() -> None:
+    one_place = shown(np.full((100, 3), 0.5), np.repeat(np.arange(20), 5))
+    assert len(cells_of(one_place, Price(map=1, point=1), most=1)) == 1
+    nothing = np.empty(0, np.int64)
+    nowhere = Seen(np.empty((0, 3)), nothing, np.empty((0, 2), np.int64), np.empty(0), nothing)
+    assert len(cells_of(nowhere, Price(map=1, point=1), most=1)) == 1
 
 
 def test_what_a_mask_hides_has_no_depth_and_no_point(tmp_path: Path) -> None:

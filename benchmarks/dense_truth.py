@@ -1,0 +1,138 @@
+"""Dense stereo on several greys of one set with the same cameras: against true surfaces where there are any.
+
+    python benchmarks/dense_truth.py PROJECT [--truth PROJECT/truth] [--methods ihe paper rec709 green]
+
+PROJECT is reconstructed as far as the sparse model, whose cameras serve every method; "paper" is IHE without the
+guard. Of the demo, whose truth is exact: accuracy is the share of the fused points that are so near to a true surface,
+completeness the share of what the photographs truly see that is so near to a fused point, F their harmonic mean
+(Schoeps et al. 2017, ETH3D); the distance is in percent of the scene's extent. "Walls" fits a plane to the points on
+each of the demo's flat walls: the median distance from it, in percent of the extent, over the walls and of the worst.
+"""
+
+from __future__ import annotations
+
+import argparse
+import tempfile
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from colmap_ihe import convert_folder
+from colmap_ihe.colmap.depth_maps import DepthCounts, depth_file, read_depth, sgm_depth_maps
+from colmap_ihe.colmap.fusion import fuse
+from colmap_ihe.colmap.native import pycolmap
+from colmap_ihe.colmap.ply import read_ply
+from colmap_ihe.colmap.undistort import undistort
+from colmap_ihe.demo.scene import portico
+from colmap_ihe.demo.shapes import Rect
+from colmap_ihe.evaluate.depth import depth_errors, pooled
+from colmap_ihe.evaluate.surface import moved, surface_errors, true_points
+from colmap_ihe.evaluate.truth import Truth, key_of, pose_errors, read_truth
+from colmap_ihe.options import FitOptions
+from colmap_ihe.project import Project
+from colmap_ihe.terminal import print_table
+
+WITHIN_PERCENT = (0.1, 0.5)
+SAMPLES = 1_000_000
+WALL_M2, WALL_POINTS = 1.0, 2000  # smaller walls and those that hardly show are not judged
+METHODS = {
+    "ihe": FitOptions(),
+    "paper": FitOptions(guard="none"),
+    "rec709": FitOptions(method="rec709"),
+    "green": FitOptions(method="green"),
+}
+Points = NDArray[np.float32]
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("project", type=Path)
+    parser.add_argument("--truth", type=Path, help="a folder of truth, as the demo writes it")
+    parser.add_argument("--methods", nargs="+", choices=METHODS, default=list(METHODS))
+    parsed = parser.parse_args()
+    pycolmap.logging.minloglevel = int(pycolmap.logging.ERROR)
+    project = Project.at(parsed.project)
+    truth = read_truth(parsed.truth) if parsed.truth else None
+    columns: dict[str, dict[str, str]] = {}
+    for method in parsed.methods:
+        with tempfile.TemporaryDirectory() as temporary:
+            grey, dense = Path(temporary) / "grey", Path(temporary) / "dense"
+            weights, *_ = convert_folder(project.images, grey, fit=METHODS[method])
+            undistort(project.sparse / "0", grey, project.colour, dense, max_image_size=1600)
+            counts = sgm_depth_maps(dense)
+            points = fuse(dense)
+            shown = f"{weights.red:.2f} {weights.green:.2f} {weights.blue:.2f}"  # type: ignore[union-attr]
+            columns[method] = {"weights": shown, **_of_maps(counts, points)}
+            if truth is not None:
+                columns[method] |= _against_truth(dense, truth)
+        rows = [(row, *(found[row] for found in columns.values())) for row in columns[method]]
+        print_table("", rows, ("", *columns))
+
+
+def _of_maps(counts: DepthCounts, points: int) -> dict[str, str]:
+    share = 100 * counts.pixels_with_depth / counts.pixels
+    return {"pixels with depth": f"{share:.1f} %", "fused points": f"{points:,}"}
+
+
+def _against_truth(dense: Path, truth: Truth) -> dict[str, str]:
+    model = pycolmap.Reconstruction(dense / "sparse")
+    images = [model.images[i] for i in model.reg_image_ids()]
+    similarity = pose_errors({i.name: i.cam_from_world().matrix() for i in images}, truth).world_from_model
+    depth = pooled(
+        depth_errors(
+            read_depth(depth_file(dense, image.name)),
+            model.cameras[image.camera_id].calibration_matrix(),
+            truth.images[key_of(image.name)],
+            similarity.scale,
+        )
+        for image in images
+    )
+    rows = read_ply(dense / "fused.ply")["vertex"]
+    cloud = moved(np.stack([rows[axis] for axis in "xyz"], axis=1), similarity)
+    true = np.concatenate([true_points(image, step=2) for image in truth.images.values()])
+    draw = np.random.default_rng(0)
+    some = [
+        points[draw.choice(len(points), min(SAMPLES, len(points)), replace=False)] for points in (cloud, true)
+    ]
+    accuracy = surface_errors(some[0], true).accuracy
+    completeness = surface_errors(cloud, some[1]).completeness
+    found = {"depth, median error": f"{depth.median_percent:.3f} %"}
+    for percent in WITHIN_PERCENT:
+        within = percent / 100 * truth.extent_m
+        a, c = (100 * float(np.mean(errors <= within)) for errors in (accuracy, completeness))
+        found[f"accuracy, completeness, F at {percent} %"] = f"{a:.1f}, {c:.1f}, {2 * a * c / (a + c):.1f} %"
+    walls = 100 / truth.extent_m * np.array(list(_walls(cloud, truth.extent_m)))
+    found[f"walls ({len(walls)}), worst"] = f"{np.median(walls):.4f}, {walls.max():.4f} %"
+    return found
+
+
+def _walls(cloud: Points, extent_m: float) -> Iterator[float]:
+    """The median distance in metres of the points on each flat wall from the plane that fits them best."""
+    for patch in portico():
+        wall = patch.shape
+        if not isinstance(wall, Rect) or wall.disc or np.prod(wall.size_m) < WALL_M2:
+            continue
+        low, high = wall.box
+        margin = np.full(3, -0.05)  # beside an edge other things begin
+        margin[wall.axis] = 0.005 * extent_m
+        points = cloud[((cloud > low - margin) & (cloud < high + margin)).all(axis=1)].astype(np.float64)
+        if len(points) < WALL_POINTS:
+            continue
+        for _ in range(5):  # least squares of those nearest, again and again
+            centre = np.median(points, axis=0)
+            normal = np.linalg.svd(points - points.mean(axis=0), full_matrices=False)[2][2]
+            away = np.abs((points - points.mean(axis=0)) @ normal)
+            points_kept = points[away <= 3 * 1.4826 * np.median(away)]
+            if len(points_kept) == len(points):
+                break
+            points = points_kept
+        del centre
+        yield float(np.median(away))
+
+
+if __name__ == "__main__":
+    main()
