@@ -617,15 +617,25 @@ def test_masks_hide_what_they_cover(finished: Path, quick_options: MakeOptions) 
     before = record(finished, "features")["features"]
     (finished / "masks").mkdir()
     mask = np.zeros((320, 480), np.uint8)
-    mask[:, 240:] = 255
+    mask[:, 150:] = 255
     for number in range(1, 9):
         Image.fromarray(mask).save(finished / f"masks/portico_{number:02}.png.png")
-    done = reconstruct(finished, quick_options(), until="features")
-    assert done.stages_run == ("features",)
+    done = reconstruct(finished, quick_options("dense.enabled=true"), until="dense")
+    assert done.stages_run == ("features", "matches", "sparse", "dense")
     assert 0.2 * before < done.summary["features"] < 0.9 * before
+    assert done.summary["dense_points"] > 1000
+    for file in (finished / "workspace/dense/0/masks").iterdir():
+        hidden = np.asarray(Image.open(file)) == 0
+        assert 0.25 < hidden.mean() < 0.4
+        depth = pycolmap.DepthMap()
+        depth.read(finished / f"workspace/dense/0/stereo/depth_maps/{file.stem}.geometric.bin")
+        assert not depth.to_array()[hidden].any()
     with pycolmap.Database.open(finished / "workspace/database.db") as database:
         points = np.vstack([database.read_keypoints(i.image_id)[:, :2] for i in database.read_all_images()])
-    assert points[:, 0].min() >= 239
+    assert points[:, 0].min() >= 149
+    shutil.rmtree(finished / "masks")
+    reconstruct(finished, quick_options(), until="features")
+    assert not (finished / "workspace/masks").exists()
 
 
 # Sets as people have them
