@@ -1,0 +1,126 @@
+"""What the page of a project shows, in plain values and arrays: the border between gathering it and drawing it.
+
+Sections that a project has nothing for are None or empty, and are not drawn. Names are the user's own and may hold
+anything: whoever draws them escapes them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+@dataclass(frozen=True)
+class Picture:
+    """A coded picture. `alt` is what it shows, in words."""
+
+    jpeg: bytes
+    width: int
+    height: int
+    alt: str
+
+
+@dataclass(frozen=True)
+class Cloud:
+    """Points for the viewer, y up, the middle of the scene near the origin, in units of the model.
+
+    `positions` (N, 3) float32; `colours` (N, 3) uint8 sRGB; `grey` (N,) uint8, the grey that the weights make of the
+    colours. Points are shuffled, so that any first part of them is a thinner cloud. `kind`: "dense" or "sparse".
+    `metres_per_unit`: None where no scale is known.
+    """
+
+    positions: NDArray[np.float32]
+    colours: NDArray[np.uint8]
+    grey: NDArray[np.uint8]
+    kind: str
+    points_in_all: int
+    metres_per_unit: float | None = None
+
+
+@dataclass(frozen=True)
+class Camera:
+    """A registered photograph in the frame of the cloud: `centre` (3,), `corners` (4, 3) of its picture at a depth that
+    looks well, from the top left clockwise."""
+
+    name: str
+    centre: NDArray[np.float32]
+    corners: NDArray[np.float32]
+
+
+@dataclass(frozen=True)
+class Photograph:
+    """One of the set. `points`: of the sparse model that it sees; `error_px` their mean reprojection error; `coverage`
+    the share of its area that they lie in. `left_out`: why, if it is not in the model."""
+
+    name: str
+    thumbnail: Picture | None
+    points: int = 0
+    error_px: float | None = None
+    coverage: float | None = None
+    left_out: str = ""
+
+
+@dataclass(frozen=True)
+class Slider:
+    """One photograph before and after, at one size. `difference`: chosen grey minus Rec.709, plus 127."""
+
+    name: str
+    colour: Picture
+    chosen: Picture
+    rec709: Picture
+    difference: Picture
+
+
+@dataclass(frozen=True)
+class Pair:
+    """Two photographs side by side with their verified matches drawn, in the chosen grey and in COLMAP's default."""
+
+    first: str
+    second: str
+    chosen: Picture
+    chosen_inliers: int
+    default: Picture
+    default_inliers: int
+
+
+@dataclass(frozen=True)
+class Grey:
+    """What was done. `weights` R, G, B in 0..1; `tones` the histograms (256,) of the whole set in shares, in the chosen
+    grey and in Rec.709; `patchwork` of the set in colour and in grey."""
+
+    method: str
+    weights: tuple[float, float, float] | None
+    in_words: str
+    benefit: str
+    tones_chosen: Sequence[float] = ()
+    tones_rec709: Sequence[float] = ()
+    patchwork_colour: Picture | None = None
+    patchwork_grey: Picture | None = None
+
+
+@dataclass(frozen=True)
+class Contents:
+    """All of a page. `rows`: the summary as a person reads it; `track_lengths`: points by the number of images that see
+    them; `matches` (n, n): verified inliers between photographs, in the order of `photographs`; `options` as YAML;
+    `methods_sentence`: for a methods section, with the citation."""
+
+    title: str
+    result: str
+    rows: Sequence[tuple[str, str]]
+    grey: Grey | None
+    photographs: Sequence[Photograph]
+    cloud: Cloud | None = None
+    cameras: Sequence[Camera] = ()
+    sliders: Sequence[Slider] = ()
+    pairs: Sequence[Pair] = ()
+    track_lengths: Mapping[int, int] = field(default_factory=dict)
+    matches: NDArray[np.int64] | None = None
+    warnings: Sequence[str] = ()
+    seconds: Mapping[str, float] = field(default_factory=dict)
+    versions: Mapping[str, str] = field(default_factory=dict)
+    options: str = ""
+    methods_sentence: str = ""
+    citation: str = ""
