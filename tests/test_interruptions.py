@@ -31,6 +31,7 @@ def command(project: Path, *more: str) -> Iterator[subprocess.Popen[str]]:
         stderr=subprocess.PIPE,
         text=True,
         env=os.environ | {"PYTHONPATH": str(Path(__file__).parents[1])},
+        start_new_session=True,
     ) as process:
         try:
             yield process
@@ -51,7 +52,10 @@ def kill_in(project: Path, stage: str, delay: float, number: int = signal.SIGKIL
     with command(project) as process:
         wait_until_begun(process, project, stage)
         time.sleep(delay)
-        process.send_signal(number)
+        if number == signal.SIGINT:  # as Ctrl-C in a terminal, which all processes there get
+            os.killpg(process.pid, number)
+        else:
+            process.send_signal(number)
         _, errors = process.communicate(timeout=LONG)
         return process.returncode, errors
 

@@ -22,14 +22,19 @@ def remove_database(path: Path) -> None:
 
 def database_is_sound(path: Path) -> bool:
     """Whether SQLite finds the file whole: after a kill it may be there and not be a database."""
-    return path.exists() and subprocess.run([*_PROBE, "check", path], check=False).returncode == 0
+    if not path.exists():
+        return False
+    # In a session of its own: Ctrl-C in the terminal is for us.
+    return subprocess.run([*_PROBE, "check", path], check=False, start_new_session=True).returncode == 0
 
 
 @contextmanager
 def counting_rows(path: Path, table: str) -> Iterator[Callable[[], int]]:
     """While this lasts, the function it gives says how many rows `table` has had when last looked at."""
     latest = [0]
-    probe = subprocess.Popen([*_PROBE, "count", path, table], stdout=subprocess.PIPE, text=True)
+    probe = subprocess.Popen(
+        [*_PROBE, "count", path, table], stdout=subprocess.PIPE, text=True, start_new_session=True
+    )
     assert probe.stdout is not None
     lines = probe.stdout
 
