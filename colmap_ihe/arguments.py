@@ -48,6 +48,8 @@ def parser_of(runs: Mapping[str, Run]) -> argparse.ArgumentParser:
     one = command("status", "Where each stage of a project stands, and why it would run again.")
     _add_project(one)
     _add_camera(one)
+    page = command("report", "Writes the page of a project again: PROJECT/report/index.html, one file.")
+    _add_project(page)
     doctor = command(
         "doctor",
         "What this installation and this machine can do; with a PROJECT also how its dense stereo will run, and what"

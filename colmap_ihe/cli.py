@@ -20,7 +20,7 @@ from colmap_ihe.grey.weights import Weights
 from colmap_ihe.grey_folder import convert_folder
 from colmap_ihe.linear_folder import develop_folder
 from colmap_ihe.options import ConvertOptions, FitOptions
-from colmap_ihe.pipeline import reconstruct, status
+from colmap_ihe.pipeline import Reconstruction, reconstruct, status
 from colmap_ihe.project_yaml import load_options
 from colmap_ihe.report.summary import weights_in_words
 from colmap_ihe.terminal import Bars, print_summary, print_table
@@ -109,10 +109,16 @@ def _reconstruct(parsed: argparse.Namespace, bars: Bars) -> None:
         _print_json(dict(done.summary))
         return
     print_summary(done.summary, title=str(parsed.project))
-    print(f"report    {done.project.summary_file}")
+    _print_report(done)
     for name, place in (("sparse", done.sparse_model), ("dense", done.dense_cloud), ("mesh", done.mesh)):
         if place.exists() and done.summary["stages"].get(name) is not None:
             print(f"{name:<9} {place}")
+
+
+def _print_report(done: Reconstruction) -> None:
+    """The page, or where the run ended before it the summary."""
+    page = done.project.page_file
+    print(f"report    {page if page.exists() else done.project.summary_file}")
 
 
 def _demo(parsed: argparse.Namespace, bars: Bars) -> None:
@@ -121,7 +127,7 @@ def _demo(parsed: argparse.Namespace, bars: Bars) -> None:
         _print_json(dict(done.summary))
     else:
         print_summary(done.summary, title=f"demo in {parsed.folder}")
-        print(f"report    {done.project.summary_file}")
+        _print_report(done)
         print(f"dense     {done.dense_cloud}")
 
 
@@ -185,6 +191,14 @@ def _status(parsed: argparse.Namespace, _bars: Bars) -> None:
     print_table("", rows, ("stage", "state", "time", "why"))
 
 
+def _report(parsed: argparse.Namespace, bars: Bars) -> None:
+    page = commands.report(parsed.project, parsed.assignments, parsed.images, bars)
+    if parsed.json:
+        _print_json({"page": str(page)})
+    else:
+        print(page)
+
+
 def _doctor(parsed: argparse.Namespace, _bars: Bars) -> None:
     found = commands.doctor(parsed.project, parsed.assignments, parsed.images)
     if parsed.json:
@@ -204,6 +218,7 @@ _RUNS: dict[str, Run] = {
     "convert": _convert,
     "develop": _develop,
     "status": _status,
+    "report": _report,
     "doctor": _doctor,
 }
 

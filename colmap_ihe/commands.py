@@ -29,12 +29,15 @@ from colmap_ihe.grey.convert import to_grey
 from colmap_ihe.grey.weights import Grey, grey_from_dict
 from colmap_ihe.options import DevelopOptions, FitOptions, Options
 from colmap_ihe.per_image import LeftOut
-from colmap_ihe.pipeline import Reconstruction, reconstruct
+from colmap_ihe.pages import write_page
+from colmap_ihe.pipeline import ROAD, Reconstruction, reconstruct, switched_off
 from colmap_ihe.preprocess import survey
 from colmap_ihe.progress import SILENT, Audience
 from colmap_ihe.project import Project, write_bytes
 from colmap_ihe.project_yaml import load_options
 from colmap_ihe.recipes import prepared_set
+from colmap_ihe.report.summary import summarise
+from colmap_ihe.run import Record
 from colmap_ihe.version import __version__
 
 
@@ -134,6 +137,27 @@ def _read_formula(file: Path, values: dict[str, Any]) -> Grey:
             hint="write one with `colmap-ihe fit IMAGES --method NAME -o weights.yaml`",
         ) from error
     return grey
+
+
+def report(
+    project: Path, assignments: Sequence[str] = (), images: Path | None = None, audience: Audience = SILENT
+) -> Path:
+    """Writes report/index.html of a project again, from what its stages left, and returns it. Raises
+    `KnownError`s; `ProjectError` where nothing is converted yet."""
+    options, place = project_options(project, list(assignments)), Project.at(project, images)
+    records: dict[str, Record] = {}
+    for stage in ROAD:
+        record = None if switched_off(stage.name, options) else place.read_record(stage.name)
+        if record is None:
+            break
+        records[stage.name] = record
+    if "convert" not in records:
+        raise ProjectError(
+            f"{project}: no photograph is converted yet, so there is nothing to show",
+            hint="run `colmap-ihe reconstruct` first",
+        )
+    with place.locked(), local_executor() as executor, audience.stage("page") as watch:
+        return write_page(place, records, summarise(records, options), options, executor, watch)
 
 
 def doctor(

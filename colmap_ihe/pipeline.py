@@ -25,6 +25,7 @@ from colmap_ihe.errors import OptionError, PhotographError
 from colmap_ihe.executor import local_executor
 from colmap_ihe.options import Options
 from colmap_ihe.progress import SILENT, Audience, Watch
+from colmap_ihe.pages import page_of
 from colmap_ihe.project import Project, digest_file, fingerprint_of, read_json, room_on_disk, write_json
 from colmap_ihe.report.summary import summarise
 from colmap_ihe.run import Record, Run
@@ -123,7 +124,7 @@ def reconstruct(
         ran = []
         last = NAMES.index(until) if until else len(ROAD) - 1
         for number, stage in enumerate(ROAD[: last + 1]):
-            if _switched_off(stage.name, options):
+            if switched_off(stage.name, options):
                 continue
             forced = start is not None and number >= NAMES.index(start)
             record = None if forced else place.read_record(stage.name)
@@ -136,7 +137,7 @@ def reconstruct(
                 ran.append(stage.name)
             run.records[stage.name] = record
         for stage in ROAD[last + 1 :]:  # not asked for, but still true
-            record = None if _switched_off(stage.name, options) else place.read_record(stage.name)
+            record = None if switched_off(stage.name, options) else place.read_record(stage.name)
             if record is None or _why_stale(place, stage, record, prints):
                 break
             run.records[stage.name] = record
@@ -144,6 +145,8 @@ def reconstruct(
         if "fit" in run.records:
             stages.write_weights(run)
         write_json(place.summary_file, summary)
+        if "sparse" in run.records and (ran or not place.page_file.exists()):
+            page_of(run, summary, audience)
     return Reconstruction(place, summary, tuple(ran))
 
 
@@ -153,11 +156,11 @@ def _check_range(start: str | None, until: str | None, options: Options) -> None
             raise OptionError(f"no stage is called {name!r}", hint=f"the stages are {', '.join(NAMES)}")
     if start is not None and until is not None and NAMES.index(start) > NAMES.index(until):
         raise OptionError(f"--from {start} comes after --until {until}", hint="name an earlier --from")
-    if start is not None and (switch := _switched_off(start, options)):
+    if start is not None and (switch := switched_off(start, options)):
         raise OptionError(f"--from {start}, and {switch} is switched off", hint=f"leave out --no-{switch}")
 
 
-def _switched_off(stage: str, options: Options) -> str:
+def switched_off(stage: str, options: Options) -> str:
     """The section whose `enabled` switches the stage off, empty if none does."""
     switches = {"dense": ("dense",), "mesh": ("dense", "mesh")}.get(stage, ())
     return next((name for name in switches if not getattr(options, name).enabled), "")
@@ -175,7 +178,7 @@ def status(
     stale_before = ""
     for stage in ROAD:
         record = place.read_record(stage.name)
-        if switch := _switched_off(stage.name, options):
+        if switch := switched_off(stage.name, options):
             states.append(StageState(stage.name, "off", f"{switch}.enabled is false", None))
         elif record is None:
             why = "begun, not finished" if place.begun_file(stage.name).exists() else ""

@@ -130,6 +130,10 @@ class Project:
         return self.root / "report"
 
     @property
+    def page_file(self) -> Path:
+        return self.report / "index.html"
+
+    @property
     def summary_file(self) -> Path:
         return self.report / "summary.json"
 
