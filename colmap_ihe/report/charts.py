@@ -1,0 +1,129 @@
+"""The numbers behind the charts of a page; its templates draw them."""
+
+from __future__ import annotations
+
+import base64
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from colmap_ihe.report.contents import Contents, Grey
+
+WIDTH, HEIGHT = 640, 200  # of a chart, in units of its drawing
+_HIGHEST_SHARE = 99.5  # percentile of the tones that a chart reaches to: black and white borders stand out of it
+_BARS = 20  # longest track with a bar of its own
+_INK = (178, 110, 46)  # B, G, R of the match picture: seen on dark and on light
+_LEAST_SIDE = 320
+
+
+@dataclass(frozen=True)
+class TonesChart:
+    """Outlines of two histograms as SVG paths; `clipped` where a tone stands out of the chart."""
+
+    chosen: str
+    rec709: str
+    clipped: bool
+
+
+@dataclass(frozen=True)
+class Bar:
+    """A bar of a chart, in units of its drawing. `share` of all points, in 0..1."""
+
+    label: str
+    points: int
+    share: float
+    left: float
+    width: float
+    height: float
+
+
+@dataclass(frozen=True)
+class MatchPicture:
+    """Matches between photographs, as a PNG picture in a `data:` address, and its highest count."""
+
+    uri: str
+    side: int
+    most: int
+    linked_pairs: int
+
+
+def tones_chart(grey: Grey) -> TonesChart | None:
+    """None where the histograms are missing."""
+    if len(grey.tones_chosen) < 2 or len(grey.tones_chosen) != len(grey.tones_rec709):
+        return None
+    both = np.nan_to_num(np.array([grey.tones_chosen, grey.tones_rec709], np.float64))
+    top = float(np.percentile(both, _HIGHEST_SHARE)) or float(both.max()) or 1.0
+    top *= 1.08
+    chosen, rec709 = (_outline(np.minimum(tones / top, 1)) for tones in both)
+    return TonesChart(chosen, rec709, bool((both > top).any()))
+
+
+def tracks_chart(track_lengths: Mapping[int, int]) -> list[Bar]:
+    """A bar for each number of images from the least, the last for all that are longer."""
+    if not track_lengths or not any(track_lengths.values()):
+        return []
+    first, longest = min(track_lengths), max(track_lengths)
+    last = min(longest, first + _BARS - 1)
+    counts = {length: track_lengths.get(length, 0) for length in range(first, last + 1)}
+    counts[last] += sum(points for length, points in track_lengths.items() if length > last)
+    total, most = sum(counts.values()), max(counts.values())
+    step = WIDTH / len(counts)
+    return [
+        Bar(
+            f"{length}+" if length == last < longest else str(length),
+            points,
+            points / total,
+            round(i * step + 0.1 * step, 2),
+            round(0.8 * step, 2),
+            round(HEIGHT * points / most, 2),
+        )
+        for i, (length, points) in enumerate(counts.items())
+    ]
+
+
+def match_picture(matches: NDArray[np.int64]) -> MatchPicture | None:
+    """A square a pair, the fuller the more matches, as the square root. None where there are none."""
+    both = np.maximum(matches, matches.T).astype(np.float64)
+    np.fill_diagonal(both, 0)
+    if not both.size or both.max() <= 0:
+        return None
+    strength = np.sqrt(np.maximum(both, 0) / both.max())
+    picture = np.empty((*both.shape, 4), np.uint8)
+    picture[..., :3] = _INK
+    picture[..., 3] = np.round(255 * strength)
+    times = max(1, -(-_LEAST_SIDE // len(both)))
+    picture = picture.repeat(times, axis=0).repeat(times, axis=1)
+    coded = cv2.imencode(".png", picture)[1].tobytes()
+    uri = "data:image/png;base64," + base64.b64encode(coded).decode("ascii")
+    return MatchPicture(uri, len(picture), int(both.max()), int(np.count_nonzero(np.triu(both))))
+
+
+def partners(contents: Contents) -> dict[str, int]:
+    """How many others each photograph has verified matches with, by name; empty without matches."""
+    if contents.matches is None or len(contents.matches) != len(contents.photographs):
+        return {}
+    linked = (contents.matches > 0) | (contents.matches.T > 0)
+    np.fill_diagonal(linked, False)
+    return {p.name: int(n) for p, n in zip(contents.photographs, linked.sum(axis=1), strict=True)}
+
+
+def duration(seconds: float) -> str:
+    """Seconds as a person reads them."""
+    if seconds < 10:
+        return f"{seconds:.1f} s"
+    whole = round(seconds)
+    if whole < 120:
+        return f"{whole} s"
+    if whole < 7200:
+        return f"{whole // 60} min {whole % 60:02d} s"
+    return f"{whole // 3600} h {whole % 3600 // 60:02d} min"
+
+
+def _outline(heights: NDArray[np.float64]) -> str:
+    """A closed path of steps, from (W,) heights in 0..1."""
+    step = WIDTH / len(heights)
+    tops = [f"L{i * step:.1f} {HEIGHT * (1 - h):.1f}H{(i + 1) * step:.1f}" for i, h in enumerate(heights)]
+    return f"M0 {HEIGHT}{''.join(tops)}V{HEIGHT}Z"

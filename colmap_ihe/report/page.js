@@ -1,0 +1,46 @@
+// The small workings of a page: before and after, copying, and folded parts on paper.
+for (const group of document.querySelectorAll("[data-compare]")) {
+  const range = group.querySelector("input[type=range]");
+  const show = () => {
+    group.querySelector(".compare").style.setProperty("--split", `${range.value}%`);
+    range.setAttribute("aria-valuetext", `Rec.709 on the left ${range.value} percent, the chosen grey on the rest`);
+  };
+  range.addEventListener("input", show);
+  show();
+}
+for (const select of document.querySelectorAll("select[data-shows]")) {
+  const parts = [...document.querySelectorAll(`[data-of="${select.dataset.shows}"]`)];
+  const show = () => parts.forEach((part, i) => { part.hidden = i !== select.selectedIndex; });
+  select.closest("[hidden]")?.removeAttribute("hidden");
+  select.addEventListener("change", show);
+  show();
+}
+for (const button of document.querySelectorAll("button[data-copies]")) {
+  const source = document.getElementById(button.dataset.copies);
+  const label = button.textContent;
+  const byHand = () => {
+    getSelection().selectAllChildren(source);
+    return document.execCommand("copy");
+  };
+  button.hidden = false;
+  button.addEventListener("click", async () => {
+    let done = true;
+    try {
+      await navigator.clipboard.writeText(source.innerText);
+    } catch {
+      done = byHand();
+    }
+    button.textContent = done ? "Copied" : "Selected: copy with the keyboard";
+    setTimeout(() => { button.textContent = label; }, 2500);
+  });
+}
+const opened = [];
+addEventListener("beforeprint", () => {
+  for (const part of document.querySelectorAll("details:not([open])")) {
+    part.open = true;
+    opened.push(part);
+  }
+});
+addEventListener("afterprint", () => {
+  for (const part of opened.splice(0)) part.open = false;
+});

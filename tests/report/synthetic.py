@@ -1,0 +1,142 @@
+"""Contents of a page without a project: a facade with windows, and made-up figures about it."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from colmap_ihe.report.contents import Camera, Cloud, Contents, Grey, Pair, Photograph, Picture, Slider
+
+_WEIGHTS = (0.61, 0.34, 0.05)
+_REC709 = (0.2126, 0.7152, 0.0722)
+
+
+def facade_picture(width: int, height: int, shift: float = 0.0) -> NDArray[np.uint8]:
+    """(H, W, 3) uint8 sRGB: ashlar with windows under a sky, moved by `shift` of its width."""
+    rows, columns = np.mgrid[0:height, 0:width].astype(np.float32)
+    x, y = columns / width * 6 + 6 * shift, rows / height * 4
+    draw = np.random.default_rng(1)
+    stones = draw.normal(0, 1, (64, 64, 3)).astype(np.float32)
+    course = np.floor(y * 3).astype(int)
+    stone = np.floor(x * 2 + 0.5 * (course % 2)).astype(int)
+    wall = np.array([196, 170, 132]) + stones[course % 64, stone % 64] * [14, 12, 10]
+    joint = (np.mod(y * 3, 1) < 0.07) | (np.mod(x * 2 + 0.5 * (course % 2), 1) < 0.04)
+    wall[joint] *= 0.8
+    window = (np.abs(np.mod(x, 1.5) - 0.75) < 0.28) & (np.abs(np.mod(y, 1.6) - 1.0) < 0.42) & (y > 0.7)
+    wall[window] = [58, 66, 78]
+    wall[y < 0.6 + 0.05 * np.sin(3 * x)] = [150, 184, 222]
+    wall += draw.normal(0, 4, wall.shape)
+    return np.clip(wall, 0, 255).astype(np.uint8)
+
+
+def coded(rgb: NDArray[np.uint8], alt: str) -> Picture:
+    """As JPEG; `rgb` may be (H, W) grey."""
+    bgr = rgb[..., ::-1] if rgb.ndim == 3 else rgb
+    return Picture(cv2.imencode(".jpg", bgr)[1].tobytes(), rgb.shape[1], rgb.shape[0], alt)
+
+
+def grey_of(rgb: NDArray[np.uint8], weights: tuple[float, float, float]) -> NDArray[np.uint8]:
+    return np.round(rgb @ np.array(weights)).astype(np.uint8)
+
+
+def facade_cloud(points: int) -> Cloud:
+    """A facade 12 by 8 units with a tower, in front of it some ground."""
+    draw = np.random.default_rng(2)
+    u, v = draw.random(points), draw.random(points)
+    picture = facade_picture(1200, 800)
+    colours = picture[(v * 799).astype(int), (u * 1199).astype(int)]
+    dark = colours.mean(axis=1) < 90
+    positions = np.stack([12 * u - 6, 4 - 8 * v, np.where(dark, -0.5, 0.03 * draw.standard_normal(points))], axis=1)
+    tower = (np.abs(positions[:, 0]) < 1.5) & (draw.random(points) < 0.9)
+    positions[tower, 2] += 1.2
+    ground = draw.random(points) < 0.25
+    positions[ground] = np.stack(
+        [12 * u[ground] - 6, np.full(ground.sum(), -4) + 0.04 * draw.standard_normal(ground.sum()), 6 * v[ground]], axis=1
+    )
+    colours[ground] = np.clip([128, 132, 96] + draw.normal(0, 14, (ground.sum(), 3)), 0, 255).astype(np.uint8)
+    kept = ~((v < 0.16) & ~ground)
+    positions, colours = positions[kept].astype(np.float32), colours[kept]
+    return Cloud(positions, colours, grey_of(colours, _WEIGHTS), "dense", 4 * points)
+
+
+def facade_cameras(names: list[str]) -> list[Camera]:
+    cameras = []
+    for i, name in enumerate(names):
+        x = -6 + 12 * i / max(len(names) - 1, 1)
+        centre = np.array([x, -2.3 + 0.2 * (i % 3), 9.0], np.float32)
+        corners = centre + np.array([[-0.6, 0.4, -1], [0.6, 0.4, -1], [0.6, -0.4, -1], [-0.6, -0.4, -1]], np.float32)
+        cameras.append(Camera(name, centre, corners))
+    return cameras
+
+
+def synthetic_contents(points: int = 20_000, photographs: int = 24, hostile: str = "") -> Contents:
+    """A whole page. `hostile` stands in every text that a user gives."""
+    names = [f"{hostile}DSC_{4100 + i}.NEF" for i in range(photographs)]
+    set_of = [
+        Photograph(
+            name,
+            coded(facade_picture(180, 120, 0.05 * i), f"{name}"),
+            *((0, None, None, f"{hostile}no overlap with others") if i == 7 else (900 + 37 * i, 0.41 + 0.01 * (i % 9), 0.5)),
+        )
+        for i, name in enumerate(names)
+    ]
+    near = np.abs(np.subtract.outer(np.arange(photographs), np.arange(photographs)))
+    matches = np.where(near < 6, 900 // (1 + near), 0).astype(np.int64)
+    if photographs > 7:
+        matches[7], matches[:, 7] = 0, 0
+    one = facade_picture(960, 640)
+    chosen, rec709 = grey_of(one, _WEIGHTS), grey_of(one, _REC709)
+    difference = np.clip(chosen.astype(int) - rec709 + 127, 0, 255).astype(np.uint8)
+    tones = [np.bincount(grey.ravel(), minlength=256) / grey.size for grey in (chosen, rec709)]
+    patchwork = np.concatenate([facade_picture(240, 160, 0.2 * i) for i in range(4)], axis=1)
+    sliders = [
+        Slider(
+            f"{hostile}DSC_{4100 + i}.NEF",
+            coded(one, "The photograph in colour"),
+            coded(chosen, "The photograph in the chosen grey"),
+            coded(rec709, "The photograph in Rec.709"),
+            coded(difference, "The difference of both greys"),
+        )
+        for i in range(3)
+    ]
+    pairs = [
+        Pair(names[i], names[i + 1], _pair(chosen, 812 + i), 812 + i, _pair(rec709, 640 + i), 640 + i) for i in range(2)
+    ]
+    return Contents(
+        title=f"{hostile}Priory of Saint-Cosme, west front",
+        result=f"{hostile}A dense cloud of 812,400 points from 23 of 24 photographs, with a mean error of 0.46 px.",
+        rows=[(f"{hostile}photographs", f"24, 1 left out{hostile}"), ("registered images", "23 of 24"), ("points", "18,412")],
+        grey=Grey(
+            f"decolorize{hostile}",
+            _WEIGHTS,
+            f"{hostile}Grey is 61 % red, 34 % green, 5 % blue.",
+            f"{hostile}Measured on six pairs of the set: 18 % more verified matches than with COLMAP's default grey.",
+            tuple(map(float, tones[0])),
+            tuple(map(float, tones[1])),
+            coded(patchwork, "Four photographs of the set in colour"),
+            coded(grey_of(patchwork, _WEIGHTS), "The same photographs in grey"),
+        ),
+        photographs=set_of,
+        cloud=facade_cloud(points),
+        cameras=facade_cameras(names),
+        sliders=sliders,
+        pairs=pairs,
+        track_lengths={2: 9120, 3: 4210, 4: 2310, 5: 1200, 6: 730, 7: 402, 8: 210, 9: 120, 11: 31},
+        matches=matches,
+        warnings=[f"{hostile}Two photographs are much darker than the others: DSC_4112.NEF, DSC_4113.NEF."],
+        seconds={"captures": 12.1, "fit": 6.4, "grey": 9.0, "features": 31.2, "matches": 44.8, "dense": 812.5},
+        versions={"colmap-ihe": "0.1.0", "pycolmap": "4.2.0", f"opencv{hostile}": "5.0.0"},
+        options=f"fit:\n  method: decolorize{hostile}\n  step: 0.01\ndense:\n  max_image_size: 2000\n",
+        methods_sentence=f"{hostile}Photographs were converted to grey with one set of weights, fitted to the whole set.",
+        citation=f"{hostile}A. Author, B. Author (2025). One grey for a whole set. Journal of Surveying 12, 3.",
+    )
+
+
+def _pair(grey: NDArray[np.uint8], matches: int) -> Picture:
+    half = cv2.resize(grey, (480, 320))
+    both = cv2.cvtColor(np.concatenate([half, half], axis=1), cv2.COLOR_GRAY2BGR)
+    draw = np.random.default_rng(matches)
+    for x, y in draw.integers([10, 60], [470, 310], (matches // 8, 2)):
+        cv2.line(both, (int(x), int(y)), (int(x) + 476, int(y) + 2), (60, 170, 240), 1, cv2.LINE_AA)
+    return coded(both[..., ::-1], f"Two photographs with {matches} matches drawn")
