@@ -28,8 +28,8 @@ from colmap_ihe.fitting import fit_captures
 from colmap_ihe.grey.convert import to_grey
 from colmap_ihe.grey.weights import Grey, grey_from_dict
 from colmap_ihe.options import DevelopOptions, FitOptions, Options
-from colmap_ihe.per_image import LeftOut
 from colmap_ihe.pages import write_page
+from colmap_ihe.per_image import LeftOut
 from colmap_ihe.pipeline import ROAD, Reconstruction, reconstruct, switched_off
 from colmap_ihe.preprocess import survey
 from colmap_ihe.progress import SILENT, Audience

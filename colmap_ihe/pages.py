@@ -93,9 +93,11 @@ def gather(
     model = shown.Model(project.sparse / "0") if "sparse" in records else None
     frame = model.frame() if model else None
     photographs = _photographs(summary, grey_of, looks, model)
-    matched = shown.verified_matches(
-        project.database, [grey_of[p.name] for p in photographs if p.name in grey_of]
-    ) if "matches" in records else None
+    matched = (
+        shown.verified_matches(project.database, [grey_of[p.name] for p in photographs if p.name in grey_of])
+        if "matches" in records
+        else None
+    )
     return Contents(
         title=project.root.name,
         result=_result(summary),
@@ -131,9 +133,12 @@ def _methods(summary: Mapping[str, Any], options: Options) -> str:
     weights = summary["weights"]
     words = f" ({weights_in_words(weights)})" if weights else ""
     versions = library_versions("pycolmap")
-    guard = ", with a guard against noise" if (options.fit.method, options.fit.guard) == ("ihe", "noise") else ""
+    guard = (
+        ", with a guard against noise" if (options.fit.method, options.fit.guard) == ("ihe", "noise") else ""
+    )
     return (
-        f"The photographs were converted to grey by one conversion for the whole set, {options.fit.method}{guard}{words},"
+        "The photographs were converted to grey by one conversion for the whole set,"
+        f" {options.fit.method}{guard}{words},"
         f" and reconstructed with COLMAP (pycolmap {versions['pycolmap']}) driven by colmap-ihe."
     )
 
@@ -141,7 +146,9 @@ def _methods(summary: Mapping[str, Any], options: Options) -> str:
 def _look(project: Project, name: str, grey_name: str) -> _Look:
     colour, grey = read_colour(project.colour / grey_name), read_grey(project.grey / grey_name)
     small = pictures.shrunk(colour, _THUMBNAIL)
-    counts = [np.bincount(values[::2, ::2].ravel(), minlength=256) for values in (grey, pictures.rec709(colour))]
+    counts = [
+        np.bincount(values[::2, ::2].ravel(), minlength=256) for values in (grey, pictures.rec709(colour))
+    ]
     return _Look(
         name,
         pictures.picture(small, f"photograph {name}", _THUMBNAIL),
@@ -162,7 +169,9 @@ def _grey(summary: Mapping[str, Any], options: Options, looks: Sequence[_Look]) 
     return Grey(
         method=options.fit.method,
         weights=tuple(weights) if weights else None,
-        in_words=weights_in_words(weights) if weights else f"the conversion {options.fit.method}, which has no weights",
+        in_words=weights_in_words(weights)
+        if weights
+        else f"the conversion {options.fit.method}, which has no weights",
         benefit=summary["tried"]["in_words"] if summary["tried"] else "",
         tones_chosen=shares[0],
         tones_rec709=shares[1],
@@ -198,7 +207,9 @@ def _cloud(project: Project, records: _Records, model: shown.Model, frame: shown
     else:
         points = model.points(frame, _POINTS)
     weights = next(iter(records["fit"]["weights"].values()))["weights"]
-    grey = np.rint(points.colours @ np.array(weights if weights else (0.2126, 0.7152, 0.0722))).astype(np.uint8)
+    grey = np.rint(points.colours @ np.array(weights if weights else (0.2126, 0.7152, 0.0722))).astype(
+        np.uint8
+    )
     return Cloud(points.positions, points.colours, grey, "dense" if is_dense else "sparse", points.in_all)
 
 
@@ -220,7 +231,9 @@ def _slider(project: Project, name: str, grey_name: str) -> Slider:
         pictures.picture(chosen, f"{name} in the chosen grey", _SLIDER),
         pictures.picture(default, f"{name} in Rec.709", _SLIDER),
         pictures.picture(
-            pictures.difference(chosen, default), f"{name}: chosen grey less Rec.709, middle grey is none", _SLIDER
+            pictures.difference(chosen, default),
+            f"{name}: chosen grey less Rec.709, middle grey is none",
+            _SLIDER,
         ),
     )
 
@@ -267,7 +280,9 @@ def _pair(project: Project, names: tuple[str, str], greys: tuple[str, str], watc
         ones, others = first.places[pairs[:, 0]], second.places[pairs[:, 1]]
         kept = verified(ones, others, (one.shape[1], one.shape[0]), (other.shape[1], other.shape[0]))
         alt = f"{names[0]} and {names[1]} in {words}, {len(kept)} verified matches"
-        drawn.append(pictures.picture(pictures.matches_drawn(one, other, ones[kept], others[kept]), alt, _PAIR))
+        drawn.append(
+            pictures.picture(pictures.matches_drawn(one, other, ones[kept], others[kept]), alt, _PAIR)
+        )
         counts.append(len(kept))
     return Pair(names[0], names[1], drawn[0], counts[0], drawn[1], counts[1])
 

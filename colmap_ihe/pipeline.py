@@ -24,8 +24,8 @@ from colmap_ihe.colmap.native import logged_to
 from colmap_ihe.errors import OptionError, PhotographError
 from colmap_ihe.executor import local_executor
 from colmap_ihe.options import Options
-from colmap_ihe.progress import SILENT, Audience, Watch
 from colmap_ihe.pages import page_of
+from colmap_ihe.progress import SILENT, Audience, Watch
 from colmap_ihe.project import Project, digest_file, fingerprint_of, read_json, room_on_disk, write_json
 from colmap_ihe.report.summary import summarise
 from colmap_ihe.run import Record, Run

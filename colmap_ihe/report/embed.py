@@ -12,7 +12,9 @@ from numpy.typing import NDArray
 
 from colmap_ihe.report.contents import Camera, Cloud, Picture
 
-_FAR_OUT = 30  # times the median distance from the middle: beyond are stray points, which would coarsen all others
+_FAR_OUT = (
+    30  # times the median distance from the middle: beyond are stray points, which would coarsen all others
+)
 _STEPS = 65535
 
 

@@ -47,12 +47,19 @@ def facade_cloud(points: int) -> Cloud:
     picture = facade_picture(1200, 800)
     colours = picture[(v * 799).astype(int), (u * 1199).astype(int)]
     dark = colours.mean(axis=1) < 90
-    positions = np.stack([12 * u - 6, 4 - 8 * v, np.where(dark, -0.5, 0.03 * draw.standard_normal(points))], axis=1)
+    positions = np.stack(
+        [12 * u - 6, 4 - 8 * v, np.where(dark, -0.5, 0.03 * draw.standard_normal(points))], axis=1
+    )
     tower = (np.abs(positions[:, 0]) < 1.5) & (draw.random(points) < 0.9)
     positions[tower, 2] += 1.2
     ground = draw.random(points) < 0.25
     positions[ground] = np.stack(
-        [12 * u[ground] - 6, np.full(ground.sum(), -4) + 0.04 * draw.standard_normal(ground.sum()), 6 * v[ground]], axis=1
+        [
+            12 * u[ground] - 6,
+            np.full(ground.sum(), -4) + 0.04 * draw.standard_normal(ground.sum()),
+            6 * v[ground],
+        ],
+        axis=1,
     )
     colours[ground] = np.clip([128, 132, 96] + draw.normal(0, 14, (ground.sum(), 3)), 0, 255).astype(np.uint8)
     kept = ~((v < 0.16) & ~ground)
@@ -65,7 +72,9 @@ def facade_cameras(names: list[str]) -> list[Camera]:
     for i, name in enumerate(names):
         x = -6 + 12 * i / max(len(names) - 1, 1)
         centre = np.array([x, -2.3 + 0.2 * (i % 3), 9.0], np.float32)
-        corners = centre + np.array([[-0.6, 0.4, -1], [0.6, 0.4, -1], [0.6, -0.4, -1], [-0.6, -0.4, -1]], np.float32)
+        corners = centre + np.array(
+            [[-0.6, 0.4, -1], [0.6, 0.4, -1], [0.6, -0.4, -1], [-0.6, -0.4, -1]], np.float32
+        )
         cameras.append(Camera(name, centre, corners))
     return cameras
 
@@ -77,7 +86,11 @@ def synthetic_contents(points: int = 20_000, photographs: int = 24, hostile: str
         Photograph(
             name,
             coded(facade_picture(180, 120, 0.05 * i), f"{name}"),
-            *((0, None, None, f"{hostile}no overlap with others") if i == 7 else (900 + 37 * i, 0.41 + 0.01 * (i % 9), 0.5)),
+            *(
+                (0, None, None, f"{hostile}no overlap with others")
+                if i == 7
+                else (900 + 37 * i, 0.41 + 0.01 * (i % 9), 0.5)
+            ),
         )
         for i, name in enumerate(names)
     ]
@@ -101,12 +114,17 @@ def synthetic_contents(points: int = 20_000, photographs: int = 24, hostile: str
         for i in range(3)
     ]
     pairs = [
-        Pair(names[i], names[i + 1], _pair(chosen, 812 + i), 812 + i, _pair(rec709, 640 + i), 640 + i) for i in range(2)
+        Pair(names[i], names[i + 1], _pair(chosen, 812 + i), 812 + i, _pair(rec709, 640 + i), 640 + i)
+        for i in range(2)
     ]
     return Contents(
         title=f"{hostile}Priory of Saint-Cosme, west front",
         result=f"{hostile}A dense cloud of 812,400 points from 23 of 24 photographs, with a mean error of 0.46 px.",
-        rows=[(f"{hostile}photographs", f"24, 1 left out{hostile}"), ("registered images", "23 of 24"), ("points", "18,412")],
+        rows=[
+            (f"{hostile}photographs", f"24, 1 left out{hostile}"),
+            ("registered images", "23 of 24"),
+            ("points", "18,412"),
+        ],
         grey=Grey(
             f"decolorize{hostile}",
             _WEIGHTS,
@@ -125,7 +143,14 @@ def synthetic_contents(points: int = 20_000, photographs: int = 24, hostile: str
         track_lengths={2: 9120, 3: 4210, 4: 2310, 5: 1200, 6: 730, 7: 402, 8: 210, 9: 120, 11: 31},
         matches=matches,
         warnings=[f"{hostile}Two photographs are much darker than the others: DSC_4112.NEF, DSC_4113.NEF."],
-        seconds={"captures": 12.1, "fit": 6.4, "grey": 9.0, "features": 31.2, "matches": 44.8, "dense": 812.5},
+        seconds={
+            "captures": 12.1,
+            "fit": 6.4,
+            "grey": 9.0,
+            "features": 31.2,
+            "matches": 44.8,
+            "dense": 812.5,
+        },
         versions={"colmap-ihe": "0.1.0", "pycolmap": "4.2.0", f"opencv{hostile}": "5.0.0"},
         options=f"fit:\n  method: decolorize{hostile}\n  step: 0.01\ndense:\n  max_image_size: 2000\n",
         methods_sentence=f"{hostile}Photographs were converted to grey with one set of weights, fitted to the whole set.",

@@ -1,0 +1,114 @@
+"""The page of a project: what is gathered for it, when it is written, and when not."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from colmap_ihe import pages
+from colmap_ihe.cli import main
+from colmap_ihe.errors import NativeError
+from colmap_ihe.executor import local_executor
+from colmap_ihe.options import Options
+from colmap_ihe.pipeline import ROAD, reconstruct
+from colmap_ihe.progress import SILENT
+from colmap_ihe.project import Project
+from colmap_ihe.report.contents import Contents
+from colmap_ihe.report.summary import summarise
+
+Make = Callable[..., Path]
+MakeOptions = Callable[..., Options]
+
+
+def contents_of(project: Path, options: Options) -> Contents:
+    place = Project.at(project)
+    found = {stage.name: place.read_record(stage.name) for stage in ROAD}
+    records = {name: record for name, record in found.items() if record is not None}
+    with local_executor() as executor:
+        return pages.gather(place, records, summarise(records, options), options, executor, SILENT)
+
+
+def test_a_page_shows_the_whole_project(finished: Path, quick_options: MakeOptions) -> None:
+    html = (finished / "report/index.html").read_text()
+    assert "portico_01" in html
+    assert "8 of 8 photographs have their place" in html
+    found = contents_of(finished, quick_options())
+    assert len(found.photographs) == len(found.cameras) == 8
+    assert all(p.points > 30 and p.error_px and p.coverage and p.thumbnail for p in found.photographs)
+    assert found.cloud is not None
+    assert found.cloud.kind == "dense"
+    assert len(found.cloud.positions) == len(found.cloud.colours) == len(found.cloud.grey)
+    # Upright, as the photographs were held: the cameras stand on one side, about level, and look at the middle.
+    centres = np.array([camera.centre for camera in found.cameras])
+    assert (centres[:, 2] > 0).all()
+    assert np.ptp(centres[:, 1]) < 0.5 * np.ptp(centres[:, 0])
+    middles = np.array([camera.corners.mean(axis=0) for camera in found.cameras])
+    assert (np.linalg.norm(middles, axis=1) < np.linalg.norm(centres, axis=1)).all()
+    assert found.matches is not None
+    assert (found.matches == found.matches.T).all()
+    assert found.matches[0, 1] > 15
+    assert sum(found.track_lengths.values()) > 300
+    assert found.pairs
+    assert all(min(pair.chosen_inliers, pair.default_inliers) > 15 for pair in found.pairs)
+    assert 1 <= len(found.sliders) <= 4
+    assert found.grey is not None
+    assert sum(found.grey.tones_chosen) == pytest.approx(1)
+    assert len(found.grey.tones_chosen) == len(found.grey.tones_rec709) == 256
+
+
+def test_it_is_written_again_only_with_the_model(finished: Path, quick_options: MakeOptions) -> None:
+    page = finished / "report/index.html"
+    written = page.stat().st_mtime_ns
+    reconstruct(finished, quick_options())
+    assert page.stat().st_mtime_ns == written
+    page.unlink()
+    reconstruct(finished, quick_options())
+    assert page.exists()
+
+
+def test_report_writes_it_again(finished: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (finished / "report/index.html").unlink()
+    assert main(["report", str(finished), "--json"]) == 0
+    page = Path(json.loads(capsys.readouterr().out)["page"])
+    assert page == finished / "report/index.html"
+    assert page.read_text().lower().startswith("<!doctype html>")
+
+
+def test_report_of_nothing_is_refused(new_project: Make, capsys: pytest.CaptureFixture[str]) -> None:
+    project = new_project(2)
+    assert main(["report", str(project)]) == 1
+    assert "no photograph is converted yet" in capsys.readouterr().err
+    assert not (project / "report").exists()
+
+
+def test_what_was_left_out_is_told_with_its_reason(new_project: Make, quick_options: MakeOptions) -> None:
+    project = new_project(5)
+    (project / "images" / "torn & <b>.jpg").write_bytes(b"\xff\xd8\xff" + bytes(100))
+    reconstruct(project, quick_options("dense.enabled=false"))
+    html = (project / "report/index.html").read_text()
+    assert "torn &amp; &lt;b&gt;.jpg" in html
+    assert "torn & <b>" not in html
+    found = contents_of(project, quick_options("dense.enabled=false"))
+    (torn,) = [p for p in found.photographs if p.name.startswith("torn")]
+    assert "cannot be read" in torn.left_out or "not" in torn.left_out
+    assert torn.thumbnail is None
+    assert found.cloud is not None
+    assert found.cloud.kind == "sparse"
+
+
+def test_a_page_that_fails_is_a_warning(
+    finished: Path, quick_options: MakeOptions, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fail(*_: object) -> None:
+        raise NativeError("no features today")
+
+    (finished / "report/index.html").unlink()
+    monkeypatch.setattr(pages, "write_page", fail)
+    said: list[str] = []
+    monkeypatch.setattr(type(SILENT), "warn", lambda _, text: said.append(text), raising=False)
+    assert reconstruct(finished, quick_options()).summary["registered_images"] == 8
+    assert said == ["no page was written: no features today"]
