@@ -10,6 +10,8 @@ from typing import get_args
 
 from colmap_ihe.captures.encode import SUFFIXES
 from colmap_ihe.captures.recipe import Demosaic
+from colmap_ihe.compared import METHODS as COMPARED
+from colmap_ihe.compared import PAPER
 from colmap_ihe.grey.conversions import CONVERSIONS
 from colmap_ihe.grey.convert import TONES
 from colmap_ihe.options import DevelopOptions
@@ -48,6 +50,7 @@ def parser_of(runs: Mapping[str, Run]) -> argparse.ArgumentParser:
     one = command("status", "Where each stage of a project stands, and why it would run again.")
     _add_project(one)
     _add_camera(one)
+    _add_compare(command)
     page = command("report", "Writes the page of a project again: PROJECT/report/index.html, one file.")
     _add_project(page)
     doctor = command(
@@ -132,6 +135,29 @@ def _add_reconstruct(command: _Command) -> None:
     parser.add_argument("--no-mesh", action="store_true", help="end with the dense cloud")
     parser.add_argument("--strict", action="store_true", help="stop at a photograph that cannot be used")
     _add_camera(parser)
+
+
+def _add_compare(command: _Command) -> None:
+    parser = command(
+        "compare",
+        "The paper's evaluation on your photographs: the same set in several greys, side by side. Tables as CSV, JSON"
+        " and LaTeX go to PROJECT/compare. The same command goes on after an interruption.",
+    )
+    _add_project(parser)
+    parser.add_argument(
+        "--methods",
+        default=",".join(COMPARED),
+        metavar="NAME,NAME",
+        help=f"conversions by name; {PAPER} is IHE without the guard (%(default)s)",
+    )
+    parser.add_argument(
+        "--seeds",
+        type=int,
+        default=3,
+        metavar="N",
+        help="runs of the mapper without some of the matches, which tell the error (%(default)s)",
+    )
+    parser.add_argument("--no-dense", action="store_true", help="without dense clouds")
 
 
 def _add_fit(command: _Command) -> None:

@@ -15,6 +15,8 @@ from typing import Any
 
 from colmap_ihe import commands
 from colmap_ihe.arguments import Run, camera_assignments, development, parser_of
+from colmap_ihe.compare import compare
+from colmap_ihe.compared import sentences, tables_of
 from colmap_ihe.errors import Cancelled, KnownError
 from colmap_ihe.grey.weights import Weights
 from colmap_ihe.grey_folder import convert_folder
@@ -191,6 +193,25 @@ def _status(parsed: argparse.Namespace, _bars: Bars) -> None:
     print_table("", rows, ("stage", "state", "time", "why"))
 
 
+def _compare(parsed: argparse.Namespace, bars: Bars) -> None:
+    assignments = [*parsed.assignments, *(["dense.enabled=false"] if parsed.no_dense else [])]
+    found = compare(
+        parsed.project,
+        commands.project_options(parsed.project, assignments),
+        methods=[name.strip() for name in parsed.methods.split(",") if name.strip()],
+        seeds=parsed.seeds,
+        images=parsed.images,
+        audience=bars,
+    )
+    if parsed.json:
+        _print_json([asdict(one) for one in found])
+        return
+    for table in tables_of(found):
+        print_table(table.title, [tuple(row) for row in table.rows], tuple(table.columns))
+    for sentence in sentences(found):
+        print(sentence)
+
+
 def _report(parsed: argparse.Namespace, bars: Bars) -> None:
     page = commands.report(parsed.project, parsed.assignments, parsed.images, bars)
     if parsed.json:
@@ -218,6 +239,7 @@ _RUNS: dict[str, Run] = {
     "convert": _convert,
     "develop": _develop,
     "status": _status,
+    "compare": _compare,
     "report": _report,
     "doctor": _doctor,
 }

@@ -103,6 +103,8 @@ class FitOptions(_Section):
     sample: Annotated[float, Field(gt=0, le=1)] = 1.0
     """Of each side of a photograph, nearest neighbour; 0.25 reproduces the paper."""
     weighting: Literal["pixel", "image"] = "pixel"
+    measure: bool = True
+    """Tell what the grey brings against COLMAP's default, from three pairs of the photographs."""
 
     @field_validator("method")
     @classmethod

@@ -93,11 +93,9 @@ def gather(
     model = shown.Model(project.sparse / "0") if "sparse" in records else None
     frame = model.frame() if model else None
     photographs = _photographs(summary, grey_of, looks, model)
-    matched = (
-        shown.verified_matches(project.database, [grey_of[p.name] for p in photographs if p.name in grey_of])
-        if "matches" in records
-        else None
-    )
+    matched = None
+    if "matches" in records:
+        matched = shown.verified_matches(project.database, [grey_of.get(p.name, "") for p in photographs])
     return Contents(
         title=project.root.name,
         result=_result(summary),
@@ -248,7 +246,7 @@ def _pairs(
 ) -> list[Pair]:
     """The pairs on which the grey was measured, else those with most matches, matched again in both greys."""
     wanted = [tuple(pair) for pair in (summary["tried"] or {}).get("pairs", ())]
-    names = [p.name for p in photographs if p.name in grey_of]
+    names = [p.name for p in photographs]
     if not wanted and matched is not None and matched.any():
         best = np.argsort(np.triu(matched), axis=None)[::-1][: 4 * _PAIRS]
         rows = [np.unravel_index(n, matched.shape) for n in best if matched.flat[n]]

@@ -130,6 +130,10 @@ class Project:
         return self.root / "report"
 
     @property
+    def comparison(self) -> Path:
+        return self.root / "compare"
+
+    @property
     def page_file(self) -> Path:
         return self.report / "index.html"
 

@@ -85,9 +85,9 @@ def captures(run: Run, watch: Watch) -> Record:
 
 
 def fit(run: Run, watch: Watch) -> Record:
-    found = fit_captures(
-        run.captures(), run.options.fit, run.executor, watch, strict=run.strict, trial=trial_of(run.options)
-    )
+    options = run.options.fit
+    trial = trial_of(run.options) if options.measure or options.method == "auto" else None
+    found = fit_captures(run.captures(), options, run.executor, watch, strict=run.strict, trial=trial)
     warnings = []
     if len(found.weights) > 1:
         counts = " and ".join(f"{w.images} {encoding}" for encoding, w in found.weights.items())

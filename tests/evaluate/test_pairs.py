@@ -1,0 +1,105 @@
+"""Pairs: efficiency, movement of the camera, relative errors, and the verdict over runs."""
+
+from __future__ import annotations
+
+import math
+
+import cv2
+import numpy as np
+import pytest
+
+from colmap_ihe.evaluate.paired import LEFT_OUT, standard_error, verdict
+from colmap_ihe.evaluate.pairs import (
+    PairMatches,
+    area_under_curve_percent,
+    efficiency_percent,
+    movement,
+    relative_errors_deg,
+)
+from colmap_ihe.evaluate.truth import F64
+
+
+def pose(
+    turn_deg: tuple[float, float, float] = (0, 0, 0), centre: tuple[float, float, float] = (0, 0, 0)
+) -> F64:
+    rotation, _ = cv2.Rodrigues(np.radians(np.array(turn_deg, float)))
+    return np.column_stack([rotation, -rotation @ np.array(centre, float)])
+
+
+def test_efficiency_is_over_all_matches_and_not_the_mean_of_pairs() -> None:
+    assert efficiency_percent([PairMatches(100, 50), PairMatches(300, 270)]) == 80
+    assert math.isnan(efficiency_percent([]))
+    assert math.isnan(efficiency_percent([PairMatches(0, 0)]))
+
+
+@pytest.mark.parametrize(
+    ("turn", "kind"),
+    [
+        ((0, 0, 0), "parallel"),
+        ((3, 4, 2), "parallel"),
+        ((0, 20, 0), "rotated"),
+        ((0, 0, 90), "rotated"),
+        ((15, 4, 1), "tilted"),
+        ((-15, 0, 0), "tilted"),
+    ],
+)
+def test_movements_are_told_apart(turn: tuple[float, float, float], kind: str) -> None:
+    assert movement(pose((5, 5, 0)), pose((5, 5, 0), (1, 0, 0))) == "parallel"
+    assert movement(pose(), pose(turn, (2, 1, 0))) == kind
+
+
+def test_relative_errors_do_not_see_the_frame_of_the_model() -> None:
+    true = {f"{n}": pose((0, 5 * n, 0), (n, 0, 0.1 * n * n)) for n in range(4)}
+    frame = pose((30, -20, 10), (5, 6, 7))
+    moved = {}
+    for key, value in true.items():
+        rotation = value[:, :3] @ frame[:, :3]
+        moved[key] = np.column_stack([rotation, 3 * (value[:, :3] @ frame[:, 3] + value[:, 3])])
+    assert relative_errors_deg(moved, true).max() < 1e-4
+    turned = dict(true) | {"2": pose((0, 12, 0), (2, 0, 0.4))}
+    errors = relative_errors_deg(turned, true)
+    assert len(errors) == 6
+    assert np.sum(errors > 1) == 3
+    assert errors.max() == pytest.approx(2, abs=0.01)
+    del turned["2"]
+    assert np.sum(relative_errors_deg(turned, true) == 180) == 3
+
+
+def test_the_area_under_the_curve() -> None:
+    assert area_under_curve_percent(np.zeros(5), 5) == 100
+    assert area_under_curve_percent(np.array([0.0, 2.5, 5, 180]), 5) == pytest.approx(37.5)
+    errors, steps = np.array([0.3, 1.7, 4.0, 9.0]), np.linspace(0, 5, 100_001)
+    curve = (errors[None] <= steps[:, None]).mean(axis=1)
+    assert area_under_curve_percent(errors, 5) == pytest.approx(100 * curve.mean(), abs=0.01)
+    assert math.isnan(area_under_curve_percent(np.empty(0), 5))
+
+
+def test_the_standard_error_is_that_of_all_from_runs_without_some() -> None:
+    draw = np.random.default_rng(0)
+    values = draw.normal(size=5000)
+    means = [values[draw.random(5000) >= LEFT_OUT].mean() for _ in range(400)]
+    assert standard_error(means) == pytest.approx(values.std() / 5000**0.5, rel=0.1)
+    assert math.isnan(standard_error([1.0]))
+
+
+@pytest.mark.parametrize(
+    ("ours", "theirs", "more_is_better", "words"),
+    [
+        ([110, 110, 111, 109], [100, 100, 101, 99], True, "better"),
+        ([0.5, 0.51, 0.5, 0.51], [0.6, 0.61, 0.6, 0.61], False, "better"),
+        ([90, 90, 91, 89], [100, 100, 101, 100], True, "worse"),
+        ([101, 108, 95, 101], [100, 100, 101, 99], True, "no difference that this test can see"),
+        ([11, 11, 11], [11, 11, 11], True, "no difference"),
+        ([12], [11], True, "one run: no telling"),
+        ([12, 13], [11, 11], True, "one run: no telling"),
+    ],
+)
+def test_the_verdict(ours: list[float], theirs: list[float], more_is_better: bool, words: str) -> None:
+    found = verdict(ours, theirs, more_is_better=more_is_better)
+    assert found.words == words
+    assert found.difference == ours[0] - theirs[0]
+
+
+def test_unlike_numbers_of_runs_are_refused() -> None:
+    with pytest.raises(ValueError, match="as many of both"):
+        verdict([1, 2], [1], more_is_better=True)

@@ -1,0 +1,121 @@
+"""`compare` on the small demo: side by side, resumable, told in tables."""
+
+from __future__ import annotations
+
+import csv
+import json
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from conftest import QUICK
+
+from colmap_ihe import compare as driver
+from colmap_ihe.cli import main
+from colmap_ihe.compare import compare
+from colmap_ihe.compared import Compared, sentences, tables_of
+from colmap_ihe.errors import OptionError
+from colmap_ihe.options import Options
+from colmap_ihe.report.tables import Table
+
+Make = Callable[..., Path]
+MakeOptions = Callable[..., Options]
+
+
+def test_methods_side_by_side_and_resumed(
+    new_project: Make,
+    small_demo: Path,
+    quick_options: MakeOptions,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    project = new_project()
+    shutil.copytree(small_demo / "truth", project / "truth")
+    found = compare(project, quick_options(), methods=["ihe", "rec709"], seeds=2)
+    assert [one.method for one in found] == ["ihe", "rec709"]
+    for one in found:
+        assert sorted(one.runs) == [0, 1, 2]
+        assert all(run["registered"] == 8 for run in one.runs.values())
+        assert all(0.05 < run["rms_px"] < 1.5 for run in one.runs.values())
+        assert all(run["mean_error_px"] < run["rms_px"] for run in one.runs.values())
+        assert all(run["position_m"] < 0.05 and run["auc_percent"] > 80 for run in one.runs.values())
+        assert one.runs[1]["points"] < one.runs[0]["points"]
+        counts = one.matching["all"]
+        assert 0 < counts["inliers"] <= counts["putative"]
+        kinds = [one.matching[k]["pairs"] for k in ("parallel", "rotated", "tilted")]
+        assert 0 < sum(kinds) <= counts["pairs"] <= 28
+        assert one.dense_points is not None
+        assert one.dense_points > 5000
+    assert found[1].weights == pytest.approx((0.2126, 0.7152, 0.0722))
+    assert not list((project / "compare").rglob("*.db-wal"))
+    assert not list((project / "compare").glob("*/workspace/seeds/*.db"))
+    assert not (project / "workspace").exists()
+
+    # A third method and a further run need nothing of what is there again.
+    def fail(*_: object, **__: object) -> None:
+        raise AssertionError("dense stereo ran again")
+
+    with monkeypatch.context() as patched:
+        patched.setattr(driver, "sgm_depth_maps", fail)
+        again = compare(project, quick_options(), methods=["ihe", "rec709"], seeds=2)
+    assert again == found
+    settings = [part for assignment in QUICK for part in ("--set", assignment)]
+    arguments = ["compare", str(project), "--methods", "ihe,rec709", "--seeds", "2", *settings]
+    assert main(arguments) == 0
+    said = capsys.readouterr().out
+    assert "ihe against rec709: " in said
+    assert "Pairwise matching efficiency" in said
+
+    folder = project / "compare"
+    assert {file.suffix for file in folder.iterdir() if file.is_file()} == {".csv", ".tex", ".json"}
+    rows = list(csv.reader((folder / "reconstruction.csv").open()))
+    assert [row[0] for row in rows] == ["method", "ihe", "rec709"]
+    assert len({len(row) for row in rows}) == 1
+    assert json.loads((folder / "compare.json").read_text())[0]["runs"]["0"]["registered"] == 8
+
+
+def test_an_unknown_method_is_refused_before_any_work(new_project: Make) -> None:
+    project = new_project(2)
+    with pytest.raises(OptionError, match="no method is called 'gray'"):
+        compare(project, methods=["ihe", "gray"])
+    assert not (project / "compare").exists()
+
+
+def compared(method: str, points: list[float], truth: bool = False) -> Compared:
+    counts = {"pairs": 1, "putative": 100, "inliers": 50, "efficiency_percent": 50.0}
+    none = dict.fromkeys(counts, 0)
+    return Compared(
+        method,
+        (0.2, 0.7, 0.1),
+        {"all": counts, "parallel": counts, "rotated": none, "tilted": none},
+        {
+            seed: {"registered": 5, "points": value, "points_over_3_views": value / 2, "rms_px": 0.5}
+            | ({"rotation_deg": 0.1, "position_m": 0.01, "auc_percent": 90} if truth else {})
+            for seed, value in enumerate(points)
+        },
+        None,
+    )
+
+
+def test_tables_hold_what_was_measured_and_no_more() -> None:
+    found = [compared("ihe", [120, 119, 121, 120]), compared("rec709", [100, 100, 101, 99])]
+    matching, reconstruction, differences = tables_of(found)
+    assert "tilted" not in " ".join(matching.columns)
+    assert "position" not in " ".join(reconstruction.columns)
+    assert "position" in " ".join(tables_of([compared("ihe", [1], truth=True)])[1].columns)
+    assert [row[0] for row in differences.rows] == ["ihe"]
+    assert "+20 (better)" in differences.rows[0]
+    assert sentences(found) == ["ihe against rec709: better in points, points in > 3 images."]
+    assert sentences([found[1], compared("green", [100, 100, 101, 99])]) == [
+        "green against rec709: no difference that this test can see."
+    ]
+
+
+def test_a_table_in_latex_and_csv_escapes_what_it_holds() -> None:
+    table = Table("t", "50 % & more", ["method", "a_b"], [["x#1", 'say "so", 2']])
+    latex = table.as_latex()
+    assert r"50 \% \& more" in latex
+    assert r"a\_b" in latex
+    assert r"x\#1" in latex
+    assert list(csv.reader(table.as_csv().splitlines())) == [["method", "a_b"], ["x#1", 'say "so", 2']]
