@@ -141,14 +141,26 @@ function start(viewer) {
   }
 
   function place(from) {
-    const half = (camera.fov * Math.PI) / 360;
-    const narrow = Math.min(half, Math.atan(Math.tan(half) * camera.aspect));
-    const distance = (0.85 * frame.radius) / Math.sin(narrow);
+    const distance = fitting(from);
     controls.target.copy(frame.middle);
     camera.position.copy(from).setLength(distance).add(frame.middle);
     points.material.uniforms.reference.value = distance;
     controls.update();
     moved();
+  }
+  // How far off nearly all points are within the picture.
+  function fitting(from) {
+    const back = from.clone().normalize();
+    const right = new Vector3(0, 1, 0).cross(back).normalize();
+    const up = back.clone().cross(right);
+    const tall = Math.tan((camera.fov * Math.PI) / 360);
+    const point = new Vector3();
+    const needed = Float32Array.from({ length: Math.min(cloud.count, 5000) }, (_, i) => {
+      point.fromArray(cloud.positions, 3 * i).sub(frame.middle);
+      const aside = Math.max(Math.abs(point.dot(right)) / (tall * camera.aspect), Math.abs(point.dot(up)) / tall);
+      return aside + point.dot(back);
+    }).sort();
+    return Math.max(1.08 * quantile(needed, 0.98), 0.5 * frame.radius);
   }
   // The side that the photographs were taken from, a little turned and raised.
   function side() {
@@ -314,7 +326,7 @@ function start(viewer) {
 
   viewer.hidden = false;
   resize();
-  const fill = Math.sqrt((0.7 * canvas.clientWidth * canvas.clientHeight) / Math.max(cloud.count, 1));
+  const fill = Math.sqrt((1.1 * canvas.clientWidth * canvas.clientHeight) / Math.max(cloud.count, 1));
   size.value = String(Math.min(5, Math.max(1.5, fill)));
   setSize();
   showMarks();
