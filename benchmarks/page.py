@@ -43,7 +43,9 @@ _DRAWN = "() => performance.getEntriesByType('navigation')[0].loadEventEnd"
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--points", type=int, default=200_000)
     parser.add_argument("--seconds", type=float, default=5.0, help="of turning (default 5)")
     given = parser.parse_args()

@@ -13,7 +13,9 @@ from numpy.typing import NDArray
 from colmap_ihe.report.contents import Contents, Grey
 
 WIDTH, HEIGHT = 640, 200  # of a chart, in units of its drawing
-_HIGHEST_SHARE = 99.5  # percentile of the tones that a chart reaches to: black and white borders stand out of it
+_HIGHEST_SHARE = (
+    99.5  # percentile of the tones that a chart reaches to: black and white borders stand out of it
+)
 _BARS = 20  # longest track with a bar of its own
 _INK = (178, 110, 46)  # B, G, R of the match picture: seen on dark and on light
 _LEAST_SIDE = 320

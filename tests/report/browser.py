@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from playwright.sync_api import Browser
 
-_ARGUMENTS = (
+_ARGUMENTS = [
     "--no-sandbox",
     "--disable-gpu",
     "--use-gl=angle",
@@ -21,7 +21,7 @@ _ARGUMENTS = (
     "--disable-background-networking",
     "--disable-component-update",
     "--disable-sync",
-)
+]
 _NAMES = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
 
 
@@ -31,14 +31,14 @@ def chromium() -> str | None:
 
 
 @contextmanager
-def headless(*more: str) -> Iterator[Browser]:
-    """The browser, with further arguments. Raises ImportError without playwright, RuntimeError without Chromium."""
+def headless() -> Iterator[Browser]:
+    """The browser. Raises ImportError without playwright, RuntimeError without Chromium."""
     from playwright.sync_api import sync_playwright
 
     if (where := chromium()) is None:
         raise RuntimeError("no Chromium is installed")
     with sync_playwright() as playwright:
-        browser = playwright.chromium.launch(executable_path=where, args=[*_ARGUMENTS, *more])
+        browser = playwright.chromium.launch(executable_path=where, args=_ARGUMENTS)
         try:
             yield browser
         finally:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from colmap_ihe.report.contents import Camera, Cloud, Contents, Grey, Pair, Photograph, Picture, Slider
 
@@ -27,7 +27,12 @@ def facade_picture(width: int, height: int, shift: float = 0.0) -> NDArray[np.ui
     wall[window] = [58, 66, 78]
     wall[y < 0.6 + 0.05 * np.sin(3 * x)] = [150, 184, 222]
     wall += draw.normal(0, 4, wall.shape)
-    return np.clip(wall, 0, 255).astype(np.uint8)
+    return as_bytes(wall)
+
+
+def as_bytes(values: ArrayLike) -> NDArray[np.uint8]:
+    clipped: NDArray[np.uint8] = np.clip(np.asarray(values), 0, 255).astype(np.uint8)
+    return clipped
 
 
 def coded(rgb: NDArray[np.uint8], alt: str) -> Picture:
@@ -37,7 +42,7 @@ def coded(rgb: NDArray[np.uint8], alt: str) -> Picture:
 
 
 def grey_of(rgb: NDArray[np.uint8], weights: tuple[float, float, float]) -> NDArray[np.uint8]:
-    return np.round(rgb @ np.array(weights)).astype(np.uint8)
+    return as_bytes(np.round(rgb @ np.array(weights)))
 
 
 def facade_cloud(points: int) -> Cloud:
@@ -47,14 +52,21 @@ def facade_cloud(points: int) -> Cloud:
     picture = facade_picture(1200, 800)
     colours = picture[(v * 799).astype(int), (u * 1199).astype(int)]
     dark = colours.mean(axis=1) < 90
-    positions = np.stack([12 * u - 6, 4 - 8 * v, np.where(dark, -0.5, 0.03 * draw.standard_normal(points))], axis=1)
+    positions = np.stack(
+        [12 * u - 6, 4 - 8 * v, np.where(dark, -0.5, 0.03 * draw.standard_normal(points))], axis=1
+    )
     tower = (np.abs(positions[:, 0]) < 1.5) & (draw.random(points) < 0.9)
     positions[tower, 2] += 1.2
     ground = draw.random(points) < 0.25
     positions[ground] = np.stack(
-        [12 * u[ground] - 6, np.full(ground.sum(), -4) + 0.04 * draw.standard_normal(ground.sum()), 6 * v[ground]], axis=1
+        [
+            12 * u[ground] - 6,
+            draw.normal(-4, 0.04, int(ground.sum())),
+            6 * v[ground],
+        ],
+        axis=1,
     )
-    colours[ground] = np.clip([128, 132, 96] + draw.normal(0, 14, (ground.sum(), 3)), 0, 255).astype(np.uint8)
+    colours[ground] = as_bytes(draw.normal((128, 132, 96), 14, (int(ground.sum()), 3)))
     kept = ~((v < 0.16) & ~ground)
     positions, colours = positions[kept].astype(np.float32), colours[kept]
     return Cloud(positions, colours, grey_of(colours, _WEIGHTS), "dense", 4 * points)
@@ -65,7 +77,9 @@ def facade_cameras(names: list[str]) -> list[Camera]:
     for i, name in enumerate(names):
         x = -6 + 12 * i / max(len(names) - 1, 1)
         centre = np.array([x, -2.3 + 0.2 * (i % 3), 9.0], np.float32)
-        corners = centre + np.array([[-0.6, 0.4, -1], [0.6, 0.4, -1], [0.6, -0.4, -1], [-0.6, -0.4, -1]], np.float32)
+        corners = centre + np.array(
+            [[-0.6, 0.4, -1], [0.6, 0.4, -1], [0.6, -0.4, -1], [-0.6, -0.4, -1]], np.float32
+        )
         cameras.append(Camera(name, centre, corners))
     return cameras
 
@@ -77,7 +91,11 @@ def synthetic_contents(points: int = 20_000, photographs: int = 24, hostile: str
         Photograph(
             name,
             coded(facade_picture(180, 120, 0.05 * i), f"{name}"),
-            *((0, None, None, f"{hostile}no overlap with others") if i == 7 else (900 + 37 * i, 0.41 + 0.01 * (i % 9), 0.5)),
+            *(
+                (0, None, None, f"{hostile}no overlap with others")
+                if i == 7
+                else (900 + 37 * i, 0.41 + 0.01 * (i % 9), 0.5)
+            ),
         )
         for i, name in enumerate(names)
     ]
@@ -87,7 +105,7 @@ def synthetic_contents(points: int = 20_000, photographs: int = 24, hostile: str
         matches[7], matches[:, 7] = 0, 0
     one = facade_picture(960, 640)
     chosen, rec709 = grey_of(one, _WEIGHTS), grey_of(one, _REC709)
-    difference = np.clip(chosen.astype(int) - rec709 + 127, 0, 255).astype(np.uint8)
+    difference = as_bytes(chosen.astype(int) - rec709 + 127)
     tones = [np.bincount(grey.ravel(), minlength=256) / grey.size for grey in (chosen, rec709)]
     patchwork = np.concatenate([facade_picture(240, 160, 0.2 * i) for i in range(4)], axis=1)
     sliders = [
@@ -101,12 +119,17 @@ def synthetic_contents(points: int = 20_000, photographs: int = 24, hostile: str
         for i in range(3)
     ]
     pairs = [
-        Pair(names[i], names[i + 1], _pair(chosen, 812 + i), 812 + i, _pair(rec709, 640 + i), 640 + i) for i in range(2)
+        Pair(names[i], names[i + 1], _pair(chosen, 812 + i), 812 + i, _pair(rec709, 640 + i), 640 + i)
+        for i in range(2)
     ]
     return Contents(
         title=f"{hostile}Priory of Saint-Cosme, west front",
-        result=f"{hostile}A dense cloud of 812,400 points from 23 of 24 photographs, with a mean error of 0.46 px.",
-        rows=[(f"{hostile}photographs", f"24, 1 left out{hostile}"), ("registered images", "23 of 24"), ("points", "18,412")],
+        result=f"{hostile}A dense cloud of 812,400 points from 23 of 24 photographs, mean error 0.46 px.",
+        rows=[
+            (f"{hostile}photographs", f"24, 1 left out{hostile}"),
+            ("registered images", "23 of 24"),
+            ("points", "18,412"),
+        ],
         grey=Grey(
             f"decolorize{hostile}",
             _WEIGHTS,
@@ -125,10 +148,17 @@ def synthetic_contents(points: int = 20_000, photographs: int = 24, hostile: str
         track_lengths={2: 9120, 3: 4210, 4: 2310, 5: 1200, 6: 730, 7: 402, 8: 210, 9: 120, 11: 31},
         matches=matches,
         warnings=[f"{hostile}Two photographs are much darker than the others: DSC_4112.NEF, DSC_4113.NEF."],
-        seconds={"captures": 12.1, "fit": 6.4, "grey": 9.0, "features": 31.2, "matches": 44.8, "dense": 812.5},
+        seconds={
+            "captures": 12.1,
+            "fit": 6.4,
+            "grey": 9.0,
+            "features": 31.2,
+            "matches": 44.8,
+            "dense": 812.5,
+        },
         versions={"colmap-ihe": "0.1.0", "pycolmap": "4.2.0", f"opencv{hostile}": "5.0.0"},
         options=f"fit:\n  method: decolorize{hostile}\n  step: 0.01\ndense:\n  max_image_size: 2000\n",
-        methods_sentence=f"{hostile}Photographs were converted to grey with one set of weights, fitted to the whole set.",
+        methods_sentence=f"{hostile}Photographs were made grey with one set of weights, fitted to the whole set.",
         citation=f"{hostile}A. Author, B. Author (2025). One grey for a whole set. Journal of Surveying 12, 3.",
     )
 
@@ -139,4 +169,4 @@ def _pair(grey: NDArray[np.uint8], matches: int) -> Picture:
     draw = np.random.default_rng(matches)
     for x, y in draw.integers([10, 60], [470, 310], (matches // 8, 2)):
         cv2.line(both, (int(x), int(y)), (int(x) + 476, int(y) + 2), (60, 170, 240), 1, cv2.LINE_AA)
-    return coded(both[..., ::-1], f"Two photographs with {matches} matches drawn")
+    return coded(as_bytes(both)[..., ::-1], f"Two photographs with {matches} matches drawn")

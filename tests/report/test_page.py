@@ -19,7 +19,7 @@ from colmap_ihe.report.contents import Cloud, Contents, Photograph
 from colmap_ihe.report.embed import cloud_data
 from colmap_ihe.report.page import render_page
 
-HOSTILE = '"><script>alert(1)</script><img src=x onerror=alert(2)>\'</title></style>{{7*7}}&amp;'
+HOSTILE = "\"><script>alert(1)</script><img src=x onerror=alert(2)>'</title></style>{{7*7}}&amp;"
 
 
 class Elements(HTMLParser):

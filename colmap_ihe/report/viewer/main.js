@@ -7,27 +7,21 @@ import {
 import { OrbitControls } from "three/addons/controls/OrbitControls.js";
 
 const FRAME_MS = 25; // aimed at while moving: a thinner cloud is drawn where all of it would take longer
-const LEAST_POINTS = 20000;
+const LEAST_POINTS = 10000;
 const REST_MS = 180; // without movement, after which all points are drawn
 const PICK_PX = [5, 10, 20]; // a point is looked for this near the pointer, the nearest circle first
-const MODES = { colour: 0, grey: 1, height: 2 };
+const LARGEST = 2; // how much larger points are, at most, in a thinner cloud
+const RAMP = [[68, 1, 84], [59, 82, 139], [33, 145, 140], [94, 201, 98], [253, 231, 37]]; // heights, from the lowest
 
+// Little work a point: drawing in software is bound by it.
 const VERTEX = `
 attribute vec4 tint;
-uniform float mode, size, reference;
-uniform vec2 heights;
+uniform float size, reference;
 varying vec3 shade;
-vec3 ramp(float t) {  // dark blue over green to yellow, even in lightness
-  return clamp(vec3(0.27, 0.02, 0.34) + t * (vec3(0.1, 1.4, 1.38) + t * (vec3(-0.35, 0.2, -4.7)
-    + t * (vec3(-4.6, -5.8, 14.2) + t * (vec3(12.2, 8.6, -17.0) + t * vec3(-6.6, -3.5, 6.0))))), 0.0, 1.0);
-}
 void main() {
-  vec4 world = modelMatrix * vec4(position, 1.0);
-  vec4 seen = viewMatrix * world;
-  gl_Position = projectionMatrix * seen;
-  gl_PointSize = clamp(size * reference / max(-seen.z, 1e-6), 1.0, 32.0);
-  shade = mode < 0.5 ? tint.rgb : mode < 1.5 ? vec3(tint.a)
-    : ramp(clamp((world.y - heights.x) / (heights.y - heights.x), 0.0, 1.0));
+  gl_Position = projectionMatrix * (modelViewMatrix * vec4(position, 1.0));
+  gl_PointSize = clamp(size * reference / gl_Position.w, 1.0, 32.0);
+  shade = tint.rgb;
 }`;
 
 const FRAGMENT = `
@@ -66,13 +60,28 @@ function frameOf(cloud) {
   return { middle, radius, heights: [low[1], Math.max(high[1], low[1] + 1e-6)] };
 }
 
-function pointsOf(cloud, frame) {
+// (N, 4) bytes to draw points in, of which the last is not used.
+function tintsIn(mode, cloud, frame) {
+  if (mode === "colour") return cloud.tints;
+  const tints = new Uint8Array(cloud.tints.length);
+  const [low, high] = frame.heights;
+  for (let i = 0; i < cloud.count; i++) {
+    if (mode === "grey") {
+      tints.fill(cloud.tints[4 * i + 3], 4 * i, 4 * i + 3);
+      continue;
+    }
+    const at = (RAMP.length - 1) * Math.min(1, Math.max(0, (cloud.positions[3 * i + 1] - low) / (high - low)));
+    const step = Math.min(RAMP.length - 2, Math.floor(at));
+    for (let k = 0; k < 3; k++) tints[4 * i + k] = RAMP[step][k] + (at - step) * (RAMP[step + 1][k] - RAMP[step][k]);
+  }
+  return tints;
+}
+
+function pointsOf(cloud) {
   const geometry = new BufferGeometry();
   geometry.setAttribute("position", new BufferAttribute(cloud.quantised, 3, true));
-  geometry.setAttribute("tint", new BufferAttribute(cloud.tints, 4, true));
-  const uniforms = {
-    mode: { value: 0 }, size: { value: 2 }, reference: { value: 1 }, heights: { value: frame.heights },
-  };
+  geometry.setAttribute("tint", new BufferAttribute(cloud.tints.slice(), 4, true));
+  const uniforms = { size: { value: 2 }, reference: { value: 1 } };
   const material = new ShaderMaterial({ uniforms, vertexShader: VERTEX, fragmentShader: FRAGMENT });
   const points = new Points(geometry, material);
   points.position.set(...cloud.low);
@@ -107,11 +116,12 @@ function start(viewer) {
   const scene = new Scene();
   const camera = new PerspectiveCamera(45, 1, frame.radius / 500, frame.radius * 200);
   const controls = new OrbitControls(camera, canvas);
-  const points = pointsOf(cloud, frame);
+  const points = pointsOf(cloud);
   const frusta = frustaOf(cloud.cameras);
   scene.add(points, frusta);
 
-  let budget = Math.min(cloud.count, 100000);
+  const size = part("size");
+  let budget = Math.min(cloud.count, 60000);
   let asked = false, moving = false, resting = 0, last = 0, pace = FRAME_MS;
 
   function draw(now) {
@@ -120,10 +130,13 @@ function start(viewer) {
     last = now;
     if (moving && took < 300) {
       pace = 0.8 * pace + 0.2 * took;
-      budget = Math.max(Math.min(LEAST_POINTS, cloud.count), Math.min(cloud.count, budget * Math.min(1.1, FRAME_MS / pace)));
+      const wanted = budget * Math.min(1.1, FRAME_MS / pace);
+      budget = Math.min(cloud.count, Math.max(LEAST_POINTS, wanted));
     }
     const drawn = moving ? Math.round(budget) : cloud.count;
     points.geometry.setDrawRange(0, drawn);
+    const larger = Math.min(LARGEST, Math.sqrt(cloud.count / Math.max(drawn, 1)));
+    points.material.uniforms.size.value = Number(size.value) * renderer.getPixelRatio() * larger;
     renderer.render(scene, camera);
     canvas.dispatchEvent(new CustomEvent("drawn", { detail: { points: drawn } }));
   }
@@ -297,15 +310,12 @@ function start(viewer) {
 
   part("home").addEventListener("click", home);
   part("mode").addEventListener("change", (e) => {
-    points.material.uniforms.mode.value = MODES[e.target.value];
+    const tint = points.geometry.getAttribute("tint");
+    tint.array.set(tintsIn(e.target.value, cloud, frame));
+    tint.needsUpdate = true;
     ask();
   });
-  const size = part("size");
-  const setSize = () => {
-    points.material.uniforms.size.value = Number(size.value) * renderer.getPixelRatio();
-    ask();
-  };
-  size.addEventListener("input", setSize);
+  size.addEventListener("input", ask);
   part("cameras")?.addEventListener("change", (e) => {
     frusta.visible = e.target.checked;
     ask();
@@ -328,7 +338,6 @@ function start(viewer) {
   resize();
   const fill = Math.sqrt((1.1 * canvas.clientWidth * canvas.clientHeight) / Math.max(cloud.count, 1));
   size.value = String(Math.min(5, Math.max(1.5, fill)));
-  setSize();
   showMarks();
   home();
   new ResizeObserver(resize).observe(canvas);
