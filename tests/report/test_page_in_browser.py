@@ -191,6 +191,13 @@ def test_before_and_after_by_keys_and_by_pointer(page: Page) -> None:
     assert abs(int(slider.input_value()) - 20) <= 1
 
 
+def test_methods_are_copied(page: Page) -> None:
+    button = page.locator("[data-copies=methods]")
+    button.click()
+    page.wait_for_timeout(300)
+    assert button.inner_text() == "Copied"
+
+
 def test_one_photograph_at_a_time(page: Page) -> None:
     page.locator("#choose-sliders").select_option(index=2)
     assert [page.locator("[data-compare]").nth(i).is_visible() for i in range(3)] == [False, False, True]
