@@ -39,7 +39,8 @@ _TURN = """([seconds, back]) => new Promise((done) => {
   };
   step();
 })"""
-_DRAWN = "() => performance.getEntriesByType('navigation')[0].loadEventEnd"
+_LOADED = "() => performance.getEntriesByType('navigation')[0].loadEventEnd"
+_WATCH = "addEventListener('drawn', (e) => { window.all ??= e.detail.points >= %d ? performance.now() : null }, true)"
 
 
 def main() -> None:
@@ -64,8 +65,13 @@ def main() -> None:
         ]
         with headless() as browser:
             page = browser.new_page(viewport={"width": 1280, "height": 900})
+            page.add_init_script(_WATCH % len(contents.cloud.positions))
             page.goto(path.as_uri())
-            rows.append(("open after", f"{page.evaluate(_DRAWN) / 1000:.2f} s"))
+            page.wait_for_function("window.all")
+            rows += [
+                ("loaded after", f"{page.evaluate(_LOADED) / 1000:.2f} s"),
+                ("all points drawn after", f"{page.evaluate('window.all') / 1000:.2f} s"),
+            ]
             page.wait_for_timeout(1000)
             for name, back in (("read back", True), ("not read back", False)):
                 frames, points = page.evaluate(_TURN, [given.seconds, back])

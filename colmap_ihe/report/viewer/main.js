@@ -9,7 +9,7 @@ import { decode, frameOf, frustaOf, pointsOf, quantile, tintsIn } from "./cloud.
 import { lengthInWords, nearest } from "./measure.js";
 
 const FIELD = 45; // degrees from top to bottom
-const FRAME_MS = 25; // aimed at while moving: a thinner cloud is drawn where all of it would take longer
+const FRAME_MS = 28; // aimed at while moving: a thinner cloud is drawn where all of it would take longer
 const LEAST_POINTS = 10000;
 const REST_MS = 180; // without movement, after which all points are drawn
 const LARGEST = 2; // how much larger points are, at most, in a thinner cloud
