@@ -50,6 +50,7 @@ def cloud_data(cloud: Cloud, cameras: Sequence[Camera]) -> Markup:
             "cameras": [
                 {"name": c.name, "centre": _numbers(c.centre), "corners": [_numbers(k) for k in c.corners]}
                 for c in cameras
+                if np.isfinite(c.centre).all() and np.isfinite(c.corners).all()
             ],
         }
     )
@@ -65,12 +66,13 @@ def script_json(value: object) -> Markup:
 
 def _near(positions: NDArray[np.float32]) -> NDArray[np.bool_]:
     """(N,) whether each point is finite and not far out."""
-    finite = np.isfinite(positions).all(axis=1)
+    finite = np.asarray(np.isfinite(positions).all(axis=1))
     if not finite.any():
         return finite
     away = np.full(len(positions), np.inf)
     away[finite] = np.linalg.norm(positions[finite] - np.median(positions[finite], axis=0), axis=1)
-    return away <= max(_FAR_OUT * float(np.median(away[finite])), 1e-12)
+    near: NDArray[np.bool_] = away <= max(_FAR_OUT * float(np.median(away[finite])), 1e-12)
+    return near
 
 
 def _base64(values: NDArray[np.generic]) -> str:

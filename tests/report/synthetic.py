@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from colmap_ihe.report.contents import Camera, Cloud, Contents, Grey, Pair, Photograph, Picture, Slider
 
@@ -27,7 +27,12 @@ def facade_picture(width: int, height: int, shift: float = 0.0) -> NDArray[np.ui
     wall[window] = [58, 66, 78]
     wall[y < 0.6 + 0.05 * np.sin(3 * x)] = [150, 184, 222]
     wall += draw.normal(0, 4, wall.shape)
-    return np.clip(wall, 0, 255).astype(np.uint8)
+    return as_bytes(wall)
+
+
+def as_bytes(values: ArrayLike) -> NDArray[np.uint8]:
+    clipped: NDArray[np.uint8] = np.clip(np.asarray(values), 0, 255).astype(np.uint8)
+    return clipped
 
 
 def coded(rgb: NDArray[np.uint8], alt: str) -> Picture:
@@ -37,7 +42,7 @@ def coded(rgb: NDArray[np.uint8], alt: str) -> Picture:
 
 
 def grey_of(rgb: NDArray[np.uint8], weights: tuple[float, float, float]) -> NDArray[np.uint8]:
-    return np.round(rgb @ np.array(weights)).astype(np.uint8)
+    return as_bytes(np.round(rgb @ np.array(weights)))
 
 
 def facade_cloud(points: int) -> Cloud:
@@ -56,12 +61,12 @@ def facade_cloud(points: int) -> Cloud:
     positions[ground] = np.stack(
         [
             12 * u[ground] - 6,
-            np.full(ground.sum(), -4) + 0.04 * draw.standard_normal(ground.sum()),
+            draw.normal(-4, 0.04, int(ground.sum())),
             6 * v[ground],
         ],
         axis=1,
     )
-    colours[ground] = np.clip([128, 132, 96] + draw.normal(0, 14, (ground.sum(), 3)), 0, 255).astype(np.uint8)
+    colours[ground] = as_bytes(draw.normal((128, 132, 96), 14, (int(ground.sum()), 3)))
     kept = ~((v < 0.16) & ~ground)
     positions, colours = positions[kept].astype(np.float32), colours[kept]
     return Cloud(positions, colours, grey_of(colours, _WEIGHTS), "dense", 4 * points)
@@ -100,7 +105,7 @@ def synthetic_contents(points: int = 20_000, photographs: int = 24, hostile: str
         matches[7], matches[:, 7] = 0, 0
     one = facade_picture(960, 640)
     chosen, rec709 = grey_of(one, _WEIGHTS), grey_of(one, _REC709)
-    difference = np.clip(chosen.astype(int) - rec709 + 127, 0, 255).astype(np.uint8)
+    difference = as_bytes(chosen.astype(int) - rec709 + 127)
     tones = [np.bincount(grey.ravel(), minlength=256) / grey.size for grey in (chosen, rec709)]
     patchwork = np.concatenate([facade_picture(240, 160, 0.2 * i) for i in range(4)], axis=1)
     sliders = [
@@ -119,7 +124,7 @@ def synthetic_contents(points: int = 20_000, photographs: int = 24, hostile: str
     ]
     return Contents(
         title=f"{hostile}Priory of Saint-Cosme, west front",
-        result=f"{hostile}A dense cloud of 812,400 points from 23 of 24 photographs, with a mean error of 0.46 px.",
+        result=f"{hostile}A dense cloud of 812,400 points from 23 of 24 photographs, mean error 0.46 px.",
         rows=[
             (f"{hostile}photographs", f"24, 1 left out{hostile}"),
             ("registered images", "23 of 24"),
@@ -153,7 +158,7 @@ def synthetic_contents(points: int = 20_000, photographs: int = 24, hostile: str
         },
         versions={"colmap-ihe": "0.1.0", "pycolmap": "4.2.0", f"opencv{hostile}": "5.0.0"},
         options=f"fit:\n  method: decolorize{hostile}\n  step: 0.01\ndense:\n  max_image_size: 2000\n",
-        methods_sentence=f"{hostile}Photographs were converted to grey with one set of weights, fitted to the whole set.",
+        methods_sentence=f"{hostile}Photographs were made grey with one set of weights, fitted to the whole set.",
         citation=f"{hostile}A. Author, B. Author (2025). One grey for a whole set. Journal of Surveying 12, 3.",
     )
 
@@ -164,4 +169,4 @@ def _pair(grey: NDArray[np.uint8], matches: int) -> Picture:
     draw = np.random.default_rng(matches)
     for x, y in draw.integers([10, 60], [470, 310], (matches // 8, 2)):
         cv2.line(both, (int(x), int(y)), (int(x) + 476, int(y) + 2), (60, 170, 240), 1, cv2.LINE_AA)
-    return coded(both[..., ::-1], f"Two photographs with {matches} matches drawn")
+    return coded(as_bytes(both)[..., ::-1], f"Two photographs with {matches} matches drawn")

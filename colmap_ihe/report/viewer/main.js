@@ -2,99 +2,21 @@
 
 import {
   BufferAttribute, BufferGeometry, LineBasicMaterial, LineSegments, PerspectiveCamera, Points, PointsMaterial, Scene,
-  ShaderMaterial, Spherical, Vector3, WebGLRenderer,
+  Spherical, Vector3, WebGLRenderer,
 } from "three";
 import { OrbitControls } from "three/addons/controls/OrbitControls.js";
+import { decode, frameOf, frustaOf, pointsOf, quantile, tintsIn } from "./cloud.js";
+import { lengthInWords, nearest } from "./measure.js";
 
-const FRAME_MS = 25; // aimed at while moving: a thinner cloud is drawn where all of it would take longer
-const LEAST_POINTS = 20000;
+const FIELD = 45; // degrees from top to bottom
+const FRAME_MS = 28; // aimed at while moving: a thinner cloud is drawn where all of it would take longer
+const LEAST_POINTS = 10000;
 const REST_MS = 180; // without movement, after which all points are drawn
-const PICK_PX = [5, 10, 20]; // a point is looked for this near the pointer, the nearest circle first
-const MODES = { colour: 0, grey: 1, height: 2 };
+const LARGEST = 2; // how much larger points are, at most, in a thinner cloud
 
-const VERTEX = `
-attribute vec4 tint;
-uniform float mode, size, reference;
-uniform vec2 heights;
-varying vec3 shade;
-vec3 ramp(float t) {  // dark blue over green to yellow, even in lightness
-  return clamp(vec3(0.27, 0.02, 0.34) + t * (vec3(0.1, 1.4, 1.38) + t * (vec3(-0.35, 0.2, -4.7)
-    + t * (vec3(-4.6, -5.8, 14.2) + t * (vec3(12.2, 8.6, -17.0) + t * vec3(-6.6, -3.5, 6.0))))), 0.0, 1.0);
-}
-void main() {
-  vec4 world = modelMatrix * vec4(position, 1.0);
-  vec4 seen = viewMatrix * world;
-  gl_Position = projectionMatrix * seen;
-  gl_PointSize = clamp(size * reference / max(-seen.z, 1e-6), 1.0, 32.0);
-  shade = mode < 0.5 ? tint.rgb : mode < 1.5 ? vec3(tint.a)
-    : ramp(clamp((world.y - heights.x) / (heights.y - heights.x), 0.0, 1.0));
-}`;
-
-const FRAGMENT = `
-varying vec3 shade;
-void main() { gl_FragColor = vec4(shade, 1.0); }`;
-
-function bytes(base64) {
-  const text = atob(base64);
-  const out = new Uint8Array(text.length);
-  for (let i = 0; i < text.length; i++) out[i] = text.charCodeAt(i);
-  return out;
-}
-
-function decode(id) {
-  const data = JSON.parse(document.getElementById(id).textContent);
-  const quantised = new Uint16Array(bytes(data.positions).buffer);
-  const positions = new Float32Array(quantised.length);
-  for (let i = 0; i < quantised.length; i++) {
-    positions[i] = data.low[i % 3] + (quantised[i] / 65535) * data.extent[i % 3];
-  }
-  return { ...data, quantised, positions, tints: bytes(data.tints), count: quantised.length / 3 };
-}
-
-function quantile(values, share) {
-  return values.length ? values[Math.min(values.length - 1, Math.floor(share * values.length))] : 0;
-}
-
-// The middle of the cloud, its radius and its heights, without the few points that lie far out.
-function frameOf(cloud) {
-  const some = Math.min(cloud.count, 20000);
-  const axes = [0, 1, 2].map((a) => Float32Array.from({ length: some }, (_, i) => cloud.positions[3 * i + a]).sort());
-  const low = axes.map((v) => quantile(v, 0.02));
-  const high = axes.map((v) => quantile(v, 0.98));
-  const middle = new Vector3(...low.map((v, a) => (v + high[a]) / 2));
-  const radius = Math.hypot(...low.map((v, a) => (high[a] - v) / 2)) || 1;
-  return { middle, radius, heights: [low[1], Math.max(high[1], low[1] + 1e-6)] };
-}
-
-function pointsOf(cloud, frame) {
-  const geometry = new BufferGeometry();
-  geometry.setAttribute("position", new BufferAttribute(cloud.quantised, 3, true));
-  geometry.setAttribute("tint", new BufferAttribute(cloud.tints, 4, true));
-  const uniforms = {
-    mode: { value: 0 }, size: { value: 2 }, reference: { value: 1 }, heights: { value: frame.heights },
-  };
-  const material = new ShaderMaterial({ uniforms, vertexShader: VERTEX, fragmentShader: FRAGMENT });
-  const points = new Points(geometry, material);
-  points.position.set(...cloud.low);
-  points.scale.set(...cloud.extent);
-  points.frustumCulled = false;
-  return points;
-}
-
-function frustaOf(cameras) {
-  const ends = [];
-  for (const { centre, corners } of cameras) {
-    corners.forEach((corner, i) => ends.push(...centre, ...corner, ...corner, ...corners[(i + 1) % 4]));
-  }
-  return lines(new Float32Array(ends), 0xb4552d);
-}
-
-function lines(ends, color) {
-  const geometry = new BufferGeometry();
-  geometry.setAttribute("position", new BufferAttribute(ends, 3));
-  const drawn = new LineSegments(geometry, new LineBasicMaterial({ color }));
-  drawn.frustumCulled = false;
-  return drawn;
+// How much larger things look than in the field of view of the start.
+function narrowing(degrees) {
+  return Math.tan((FIELD * Math.PI) / 360) / Math.tan((degrees * Math.PI) / 360);
 }
 
 function start(viewer) {
@@ -105,26 +27,33 @@ function start(viewer) {
   const renderer = new WebGLRenderer({ canvas, alpha: true, antialias: false, preserveDrawingBuffer: true });
   renderer.setPixelRatio(Math.min(window.devicePixelRatio || 1, 2));
   const scene = new Scene();
-  const camera = new PerspectiveCamera(45, 1, frame.radius / 500, frame.radius * 200);
+  const camera = new PerspectiveCamera(FIELD, 1, frame.radius / 500, frame.radius * 200);
   const controls = new OrbitControls(camera, canvas);
-  const points = pointsOf(cloud, frame);
+  const points = pointsOf(cloud);
   const frusta = frustaOf(cloud.cameras);
   scene.add(points, frusta);
 
-  let budget = Math.min(cloud.count, 100000);
-  let asked = false, moving = false, resting = 0, last = 0, pace = FRAME_MS;
+  const size = part("size");
+  let budget = Math.min(cloud.count, 60000);
+  let asked = false, moving = false, going = false, resting = 0, last = 0, pace = FRAME_MS, reach = 1;
 
   function draw(now) {
     asked = false;
     const took = now - last;
     last = now;
-    if (moving && took < 300) {
+    if (moving && going) {
       pace = 0.8 * pace + 0.2 * took;
-      budget = Math.max(Math.min(LEAST_POINTS, cloud.count), Math.min(cloud.count, budget * Math.min(1.1, FRAME_MS / pace)));
+      const wanted = budget * Math.min(1.1, FRAME_MS / pace);
+      budget = Math.min(cloud.count, Math.max(LEAST_POINTS, wanted));
     }
     const drawn = moving ? Math.round(budget) : cloud.count;
     points.geometry.setDrawRange(0, drawn);
+    const larger = Math.min(LARGEST, Math.sqrt(cloud.count / Math.max(drawn, 1)));
+    points.material.uniforms.size.value = Number(size.value) * renderer.getPixelRatio() * larger;
+    points.material.uniforms.reference.value = reach * narrowing(camera.fov);
     renderer.render(scene, camera);
+    going = moving;
+    if (moving) ask(); // the next frame at once, so that the time between two is what drawing takes
     canvas.dispatchEvent(new CustomEvent("drawn", { detail: { points: drawn } }));
   }
   function ask() {
@@ -141,14 +70,26 @@ function start(viewer) {
   }
 
   function place(from) {
-    const half = (camera.fov * Math.PI) / 360;
-    const narrow = Math.min(half, Math.atan(Math.tan(half) * camera.aspect));
-    const distance = (0.85 * frame.radius) / Math.sin(narrow);
+    const distance = fitting(from);
     controls.target.copy(frame.middle);
     camera.position.copy(from).setLength(distance).add(frame.middle);
-    points.material.uniforms.reference.value = distance;
+    reach = distance;
     controls.update();
     moved();
+  }
+  // How far off nearly all points are within the picture.
+  function fitting(from) {
+    const back = from.clone().normalize();
+    const right = new Vector3(0, 1, 0).cross(back).normalize();
+    const up = back.clone().cross(right);
+    const tall = Math.tan((camera.fov * Math.PI) / 360);
+    const point = new Vector3();
+    const needed = Float32Array.from({ length: Math.min(cloud.count, 5000) }, (_, i) => {
+      point.fromArray(cloud.positions, 3 * i).sub(frame.middle);
+      const aside = Math.max(Math.abs(point.dot(right)) / (tall * camera.aspect), Math.abs(point.dot(up)) / tall);
+      return aside + point.dot(back);
+    }).sort();
+    return Math.max(1.08 * quantile(needed, 0.98), 0.5 * frame.radius);
   }
   // The side that the photographs were taken from, a little turned and raised.
   function side() {
@@ -160,7 +101,31 @@ function start(viewer) {
     round.phi = Math.min(round.phi, 1.35);
     return new Vector3().setFromSpherical(round.makeSafe());
   }
-  const home = () => place(side());
+  function home() {
+    lens(FIELD, true);
+    place(side());
+  }
+  // The field of view in degrees; the cameras stand in the way of one that looks from among them.
+  function lens(degrees, outside) {
+    camera.fov = degrees;
+    camera.updateProjectionMatrix();
+    frusta.visible = outside && (part("cameras")?.checked ?? false);
+    if (outside && part("from")) part("from").value = "";
+  }
+  // As the photograph was taken, turning about what lies in its middle.
+  function lookFrom({ centre, corners }) {
+    const eye = new Vector3(...centre);
+    const [topLeft, , , bottomLeft] = corners.map((corner) => new Vector3(...corner));
+    const middle = corners.reduce((sum, corner) => sum.addScaledVector(new Vector3(...corner), 0.25), new Vector3());
+    const ahead = middle.sub(eye);
+    const field = (360 / Math.PI) * Math.atan(topLeft.distanceTo(bottomLeft) / 2 / ahead.length());
+    lens(Math.min(100, Math.max(5, field)), false);
+    const depth = Math.max(frame.middle.clone().sub(eye).dot(ahead.normalize()), 0.2 * frame.radius);
+    controls.target.copy(eye).addScaledVector(ahead, depth);
+    camera.position.copy(eye);
+    controls.update();
+    moved();
+  }
 
   function resize() {
     const { clientWidth: width, clientHeight: height } = canvas;
@@ -191,7 +156,8 @@ function start(viewer) {
   const markEnds = new BufferAttribute(new Float32Array(6), 3);
   markGeometry.setAttribute("position", markEnds);
   const over = { color: 0xd81b60, depthTest: false };
-  const dots = new Points(markGeometry, new PointsMaterial({ ...over, size: 9 * renderer.getPixelRatio(), sizeAttenuation: false }));
+  const dot = { ...over, size: 9 * renderer.getPixelRatio(), sizeAttenuation: false };
+  const dots = new Points(markGeometry, new PointsMaterial(dot));
   const ruler = new LineSegments(markGeometry, new LineBasicMaterial(over));
   for (const mark of [ruler, dots]) {
     mark.frustumCulled = false;
@@ -199,32 +165,6 @@ function start(viewer) {
     scene.add(mark);
   }
 
-  function nearest(x, y) {
-    camera.updateMatrixWorld();
-    const m = camera.projectionMatrix.clone().multiply(camera.matrixWorldInverse).elements;
-    const [width, height] = [canvas.clientWidth, canvas.clientHeight];
-    const found = PICK_PX.map(() => ({ index: -1, depth: Infinity }));
-    const p = cloud.positions;
-    for (let i = 0; i < cloud.count; i++) {
-      const [a, b, c] = [p[3 * i], p[3 * i + 1], p[3 * i + 2]];
-      const w = m[3] * a + m[7] * b + m[11] * c + m[15];
-      if (w <= 0) continue;
-      const dx = ((m[0] * a + m[4] * b + m[8] * c + m[12]) / w / 2 + 0.5) * width - x;
-      const dy = (0.5 - (m[1] * a + m[5] * b + m[9] * c + m[13]) / w / 2) * height - y;
-      const away = dx * dx + dy * dy;
-      for (let k = 0; k < PICK_PX.length; k++) {
-        if (away < PICK_PX[k] ** 2 && w < found[k].depth) found[k] = { index: i, depth: w };
-      }
-    }
-    const index = found.find((f) => f.index >= 0)?.index ?? -1;
-    return index < 0 ? null : new Vector3().fromArray(p, 3 * index);
-  }
-  function length(units) {
-    const scale = cloud.metres_per_unit;
-    if (!scale) return `${units.toPrecision(4)} model units`;
-    const metres = units * scale;
-    return metres < 0.1 ? `${(1000 * metres).toPrecision(3)} mm` : `${metres.toPrecision(4)} m`;
-  }
   function say(text) {
     part("reading").textContent = text;
   }
@@ -233,7 +173,8 @@ function start(viewer) {
     if (marks.length === 2) marks.length = 0;
     marks.push(point);
     showMarks();
-    say(marks.length === 1 ? "First point set. Pick the second." : `Distance: ${length(marks[0].distanceTo(marks[1]))}`);
+    say(marks.length === 1 ? "First point set. Pick the second."
+      : `Distance: ${lengthInWords(marks[0].distanceTo(marks[1]), cloud.metres_per_unit)}`);
   }
   function showMarks() {
     marks.forEach((point, i) => markEnds.setXYZ(i, point.x, point.y, point.z));
@@ -263,7 +204,7 @@ function start(viewer) {
   canvas.addEventListener("pointerup", (e) => {
     if (!measuring() || !pressed || Math.hypot(e.clientX - pressed[0], e.clientY - pressed[1]) > 4) return;
     const box = canvas.getBoundingClientRect();
-    mark(nearest(e.clientX - box.left, e.clientY - box.top));
+    mark(nearest(cloud, camera, canvas, e.clientX - box.left, e.clientY - box.top));
   });
   // The wheel scrolls the page until the viewer has the focus.
   controls.enableZoom = false;
@@ -275,7 +216,7 @@ function start(viewer) {
     ArrowLeft: () => turn(-0.08, 0), ArrowRight: () => turn(0.08, 0),
     ArrowUp: () => turn(0, 0.08), ArrowDown: () => turn(0, -0.08),
     "+": () => zoom(0.9), "=": () => zoom(0.9), "-": () => zoom(1 / 0.9), _: () => zoom(1 / 0.9), Home: home,
-    Enter: () => measuring() && mark(nearest(canvas.clientWidth / 2, canvas.clientHeight / 2)),
+    Enter: () => measuring() && mark(nearest(cloud, camera, canvas, canvas.clientWidth / 2, canvas.clientHeight / 2)),
   };
   canvas.addEventListener("keydown", (e) => {
     if (e.ctrlKey || e.metaKey || e.altKey || !Object.hasOwn(keys, e.key)) return;
@@ -285,15 +226,12 @@ function start(viewer) {
 
   part("home").addEventListener("click", home);
   part("mode").addEventListener("change", (e) => {
-    points.material.uniforms.mode.value = MODES[e.target.value];
+    const tint = points.geometry.getAttribute("tint");
+    tint.array.set(tintsIn(e.target.value, cloud, frame));
+    tint.needsUpdate = true;
     ask();
   });
-  const size = part("size");
-  const setSize = () => {
-    points.material.uniforms.size.value = Number(size.value) * renderer.getPixelRatio();
-    ask();
-  };
-  size.addEventListener("input", setSize);
+  size.addEventListener("input", ask);
   part("cameras")?.addEventListener("change", (e) => {
     frusta.visible = e.target.checked;
     ask();
@@ -301,22 +239,15 @@ function start(viewer) {
   const from = part("from");
   cloud.cameras.forEach(({ name }, i) => from?.add(new Option(name, String(i))));
   from?.addEventListener("change", () => {
-    const chosen = cloud.cameras[Number(from.value)];
-    if (from.value === "" || !chosen) return home();
-    const centre = new Vector3(...chosen.centre);
-    const ahead = chosen.corners.reduce((sum, c) => sum.addScaledVector(new Vector3(...c), 0.25), new Vector3()).sub(centre);
-    const depth = Math.max(frame.middle.clone().sub(centre).dot(ahead) / ahead.length(), 0.2 * frame.radius);
-    controls.target.copy(centre).addScaledVector(ahead.normalize(), depth);
-    camera.position.copy(centre).addScaledVector(ahead, -0.02 * depth);
-    controls.update();
-    moved();
+    const chosen = from.value === "" ? null : cloud.cameras[Number(from.value)];
+    if (chosen) lookFrom(chosen);
+    else home();
   });
 
   viewer.hidden = false;
   resize();
-  const fill = Math.sqrt((0.7 * canvas.clientWidth * canvas.clientHeight) / Math.max(cloud.count, 1));
+  const fill = Math.sqrt((1.1 * canvas.clientWidth * canvas.clientHeight) / Math.max(cloud.count, 1));
   size.value = String(Math.min(5, Math.max(1.5, fill)));
-  setSize();
   showMarks();
   home();
   new ResizeObserver(resize).observe(canvas);

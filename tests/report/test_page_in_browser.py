@@ -1,0 +1,229 @@
+"""The page in a real browser: it draws, its workings work, and nothing of a name runs."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+from browser import chromium, headless
+from numpy.typing import NDArray
+from PIL import Image
+from synthetic import synthetic_contents
+
+from colmap_ihe.report.page import render_page
+
+if TYPE_CHECKING:
+    from playwright.sync_api import Browser, Dialog, Locator, Page
+
+pytest.importorskip("playwright", reason="playwright is not installed")
+if chromium() is None:
+    pytest.skip("no Chromium is installed", allow_module_level=True)
+
+HOSTILE = '"><script>window.ran=1;alert(1)</script><img src=x onerror="window.ran=2;alert(2)">'
+WIDE, PHONE = {"width": 1100, "height": 800}, {"width": 360, "height": 740}
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Browser]:
+    with headless() as started:
+        yield started
+
+
+@pytest.fixture(scope="module")
+def address(tmp_path_factory: pytest.TempPathFactory) -> str:
+    return written(tmp_path_factory.mktemp("page") / "page.html")
+
+
+@pytest.fixture(scope="module")
+def hostile(tmp_path_factory: pytest.TempPathFactory) -> str:
+    return written(tmp_path_factory.mktemp("page") / "page.html", HOSTILE)
+
+
+def written(path: Path, hostile: str = "") -> str:
+    path.write_text(render_page(synthetic_contents(6000, 12, hostile)), encoding="utf-8")
+    return path.as_uri()
+
+
+class Opened:
+    """A page and what went on in it."""
+
+    def __init__(self, browser: Browser, address: str, viewport: dict[str, int]) -> None:
+        self.page: Page = browser.new_page(
+            viewport={"width": viewport["width"], "height": viewport["height"]}
+        )
+        self.page.set_default_timeout(20_000)
+        self.errors: list[str] = []
+        self.requests: list[str] = []
+        self.dialogs: list[str] = []
+        self.page.on("console", lambda m: self.errors.append(m.text) if m.type == "error" else None)
+        self.page.on("pageerror", lambda e: self.errors.append(str(e)))
+        self.page.on("request", lambda r: self.requests.append(r.url))
+        self.page.on("dialog", self._dismiss)
+        self.page.goto(address)
+
+    def _dismiss(self, dialog: Dialog) -> None:
+        self.dialogs.append(dialog.message)
+        dialog.dismiss()
+
+    def still(self) -> None:
+        """Until the viewer has drawn all points."""
+        self.page.wait_for_timeout(700)
+
+
+def pixels(of: Locator) -> NDArray[np.uint8]:
+    return np.asarray(Image.open(io.BytesIO(of.screenshot())).convert("RGB"))
+
+
+@pytest.fixture(params=["plain", "hostile"])
+def opened(browser: Browser, address: str, hostile: str, request: pytest.FixtureRequest) -> Iterator[Opened]:
+    it = Opened(browser, hostile if request.param == "hostile" else address, WIDE)
+    yield it
+    it.page.close()
+
+
+@pytest.fixture
+def page(browser: Browser, address: str) -> Iterator[Page]:
+    it = Opened(browser, address, WIDE)
+    it.still()
+    yield it.page
+    assert not it.errors
+    it.page.close()
+
+
+def test_nothing_is_asked_for_and_nothing_of_a_name_runs(opened: Opened) -> None:
+    opened.still()
+    loads = [url for url in opened.requests if not url.startswith("data:")]
+    assert len(loads) == 1 and loads[0].startswith("file:")
+    assert not opened.errors and not opened.dialogs
+    assert opened.page.evaluate("window.ran") is None
+    assert opened.page.locator("script").count() == 3
+
+
+def test_policy_stops_what_is_put_in_later(browser: Browser, address: str) -> None:
+    it = Opened(browser, address, WIDE)
+    it.page.evaluate(
+        "() => { document.body.insertAdjacentHTML('beforeend', '<img src=x onerror=\"window.ran=1\">') }"
+    )
+    it.page.evaluate(
+        "const s = document.createElement('script'); s.text = 'window.ran = 2'; document.body.append(s)"
+    )
+    it.page.wait_for_timeout(200)
+    assert it.page.evaluate("window.ran") is None
+    it.page.close()
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_the_cloud_is_drawn(page: Page, scheme: str) -> None:
+    page.emulate_media(color_scheme="dark" if scheme == "dark" else "light")
+    drawn = pixels(page.locator("canvas"))
+    background = drawn[4, 4]
+    assert (np.abs(drawn.astype(int) - background).max(axis=2) > 20).mean() > 0.03
+    assert (background > 128).all() == (scheme == "light")
+
+
+def test_keys_and_choices_change_the_picture(page: Page) -> None:
+    canvas = page.locator("canvas")
+    canvas.focus()
+    seen = [pixels(canvas)]
+    for act in (
+        lambda: page.keyboard.press("ArrowLeft"),
+        lambda: page.keyboard.press("+"),
+        lambda: page.locator("[data-part=mode]").select_option("grey"),
+        lambda: page.locator("[data-part=mode]").select_option("height"),
+        lambda: page.locator("[data-part=cameras]").uncheck(),
+        lambda: page.locator("[data-part=size]").fill("8"),
+        lambda: page.locator("[data-part=from]").select_option("3"),
+    ):
+        act()
+        page.wait_for_timeout(400)
+        seen.append(pixels(canvas))
+        assert (seen[-1] != seen[-2]).any()
+    grey = seen[3].astype(int)[50:-50, 50:-50]
+    assert np.ptp(grey[grey.min(axis=2) < 150], axis=1).mean() < np.ptp(seen[2].astype(int), axis=2).max() / 2
+
+
+def test_home_comes_back(page: Page) -> None:
+    canvas = page.locator("canvas")
+    canvas.focus()
+    before = pixels(canvas)
+    for key in ("ArrowLeft", "ArrowUp", "-", "Home"):
+        page.keyboard.press(key)
+    page.wait_for_timeout(500)
+    assert (np.abs(pixels(canvas).astype(int) - before).max(axis=2) > 20).mean() < 0.002
+
+
+def test_nothing_is_drawn_while_nothing_changes(page: Page) -> None:
+    page.evaluate(
+        "window.drawn = 0; document.querySelector('canvas').addEventListener('drawn', () => { window.drawn++ })"
+    )
+    page.wait_for_timeout(600)
+    assert page.evaluate("window.drawn") == 0
+
+
+def test_a_distance_is_read(page: Page) -> None:
+    page.locator("[data-part=measure]").click()
+    canvas = page.locator("canvas")
+    drawn = pixels(canvas).astype(int)
+    rows, columns = np.nonzero(np.abs(drawn - drawn[4, 4]).max(axis=2) > 60)
+    for which in (len(rows) // 4, 3 * len(rows) // 4):
+        canvas.click(position={"x": float(columns[which]), "y": float(rows[which])})
+    reading = page.locator("[data-part=reading]").inner_text()
+    assert reading.startswith("Distance: ") and reading.endswith(" model units")
+    assert 0 < float(reading.split()[1]) < 20
+
+
+def test_before_and_after_by_keys_and_by_pointer(page: Page) -> None:
+    group = page.locator("[data-compare]").first
+    slider, shown = group.locator("input"), group.locator(".compare")
+    slider.focus()
+    before = pixels(shown)
+    for _ in range(20):
+        page.keyboard.press("ArrowRight")
+    assert slider.input_value() == "70"
+    assert (pixels(shown) != before).mean() > 0.02
+    box = shown.bounding_box()
+    assert box is not None
+    slider.click(position={"x": 0.2 * box["width"], "y": 0.5 * box["height"]})
+    assert abs(int(slider.input_value()) - 20) <= 1
+
+
+def test_methods_are_copied(page: Page) -> None:
+    button = page.locator("[data-copies=methods]")
+    button.click()
+    page.wait_for_timeout(300)
+    assert button.inner_text() == "Copied"
+
+
+def test_one_photograph_at_a_time(page: Page) -> None:
+    page.locator("#choose-sliders").select_option(index=2)
+    assert [page.locator("[data-compare]").nth(i).is_visible() for i in range(3)] == [False, False, True]
+
+
+def test_phone_has_nothing_beside_the_screen(browser: Browser, address: str, hostile: str) -> None:
+    for where in (address, hostile):
+        it = Opened(browser, where, PHONE)
+        it.page.evaluate("document.querySelectorAll('details').forEach((d) => { d.open = true })")
+        assert it.page.evaluate("document.documentElement.scrollWidth") <= 360
+        it.page.close()
+
+
+def test_paper_shows_what_is_folded(page: Page) -> None:
+    page.evaluate("dispatchEvent(new Event('beforeprint'))")
+    assert page.locator("details:not([open])").count() == 0
+    page.evaluate("dispatchEvent(new Event('afterprint'))")
+    assert page.locator("details[open]").count() == 0
+    assert page.pdf().startswith(b"%PDF")
+
+
+def test_without_webgl_a_sentence_stands_there(browser: Browser, address: str) -> None:
+    it = Opened(browser, "about:blank", WIDE)
+    it.page.add_init_script("HTMLCanvasElement.prototype.getContext = () => null")
+    it.page.goto(address)
+    assert "WebGL is missing" in it.page.locator("#no-viewer").inner_text()
+    assert not it.page.locator("canvas").is_visible()
+    assert not it.errors
+    it.page.close()
