@@ -185,7 +185,7 @@ def _against(model: Path, truth: Truth) -> _Row:
     }
 
 
-def _matching(done: Reconstruction, cameras: Path) -> dict[str, dict[str, float]]:
+def _matching(done: Reconstruction, cameras: Path) -> dict[str, dict[str, float | None]]:
     """By movement of the camera, as the cameras of the first method tell it, and over all pairs."""
     poses = poses_of(cameras / "0")
     kinds: dict[str, list[PairMatches]] = {"all": [], **{name: [] for name in MOVEMENTS}}

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 from colmap_ihe.evaluate.paired import LEFT_OUT, standard_error, verdict
 from colmap_ihe.evaluate.pairs import MOVEMENTS
@@ -28,7 +29,7 @@ class Compared:
 
     method: str
     weights: tuple[float, ...] | None
-    matching: Mapping[str, Mapping[str, float]]
+    matching: Mapping[str, Mapping[str, Any]]
     runs: Mapping[int, Mapping[str, float]]
     dense_points: int | None
 
@@ -85,13 +86,13 @@ def sentences(found: Sequence[Compared]) -> list[str]:
 def _matching(found: Sequence[Compared]) -> Table:
     kinds = [k for k in ("all", *MOVEMENTS) if found[0].matching[k]["pairs"]]
     columns = ["method", "weights", "putative", "inliers"]
-    columns += [f"{kind}, % of putative ({found[0].matching[kind]['pairs']:.0f} pairs)" for kind in kinds]
+    columns += [f"{kind}, % of putative ({found[0].matching[kind]['pairs']} pairs)" for kind in kinds]
     rows = []
     for one in found:
         weights = "-" if one.weights is None else " ".join(f"{w:.2f}" for w in one.weights)
         counts = one.matching["all"]
-        shares = [f"{one.matching[kind]['efficiency_percent']:.1f}" for kind in kinds]
-        rows.append([one.method, weights, f"{counts['putative']:,.0f}", f"{counts['inliers']:,.0f}", *shares])
+        shares = [_share(one.matching[kind]["efficiency_percent"]) for kind in kinds]
+        rows.append([one.method, weights, f"{counts['putative']:,}", f"{counts['inliers']:,}", *shares])
     return Table("matching", "Pairwise matching efficiency: inliers of putative matches", columns, rows)
 
 
@@ -138,6 +139,10 @@ def _paired(one: Compared, other: Compared, figure: _Figure) -> tuple[list[float
 
 def _verdict(one: Compared, other: Compared, figure: _Figure) -> str:
     return verdict(*_paired(one, other, figure), more_is_better=figure.more_is_better).words
+
+
+def _share(percent: float | None) -> str:
+    return "-" if percent is None else f"{percent:.1f}"
 
 
 def _with_error(values: Sequence[float], decimals: int) -> str:

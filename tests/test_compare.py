@@ -69,7 +69,7 @@ def test_methods_side_by_side_and_resumed(
 
     folder = project / "compare"
     assert {file.suffix for file in folder.iterdir() if file.is_file()} == {".csv", ".tex", ".json"}
-    rows = list(csv.reader((folder / "reconstruction.csv").open()))
+    rows = list(csv.reader((folder / "reconstruction.csv").read_text().splitlines()))
     assert [row[0] for row in rows] == ["method", "ihe", "rec709"]
     assert len({len(row) for row in rows}) == 1
     assert json.loads((folder / "compare.json").read_text())[0]["runs"]["0"]["registered"] == 8

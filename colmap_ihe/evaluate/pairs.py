@@ -25,10 +25,10 @@ class PairMatches:
     inliers: int
 
 
-def efficiency_percent(pairs: Sequence[PairMatches]) -> float:
-    """Inliers of putative matches over some pairs (the paper's Table 1); nan for none."""
+def efficiency_percent(pairs: Sequence[PairMatches]) -> float | None:
+    """Inliers of putative matches over some pairs (the paper's Table 1); None without any match."""
     putative = sum(pair.putative for pair in pairs)
-    return 100 * sum(pair.inliers for pair in pairs) / putative if putative else float("nan")
+    return 100 * sum(pair.inliers for pair in pairs) / putative if putative else None
 
 
 def movement(first: F64, second: F64) -> Movement:

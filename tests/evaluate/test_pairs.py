@@ -28,8 +28,8 @@ def pose(
 
 def test_efficiency_is_over_all_matches_and_not_the_mean_of_pairs() -> None:
     assert efficiency_percent([PairMatches(100, 50), PairMatches(300, 270)]) == 80
-    assert math.isnan(efficiency_percent([]))
-    assert math.isnan(efficiency_percent([PairMatches(0, 0)]))
+    assert efficiency_percent([]) is None
+    assert efficiency_percent([PairMatches(0, 0)]) is None
 
 
 @pytest.mark.parametrize(
