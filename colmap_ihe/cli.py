@@ -210,6 +210,7 @@ def _compare(parsed: argparse.Namespace, bars: Bars) -> None:
         print_table(table.title, [tuple(row) for row in table.rows], tuple(table.columns))
     for sentence in sentences(found):
         print(sentence)
+    print(f"report    {parsed.project / 'compare' / 'index.html'}")
 
 
 def _report(parsed: argparse.Namespace, bars: Bars) -> None:

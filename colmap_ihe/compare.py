@@ -26,6 +26,7 @@ from colmap_ihe.colmap.measures import poses_of, putative_and_inliers, rms_px, t
 from colmap_ihe.colmap.native import logged_to
 from colmap_ihe.colmap.undistort import undistort
 from colmap_ihe.colmap.workspace import remove_database
+from colmap_ihe.compare_page import write_comparison
 from colmap_ihe.compared import METHODS, PAPER, Compared, tables_of
 from colmap_ihe.errors import OptionError
 from colmap_ihe.evaluate.paired import LEFT_OUT
@@ -80,11 +81,12 @@ def compare(
         stack.enter_context(own.locked())
         stack.enter_context(logged_to(own.native_log))
         executor = stack.enter_context(local_executor())
-        first: Reconstruction | None = None
+        projects: list[Reconstruction] = []
         for method in dict.fromkeys(methods):
             done = _matched(place, method, options, executor, audience)
             runs = {seed: _mapped(done, options, seed, truth, audience) for seed in range(seeds + 1)}
-            first = first or done
+            projects.append(done)
+            first = projects[0]
             found.append(
                 Compared(
                     method,
@@ -94,6 +96,9 @@ def compare(
                     _dense_points(done, first, options, executor, audience),
                 )
             )
+        write_comparison(
+            place, found, [done.project for done in projects], _seed_folder(projects[0], 0) / "0"
+        )
     write_json(place.comparison / "compare.json", [asdict(one) for one in found])
     for table in tables_of(found):
         write_bytes(place.comparison / f"{table.name}.csv", table.as_csv().encode())

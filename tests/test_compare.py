@@ -68,7 +68,10 @@ def test_methods_side_by_side_and_resumed(
     assert "Pairwise matching efficiency" in said
 
     folder = project / "compare"
-    assert {file.suffix for file in folder.iterdir() if file.is_file()} == {".csv", ".tex", ".json"}
+    assert {file.suffix for file in folder.iterdir() if file.is_file()} == {".csv", ".tex", ".json", ".html"}
+    page = (folder / "index.html").read_text()
+    assert "ihe against rec709: " in page
+    assert page.count("<figure") == 8
     rows = list(csv.reader((folder / "reconstruction.csv").read_text().splitlines()))
     assert [row[0] for row in rows] == ["method", "ihe", "rec709"]
     assert len({len(row) for row in rows}) == 1

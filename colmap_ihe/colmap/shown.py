@@ -120,6 +120,35 @@ def dense_points(cloud: Path, frame: Frame, most: int) -> Points:
     return Points(found.positions, found.colours, len(rows))
 
 
+def cloud_as_seen(cloud: Path, model: Path, name: str, longest: int) -> _U8:
+    """(H, W, 3) uint8: a fused cloud as the camera of that image sees it, nearest points in front, white where there
+    is none; the longer side is `longest` at the most. Raises `ProjectError`."""
+    found = pycolmap.Reconstruction(model)
+    image = next(i for i in found.images.values() if i.name == name)
+    camera = found.cameras[image.camera_id]
+    scale = min(1.0, longest / max(camera.width, camera.height))
+    width, height = round(camera.width * scale), round(camera.height * scale)
+    rows = read_ply(cloud)["vertex"]
+    seen = image.cam_from_world() * np.stack([rows[axis] for axis in "xyz"], axis=1).astype(np.float64)
+    rows, seen = rows[seen[:, 2] > 0], seen[seen[:, 2] > 0]
+    column, row = (camera.img_from_cam(seen) * scale).astype(np.intp).T
+    inside = (column >= 0) & (column < width) & (row >= 0) & (row < height)
+    order = np.flatnonzero(inside)[np.argsort(-seen[inside, 2], kind="stable")]
+    drawn = np.full((height, width, 3), 255, np.uint8)
+    drawn[row[order], column[order]] = np.stack([rows[c][order] for c in ("red", "green", "blue")], axis=1)
+    return drawn
+
+
+def places_of_matches(database: Path, first: str, second: str) -> tuple[_F64, _F64]:
+    """(N, 2) each: where the verified matches of two images lie, in pixels."""
+    with pycolmap.Database.open(database) as opened:
+        ids = {str(image.name): image.image_id for image in opened.read_all_images()}
+        geometry = opened.read_two_view_geometry(ids[first], ids[second])
+        places = [np.asarray(opened.read_keypoints(ids[name]))[:, :2] for name in (first, second)]
+    pairs = np.asarray(geometry.inlier_matches, np.intp).reshape(-1, 2)
+    return places[0][pairs[:, 0]].astype(np.float64), places[1][pairs[:, 1]].astype(np.float64)
+
+
 def verified_matches(database: Path, names: Sequence[str]) -> NDArray[np.int64]:
     """(n, n): how many verified inliers each two of the images share, in their order."""
     place = {name: n for n, name in enumerate(names)}

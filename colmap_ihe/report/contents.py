@@ -12,6 +12,8 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from colmap_ihe.report.tables import Table
+
 
 @dataclass(frozen=True)
 class Picture:
@@ -99,6 +101,30 @@ class Grey:
     tones_rec709: Sequence[float] = ()
     patchwork_colour: Picture | None = None
     patchwork_grey: Picture | None = None
+
+
+@dataclass(frozen=True)
+class MethodFigures:
+    """One method of a comparison in pictures, all of them of the same photographs: the grey, its difference from
+    Rec.709, the verified matches of a pair, and the dense cloud as one camera sees it."""
+
+    method: str
+    grey: Picture
+    difference: Picture
+    matches: Picture | None
+    cloud: Picture | None
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """All of the page of a comparison. `sentences` say what the tables say; `command` makes it again."""
+
+    title: str
+    sentences: Sequence[str]
+    tables: Sequence[Table]
+    figures: Sequence[MethodFigures]
+    command: str
+    citation: str
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
 from colmap_ihe.report import charts
-from colmap_ihe.report.contents import Contents
+from colmap_ihe.report.contents import Comparison, Contents
 from colmap_ihe.report.embed import cloud_data, data_uri
 
 _ROOM = "colmap_ihe.report"
@@ -42,6 +42,13 @@ def render_page(contents: Contents) -> str:
     return html.encode("utf-8", "backslashreplace").decode("utf-8")
 
 
+def render_comparison(comparison: Comparison) -> str:
+    """The page of a comparison as HTML, to be written as UTF-8; likewise escaped. It needs no script."""
+    page = _environment().get_template("comparison.html.j2")
+    html = page.render(c=comparison, style=Markup(_asset("page.css")), policy=_policy([]))
+    return html.encode("utf-8", "backslashreplace").decode("utf-8")
+
+
 @cache
 def _environment() -> Environment:
     environment = Environment(
@@ -69,7 +76,7 @@ def _asset(name: str) -> str:
 def _policy(scripts: list[str]) -> str:
     """What the page may do: show embedded pictures, use its own style, run these scripts; load nothing."""
     digests = (hashlib.sha256(script.encode()).digest() for script in scripts)
-    hashes = " ".join(f"'sha256-{base64.b64encode(digest).decode()}'" for digest in digests)
+    hashes = " ".join(f"'sha256-{base64.b64encode(digest).decode()}'" for digest in digests) or "'none'"
     return (
         f"default-src 'none'; img-src data:; style-src 'unsafe-inline'; script-src {hashes}; "
         "base-uri 'none'; form-action 'none'"

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from colmap_ihe.report.contents import Picture
 
-_U8 = NDArray[np.uint8]
+U8 = NDArray[np.uint8]
 
 _QUALITY = 85
 _DRAWN = 250  # matches of a pair; more of them hide the photographs
@@ -22,7 +22,7 @@ MIDDLE = 127
 """Of a picture of differences: no difference."""
 
 
-def picture(pixels: _U8, alt: str, longest: int) -> Picture:
+def picture(pixels: U8, alt: str, longest: int) -> Picture:
     """(H, W) or (H, W, 3) uint8 sRGB, shrunk until its longer side is `longest` at the most, as JPEG."""
     pixels = shrunk(pixels, longest)
     coded = simplejpeg.encode_jpeg(
@@ -34,7 +34,7 @@ def picture(pixels: _U8, alt: str, longest: int) -> Picture:
     return Picture(coded, pixels.shape[1], pixels.shape[0], alt)
 
 
-def shrunk(pixels: _U8, longest: int) -> _U8:
+def shrunk(pixels: U8, longest: int) -> U8:
     """With its longer side at most `longest`; each pixel the mean over its area."""
     scale = longest / max(pixels.shape[:2])
     if scale >= 1:
@@ -43,17 +43,17 @@ def shrunk(pixels: _U8, longest: int) -> _U8:
     return np.asarray(cv2.resize(pixels, size, interpolation=cv2.INTER_AREA), np.uint8)
 
 
-def rec709(rgb: _U8) -> _U8:
+def rec709(rgb: U8) -> U8:
     """(H, W) uint8: the grey that COLMAP makes of (H, W, 3) uint8 by default."""
     return np.asarray(np.rint(rgb @ np.array(_REC709, np.float32)), np.uint8)
 
 
-def difference(chosen: _U8, default: _U8) -> _U8:
+def difference(chosen: U8, default: U8) -> U8:
     """(H, W) uint8: what two greys differ in, `MIDDLE` where nothing."""
     return np.asarray(np.clip(chosen.astype(np.int16) - default + MIDDLE, 0, 255), np.uint8)
 
 
-def patchwork(pixels: Sequence[_U8], side: int) -> _U8:
+def patchwork(pixels: Sequence[U8], side: int) -> U8:
     """The middle squares of photographs, all (h, w) or all (h, w, 3), as tiles of `side` pixels in a square."""
     across = int(np.ceil(len(pixels) ** 0.5))
     down = -(-len(pixels) // across)
@@ -67,7 +67,7 @@ def patchwork(pixels: Sequence[_U8], side: int) -> _U8:
     return whole
 
 
-def matches_drawn(first: _U8, second: _U8, ones: NDArray[np.float64], others: NDArray[np.float64]) -> _U8:
+def matches_drawn(first: U8, second: U8, ones: NDArray[np.float64], others: NDArray[np.float64]) -> U8:
     """(H, W, 3) uint8: two greys side by side, and lines between the (N, 2) places that match, in pixels of each. Of
     many matches some, spread over all; colours tell neighbours apart and mean nothing."""
     height = max(len(first), len(second))
