@@ -33,7 +33,7 @@ from colmap_ihe.per_image import LeftOut
 from colmap_ihe.pipeline import ROAD, Reconstruction, reconstruct, switched_off
 from colmap_ihe.preprocess import survey
 from colmap_ihe.progress import SILENT, Audience
-from colmap_ihe.project import Project, write_bytes
+from colmap_ihe.project import Project, read_json, write_bytes
 from colmap_ihe.project_yaml import load_options
 from colmap_ihe.recipes import prepared_set
 from colmap_ihe.report.summary import summarise
@@ -54,7 +54,10 @@ def demo(folder: Path, assignments: list[str], audience: Audience) -> Reconstruc
     options = project_options(folder, assignments)
     with audience.stage("render") as watch:
         render_demo(folder, watch=watch)
-    return add_truth(reconstruct(folder, options, audience=audience), folder / "truth")
+    done = add_truth(reconstruct(folder, options, audience=audience), folder / "truth")
+    if done.project.page_file.exists():
+        report(folder, assignments, audience=audience)  # now with the truth
+    return done
 
 
 def fit_files(
@@ -156,8 +159,11 @@ def report(
             f"{project}: no photograph is converted yet, so there is nothing to show",
             hint="run `colmap-ihe reconstruct` first",
         )
+    summary = summarise(records, options)
+    if truth := (read_json(place.summary_file) or {}).get("truth"):  # of this very model, else it were gone
+        summary["truth"] = truth
     with place.locked(), local_executor() as executor, audience.stage("page") as watch:
-        return write_page(place, records, summarise(records, options), options, executor, watch)
+        return write_page(place, records, summary, options, executor, watch)
 
 
 def doctor(
