@@ -28,7 +28,7 @@ from colmap_ihe.colmap.undistort import undistort
 from colmap_ihe.colmap.workspace import remove_database
 from colmap_ihe.compare_page import write_comparison
 from colmap_ihe.compared import METHODS, PAPER, Compared, tables_of
-from colmap_ihe.errors import OptionError
+from colmap_ihe.errors import MappingError, OptionError
 from colmap_ihe.evaluate.paired import LEFT_OUT
 from colmap_ihe.evaluate.pairs import (
     MOVEMENTS,
@@ -87,6 +87,11 @@ def compare(
             runs = {seed: _mapped(done, options, seed, truth, audience) for seed in range(seeds + 1)}
             projects.append(done)
             first = projects[0]
+            if not found and not runs[0]["registered"]:
+                raise MappingError(
+                    f"{method}: no photograph has a place in its model, and its cameras would serve for all methods",
+                    hint="name another method first",
+                )
             found.append(
                 Compared(
                     method,
@@ -156,10 +161,15 @@ def _mapped(
         if seed:
             database = folder.with_name(f"{seed}.db")
             thin_out(project.database, database, LEFT_OUT, seed)
-        with audience.stage(f"{project.root.name}, run {seed}") as watch:
-            model = map_images(database, project.grey, folder, options.sparse, images, watch)[0]
-        if seed:
-            remove_database(database)
+        try:
+            with audience.stage(f"{project.root.name}, run {seed}") as watch:
+                model = map_images(database, project.grey, folder, options.sparse, images, watch)[0]
+        except MappingError as error:
+            audience.warn(f"{project.root.name}, run {seed}: {error}")
+            return {"registered": 0, "points": 0, "points_over_3_views": 0}
+        finally:
+            if seed:
+                remove_database(database)
         row: _Row = {
             "registered": model.registered_images,
             "points": model.points3d,

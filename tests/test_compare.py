@@ -7,15 +7,17 @@ import json
 import shutil
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import pytest
 from conftest import QUICK
 
 from colmap_ihe import compare as driver
 from colmap_ihe.cli import main
+from colmap_ihe.colmap.mapping import map_images
 from colmap_ihe.compare import compare
 from colmap_ihe.compared import Compared, sentences, tables_of
-from colmap_ihe.errors import OptionError
+from colmap_ihe.errors import MappingError, OptionError
 from colmap_ihe.options import Options
 from colmap_ihe.report.tables import Table
 
@@ -83,6 +85,23 @@ def test_an_unknown_method_is_refused_before_any_work(new_project: Make) -> None
     with pytest.raises(OptionError, match="no method is called 'gray'"):
         compare(project, methods=["ihe", "gray"])
     assert not (project / "compare").exists()
+
+
+def test_a_method_without_a_model_is_told_and_does_not_end_the_others(
+    new_project: Make, quick_options: MakeOptions, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fails_in_green(database: Path, *rest: Any) -> Any:
+        if "green" in database.parts:
+            raise MappingError("none of the photographs could be placed in a model")
+        return map_images(database, *rest)
+
+    monkeypatch.setattr("colmap_ihe.compare.map_images", fails_in_green)
+    project, options = new_project(), quick_options("dense.enabled=false")
+    rec709, green = compare(project, options, methods=["rec709", "green"], seeds=0)
+    assert (rec709.runs[0]["registered"], green.runs[0]["registered"]) == (8, 0)
+    assert tables_of([rec709, green])[1].rows[1][1] == "0.0"
+    with pytest.raises(MappingError, match=r"green: no photograph has a place"):
+        compare(project, options, methods=["green", "rec709"], seeds=0)
 
 
 def compared(method: str, points: list[float], truth: bool = False) -> Compared:
