@@ -6,7 +6,8 @@ PROJECT is reconstructed as far as the sparse model, whose cameras serve every m
 guard. Of the demo, whose truth is exact: accuracy is the share of the fused points that are so near to a true surface,
 completeness the share of what the photographs truly see that is so near to a fused point, F their harmonic mean
 (Schoeps et al. 2017, ETH3D); the distance is in percent of the scene's extent. "Walls" fits a plane to the points on
-each of the demo's flat walls: the median distance from it, in percent of the extent, over the walls and of the worst.
+each of the demo's flat walls: the median distance from it, in percent of the extent, over the walls and of the worst;
+"flat surfaces" are floors, treads and undersides too, with what stands on them within 0.5 % of the extent.
 """
 
 from __future__ import annotations
@@ -36,6 +37,7 @@ from colmap_ihe.terminal import print_table
 
 WITHIN_PERCENT = (0.1, 0.5)
 SAMPLES = 1_000_000
+UPWARD = 2  # the axis of floors, treads and undersides
 WALL_M2, WALL_POINTS = 1.0, 2000  # smaller walls and those that hardly show are not judged
 METHODS = {
     "ihe": FitOptions(),
@@ -105,13 +107,19 @@ def _against_truth(dense: Path, truth: Truth) -> dict[str, str]:
         within = percent / 100 * truth.extent_m
         a, c = (100 * float(np.mean(errors <= within)) for errors in (accuracy, completeness))
         found[f"accuracy, completeness, F at {percent} %"] = f"{a:.1f}, {c:.1f}, {2 * a * c / (a + c):.1f} %"
-    walls = 100 / truth.extent_m * np.array(list(_walls(cloud, truth.extent_m)))
+    flat = dict(_flat(cloud, truth.extent_m))
+    walls = 100 / truth.extent_m * np.array([away for wall, away in flat.items() if wall.axis != UPWARD])
+    surfaces = 100 / truth.extent_m * np.array(list(flat.values()))
     found["walls, worst of how many"] = f"{np.median(walls):.4f}, {walls.max():.4f} % of {len(walls)}"
+    found["flat surfaces, worst of how many"] = (
+        f"{np.median(surfaces):.4f}, {surfaces.max():.4f} % of {len(surfaces)}"
+    )
     return found
 
 
-def _walls(cloud: Points, extent_m: float) -> Iterator[float]:
-    """The median distance in metres of the points on each flat wall from the plane that fits them best."""
+def _flat(cloud: Points, extent_m: float) -> Iterator[tuple[Rect, float]]:
+    """Of the flat surfaces of the demo: the median distance in metres of the points on them from the plane that fits
+    them best."""
     for patch in portico():
         wall = patch.shape
         if not isinstance(wall, Rect) or wall.disc or np.prod(wall.size_m) < WALL_M2:
@@ -127,7 +135,7 @@ def _walls(cloud: Points, extent_m: float) -> Iterator[float]:
             normal = np.linalg.svd(points - middle, full_matrices=False)[2][2]
             away = np.abs((points - middle) @ normal)
             points = points[away <= 3 * 1.4826 * np.median(away)]
-        yield float(np.median(away))
+        yield wall, float(np.median(away))
 
 
 if __name__ == "__main__":
