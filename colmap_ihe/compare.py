@@ -1,4 +1,4 @@
-"""The paper's evaluation on a project: the same photographs in several greys, side by side over several seeds.
+"""The paper's evaluation on a project: the same photographs in several greys, side by side.
 
 Each method has a project of its own below `compare/`, so that it resumes as any other: photographs are converted,
 features found and matched once a method. The mapper runs with all matches, and once a seed without some of them, which
@@ -101,13 +101,11 @@ def compare(
                     _dense_points(done, first, options, executor, audience),
                 )
             )
-        write_comparison(
-            place, found, [done.project for done in projects], _seed_folder(projects[0], 0) / "0"
-        )
-    write_json(place.comparison / "compare.json", [asdict(one) for one in found])
-    for table in tables_of(found):
-        write_bytes(place.comparison / f"{table.name}.csv", table.as_csv().encode())
-        write_bytes(place.comparison / f"{table.name}.tex", table.as_latex().encode())
+        write_json(place.comparison / "compare.json", [asdict(one) for one in found])
+        for table in tables_of(found):
+            write_bytes(place.comparison / f"{table.name}.csv", table.as_csv().encode())
+            write_bytes(place.comparison / f"{table.name}.tex", table.as_latex().encode())
+        write_comparison(place, found, [done.project for done in projects], _seed_folder(first, 0) / "0")
     return found
 
 
@@ -116,6 +114,16 @@ def _truth(place: Project) -> Truth | None:
         if folder.is_dir():
             return read_truth(folder)
     return None
+
+
+def _content_of(truth: Truth | None) -> list[Any] | None:
+    """What figures against a truth depend on, as plain values."""
+    if truth is None:
+        return None
+    return [
+        truth.extent_m,
+        *((key, image.cam_from_world.tolist()) for key, image in sorted(truth.images.items())),
+    ]
 
 
 def _matched(
@@ -182,7 +190,7 @@ def _mapped(
     inputs = (
         options.sparse.model_dump(mode="json"),
         LEFT_OUT,
-        truth is not None,
+        _content_of(truth),
         library_versions("pycolmap"),
     )
     return _once(project, f"run-{seed}", measure, *inputs)

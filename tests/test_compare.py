@@ -62,6 +62,14 @@ def test_methods_side_by_side_and_resumed(
         patched.setattr(driver, "sgm_depth_maps", fail)
         again = compare(project, quick_options(), methods=["ihe", "rec709"], seeds=2)
     assert again == found
+    cameras = project / "truth/cameras.json"  # another truth, other errors
+    said = json.loads(cameras.read_text())
+    next(iter(said["cameras"].values()))["cam_from_world"][0][3] += 0.5
+    whole = cameras.read_text()
+    cameras.write_text(json.dumps(said))
+    moved = compare(project, quick_options("dense.enabled=false"), methods=["ihe"], seeds=0)
+    assert moved[0].runs[0]["position_m"] > 2 * found[0].runs[0]["position_m"]
+    cameras.write_text(whole)
     settings = [part for assignment in QUICK for part in ("--set", assignment)]
     arguments = ["compare", str(project), "--methods", "ihe,rec709", "--seeds", "2", *settings]
     assert main(arguments) == 0

@@ -6,10 +6,10 @@ import base64
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from colmap_ihe.captures.png import encode_png
 from colmap_ihe.report.contents import Contents, Grey
 
 WIDTH, HEIGHT = 640, 200  # of a chart, in units of its drawing
@@ -17,7 +17,7 @@ _HIGHEST_SHARE = (
     99.5  # percentile of the tones that a chart reaches to: black and white borders stand out of it
 )
 _BARS = 20  # longest track with a bar of its own
-_INK = (178, 110, 46)  # B, G, R of the match picture: seen on dark and on light
+_INK = (46, 110, 178)  # R, G, B of the match picture: seen on dark and on light
 _LEAST_SIDE = 320
 
 
@@ -98,8 +98,7 @@ def match_picture(matches: NDArray[np.int64]) -> MatchPicture | None:
     picture[..., 3] = np.round(255 * strength)
     times = max(1, -(-_LEAST_SIDE // len(both)))
     picture = picture.repeat(times, axis=0).repeat(times, axis=1)
-    coded = cv2.imencode(".png", picture)[1].tobytes()
-    uri = "data:image/png;base64," + base64.b64encode(coded).decode("ascii")
+    uri = "data:image/png;base64," + base64.b64encode(encode_png(picture)).decode("ascii")
     return MatchPicture(uri, len(picture), int(both.max()), int(np.count_nonzero(np.triu(both))))
 
 

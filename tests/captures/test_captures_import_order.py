@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import subprocess
 import sys
+from io import BytesIO
 from pathlib import Path
 
 import numpy as np
 import pytest
 from PIL import Image
+
+from colmap_ihe.captures.png import encode_png
 
 CONVERT = """
 from pathlib import Path
@@ -86,3 +89,21 @@ for n in range(3):
 """
     done = fresh(code, tmp_path)
     assert done.returncode == 0, done.stderr
+
+
+def test_the_picture_of_a_page_too(tmp_path: Path) -> None:
+    done = fresh(
+        "import pycolmap\nimport numpy as np\nfrom colmap_ihe.report.charts import match_picture\n"
+        "for n in range(2, 40): assert match_picture(np.arange(n * n).reshape(n, n)).side >= 320\n",
+        tmp_path,
+    )
+    assert done.returncode == 0, done.stderr
+
+
+def test_png_with_alpha_is_what_it_was() -> None:
+    pixels = np.random.default_rng(1).integers(0, 256, (9, 12, 4), np.uint8)
+    with Image.open(BytesIO(encode_png(pixels))) as image:
+        assert image.mode == "RGBA"
+        np.testing.assert_array_equal(np.asarray(image), pixels)
+    with pytest.raises(ValueError, match="shape"):
+        encode_png(pixels[..., :2])
