@@ -37,7 +37,7 @@ from colmap_ihe.project import Project, read_json, write_bytes
 from colmap_ihe.project_yaml import load_options
 from colmap_ihe.recipes import prepared_set
 from colmap_ihe.report.summary import summarise
-from colmap_ihe.run import Record
+from colmap_ihe.run import Record, Run
 from colmap_ihe.version import __version__
 
 
@@ -163,7 +163,8 @@ def report(
     if truth := (read_json(place.summary_file) or {}).get("truth"):  # of this very model, else it were gone
         summary["truth"] = truth
     with place.locked(), local_executor() as executor, audience.stage("page") as watch:
-        return write_page(place, records, summary, options, executor, watch)
+        run = Run(place, options, discover(place.images), executor, records)
+        return write_page(run, summary, watch)
 
 
 def doctor(

@@ -14,17 +14,16 @@ from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor
 from contextlib import ExitStack
 from dataclasses import asdict
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from colmap_ihe.colmap.depth_maps import sgm_depth_maps
-from colmap_ihe.colmap.fusion import fuse
+from colmap_ihe.colmap.cloud import dense_cloud
 from colmap_ihe.colmap.mapping import map_images
 from colmap_ihe.colmap.measures import poses_of, putative_and_inliers, rms_px, thin_out
 from colmap_ihe.colmap.native import logged_to
-from colmap_ihe.colmap.undistort import undistort
 from colmap_ihe.colmap.workspace import remove_database
 from colmap_ihe.compare_page import write_comparison
 from colmap_ihe.compared import METHODS, PAPER, Compared, tables_of
@@ -44,7 +43,7 @@ from colmap_ihe.grey.conversions import CONVERSIONS
 from colmap_ihe.options import FitOptions, Options
 from colmap_ihe.pipeline import Reconstruction, reconstruct
 from colmap_ihe.progress import SILENT, Audience
-from colmap_ihe.project import Project, fingerprint_of, read_json, write_bytes, write_json
+from colmap_ihe.project import Project, fingerprint_of, read_json, require_room, write_bytes, write_json
 from colmap_ihe.version import library_versions
 
 AUC_DEG = 5.0
@@ -239,21 +238,21 @@ def _dense_points(
     def measure() -> _Row:
         shutil.rmtree(dense, ignore_errors=True)
         with audience.stage(f"{project.root.name}, dense") as watch:
-            undistort(
+            made = dense_cloud(
                 cameras,
                 project.grey,
                 project.colour,
+                project.made_masks,
                 dense,
-                masks_dir=project.made_masks if project.made_masks.is_dir() else None,
-                max_image_size=options.dense.max_image_size,
-                watch=watch,
+                options.dense,
+                executor,
+                watch,
+                partial(require_room, project.root),
             )
-            sgm_depth_maps(dense, executor=executor, watch=watch)
-            points = fuse(dense, options=options.dense.colmap, watch=watch)
         cloud = project.workspace / "same-cameras.ply"
         (dense / "fused.ply").replace(cloud)
         shutil.rmtree(dense)
-        return {"points": points}
+        return {"points": made["points"]}
 
     record = first.project.read_record("run-0") or {}
     inputs = (options.dense.model_dump(mode="json"), record.get("fingerprint"), library_versions("pycolmap"))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from concurrent.futures import Executor
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -55,39 +54,25 @@ def page_of(run: Run, summary: Mapping[str, Any], audience: Audience) -> None:
     """The page at the end of a run. Where it cannot be written the model is there all the same, and a warning."""
     try:
         with audience.stage("page") as watch:
-            write_page(run.project, run.records, summary, run.options, run.executor, watch)
+            write_page(run, summary, watch)
     except KnownError as error:
         audience.warn(f"no page was written: {error}")
 
 
-def write_page(
-    project: Project,
-    records: _Records,
-    summary: Mapping[str, Any],
-    options: Options,
-    executor: Executor,
-    watch: Watch,
-) -> Path:
+def write_page(run: Run, summary: Mapping[str, Any], watch: Watch) -> Path:
     """Writes report/index.html of a project that is converted at least, and returns it. Raises `KnownError`s."""
-    contents = gather(project, records, summary, options, executor, watch)
-    write_bytes(project.page_file, render_page(contents).encode())
-    return project.page_file
+    write_bytes(run.project.page_file, render_page(gather(run, summary, watch)).encode())
+    return run.project.page_file
 
 
-def gather(
-    project: Project,
-    records: _Records,
-    summary: Mapping[str, Any],
-    options: Options,
-    executor: Executor,
-    watch: Watch,
-) -> Contents:
+def gather(run: Run, summary: Mapping[str, Any], watch: Watch) -> Contents:
     """All that the page shows of a project that is converted at least. Raises `KnownError`s."""
+    project, records, options = run.project, run.records, run.options
     grey_of: Mapping[str, str] = records["convert"]["grey"]
     some = _spread(sorted(grey_of), _PICTURED)
     watch.start(len(some), "photographs looked at")
     looks: dict[str, _Look] = {}
-    for look in in_order(executor, lambda name: _look(project, name, grey_of[name]), some, watch=watch):
+    for look in in_order(run.executor, lambda name: _look(project, name, grey_of[name]), some, watch=watch):
         looks[look.name] = look
         watch.advance()
     model = shown.Model(project.sparse / "0") if "sparse" in records else None

@@ -21,12 +21,13 @@ from colmap_ihe.captures.discover import Discovery, discover
 from colmap_ihe.colmap import textured
 from colmap_ihe.colmap.dense import pick_backend
 from colmap_ihe.colmap.native import logged_to
+from colmap_ihe.digests import FRAMES, content_of, digests_of
 from colmap_ihe.errors import OptionError, PhotographError
 from colmap_ihe.executor import local_executor
 from colmap_ihe.options import Options
 from colmap_ihe.pages import page_of
 from colmap_ihe.progress import SILENT, Audience, Watch
-from colmap_ihe.project import Project, digest_file, fingerprint_of, read_json, room_on_disk, write_json
+from colmap_ihe.project import Project, fingerprint_of, room_on_disk, write_json
 from colmap_ihe.report.summary import summarise
 from colmap_ihe.run import Record, Run
 from colmap_ihe.version import __version__, library_versions
@@ -53,7 +54,6 @@ ROAD = (
     Stage("mesh", stages.mesh, ("mesh",)),
 )
 NAMES = tuple(stage.name for stage in ROAD)
-_FRAMES = "../calibration/"  # before the names of its files, which no photograph can have
 _INPUT_CHANGED = "what it reads changed"
 
 
@@ -118,7 +118,7 @@ def reconstruct(
         workers = executor or stack.enter_context(local_executor())
         run = Run(place, options, discovery, workers)
         with audience.stage("content") as watch:
-            digests = _digests(place, run.discovery, watch)
+            digests = digests_of(place, run.discovery, watch)
             write_json(place.digests_file, digests)
         prints = _fingerprints(place, options, run.discovery, digests)
         ran = []
@@ -173,7 +173,7 @@ def status(
     options = options or Options()
     place = Project.at(Path(project), Path(images) if images else None)
     discovery = discover(place.images)
-    prints = _fingerprints(place, options, discovery, _digests(place, discovery, SILENT))
+    prints = _fingerprints(place, options, discovery, digests_of(place, discovery, SILENT))
     states: list[StageState] = []
     stale_before = ""
     for stage in ROAD:
@@ -269,35 +269,9 @@ def _fingerprints(
     prints: dict[str, str] = {}
     for stage in ROAD:
         chosen = _options_of(options, stage)
-        besides = _content_of(project.masks) if stage.name == "features" else []
+        besides = content_of(project.masks) if stage.name == "features" else []
         if stage.name == "captures":
-            besides = [[name, found[-1]] for name, found in digests.items() if name.startswith(_FRAMES)]
+            besides = [[name, found[-1]] for name, found in digests.items() if name.startswith(FRAMES)]
         before = fingerprint_of(stage.name, chosen, _versions_of(stage), besides, before)
         prints[stage.name] = before
     return prints
-
-
-def _content_of(folder: Path) -> list[list[str]]:
-    files = sorted(p for p in folder.rglob("*") if p.is_file()) if folder.is_dir() else []
-    return [[p.relative_to(folder).as_posix(), digest_file(p)] for p in files]
-
-
-def _digests(project: Project, discovery: Discovery, watch: Watch) -> dict[str, list[Any]]:
-    """Size, time and digest of the content of every photograph and calibration frame, read again where size or
-    time have changed."""
-    known = read_json(project.digests_file) or {}
-    found: dict[str, list[Any]] = {}
-    files = {c.name: c.path for c in discovery.captures}
-    for frame in sorted(p for p in project.calibration.rglob("*") if p.is_file()):
-        files[_FRAMES + frame.relative_to(project.calibration).as_posix()] = frame
-    watch.start(len(files))
-    for name, path in files.items():
-        try:
-            about = path.stat()
-            key = [about.st_size, about.st_mtime_ns]
-            old = known.get(name, [])
-            found[name] = [*key, old[2] if old[:2] == key else digest_file(path)]
-        except OSError as error:
-            found[name] = [0, 0, f"unreadable: {error.strerror}"]
-        watch.advance()
-    return found

@@ -218,6 +218,16 @@ def room_on_disk(path: Path) -> Iterator[None]:
         raise
 
 
+def require_room(folder: Path, needed: int) -> None:
+    """Raises `DiskFullError` unless there is room for so many bytes beside it."""
+    free = shutil.disk_usage(folder).free
+    if free < needed:
+        raise DiskFullError(
+            f"{folder}: {free / 1e9:.1f} GB free on this disk, about {needed / 1e9:.1f} GB needed",
+            hint="make room; the same command goes on from here",
+        )
+
+
 def write_bytes(path: Path, content: bytes) -> None:
     """Writes a file that is whole under its name or not there: temporary file, flush, rename."""
     temporary = path.with_name(f".{fingerprint_of(path.name)}.{os.getpid()}.tmp")  # of a length that fits

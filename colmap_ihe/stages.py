@@ -6,39 +6,32 @@ plain values. It knows nothing of records, resuming or the terminal: that is `pi
 
 from __future__ import annotations
 
-import logging
 import shutil
 from collections import Counter
 from dataclasses import asdict
+from functools import partial
 from pathlib import Path
 
 import yaml
 
-from colmap_ihe import memory, oddities, outputs
+from colmap_ihe import oddities, outputs
 from colmap_ihe.captures import decoders
 from colmap_ihe.colmap import mesh as surface
 from colmap_ihe.colmap import textured
-from colmap_ihe.colmap.cost import dense_cost
-from colmap_ihe.colmap.dense import patchmatch_depth_maps, pick_backend
-from colmap_ihe.colmap.depth_maps import sgm_depth_maps
+from colmap_ihe.colmap.cloud import dense_cloud
 from colmap_ihe.colmap.features import extract_features
-from colmap_ihe.colmap.fusion import FUSION_BYTES, fuse
 from colmap_ihe.colmap.mapping import map_images
 from colmap_ihe.colmap.matching import match_features
-from colmap_ihe.colmap.undistort import sizes_of, undistort
 from colmap_ihe.colmap.workspace import database_is_sound, remove_database
-from colmap_ihe.errors import DiskFullError, MappingError
-from colmap_ihe.executor import local_workers
+from colmap_ihe.errors import MappingError
 from colmap_ihe.fitting import Fit, Trial, fit_captures
 from colmap_ihe.grey.weights import grey_from_dict
 from colmap_ihe.options import Options
 from colmap_ihe.preprocess import convert_captures, survey, write_masks
 from colmap_ihe.progress import Watch
-from colmap_ihe.project import Project, write_bytes
+from colmap_ihe.project import require_room, write_bytes
 from colmap_ihe.recipes import recipe_notes, with_recipes
 from colmap_ihe.run import Record, Run
-
-logger = logging.getLogger(__name__)
 
 _DATABASE_BYTES = 4_000_000  # features and matches of one image, roughly
 _CLOUD_BYTES = 27  # of a point
@@ -115,7 +108,7 @@ def convert(run: Run, watch: Watch) -> Record:
     for half_written in (*project.grey.rglob(".*.tmp"), *project.colour.rglob(".*.tmp")):
         half_written.unlink()
     if not run.resumed:
-        _require_room(project, run.records["captures"]["pixels"] * 3)
+        require_room(project.root, run.records["captures"]["pixels"] * 3)
     found = fit_of(run.records["fit"])
     captures_left = {c.name for c in run.captures()}
     surveyed = run.surveyed
@@ -145,7 +138,7 @@ def features(run: Run, watch: Watch) -> Record:
         remove_database(project.database)
     masks, mask_warnings = _masks(run)
     names = run.grey_names()
-    _require_room(project, len(names) * _DATABASE_BYTES)
+    require_room(project.root, len(names) * _DATABASE_BYTES)
     counts = extract_features(
         project.database,
         project.grey,
@@ -205,58 +198,24 @@ def sparse(run: Run, watch: Watch) -> Record:
 
 
 def dense(run: Run, watch: Watch) -> Record:
-    project, options = run.project, run.options.dense
-    for folder in (
-        "images",
-        "sparse",
-        "masks",
-        "grey/images",
-        "grey/sparse",
-    ):  # quickly made, and not atomically
-        shutil.rmtree(project.dense / folder, ignore_errors=True)
-    sizes = sizes_of(project.sparse / "0")
-    if len(sizes) < 2:
-        raise MappingError(
-            "dense stereo needs two registered photographs, the model has one",
-            hint="look at the warnings of the sparse stage in records/sparse.json",
-        )
-    free = memory.available()
-    cost = dense_cost(sizes, options.max_image_size, pick_backend(options.backend), local_workers(), free)
-    logger.info("%s", cost.in_words())
-    _require_room(project, cost.disk_bytes)
-    undistort(
+    project = run.project
+    return dense_cloud(
         project.sparse / "0",
         project.grey,
         project.colour,
+        project.made_masks,
         project.dense,
-        masks_dir=project.made_masks if project.made_masks.is_dir() else None,
-        max_image_size=options.max_image_size,
-        watch=watch,
+        run.options.dense,
+        run.executor,
+        watch,
+        partial(require_room, project.root),
     )
-    record: Record = {"backend": cost.backend, "warnings": []}
-    if cost.backend == "sgm":
-        counts = sgm_depth_maps(project.dense, executor=run.executor, at_once=cost.at_once, watch=watch)
-        record |= {
-            "pixels": counts.pixels,
-            "pixels_with_depth": counts.pixels_with_depth,
-            "pairs_used": counts.pairs_used,
-            "pairs_left_out": counts.pairs_left_out,
-        }
-        if counts.empty:
-            record["warnings"].append(f"no depth could be found for {', '.join(sorted(counts.empty)[:5])}")
-    else:
-        patchmatch_depth_maps(project.dense, options=options.patchmatch, watch=watch)
-    most = min(FUSION_BYTES, free // 2) if free else FUSION_BYTES
-    points = fuse(project.dense, options=options.colmap, most_bytes=most, watch=watch)
-    if not points:
-        record["warnings"].append("no point of the depth maps was confirmed: the cloud is empty")
-    return {**record, "points": points}
 
 
 def mesh(run: Run, watch: Watch) -> Record:
     project, options = run.project, run.options.mesh
     points = run.records["dense"]["points"]
-    _require_room(project, points * _CLOUD_BYTES + options.faces * _FACE_BYTES)
+    require_room(project.root, points * _CLOUD_BYTES + options.faces * _FACE_BYTES)
     try:
         made = surface.reconstruct_surface(
             project.dense / "fused.ply", project.mesh, options.faces, options=options.colmap, watch=watch
@@ -302,12 +261,3 @@ def write_weights(run: Run) -> None:
     main = fit_of(run.records["fit"]).main
     text = yaml.safe_dump(main.as_dict(), sort_keys=False, default_flow_style=None)
     write_bytes(run.project.weights_file, text.encode())
-
-
-def _require_room(project: Project, needed: int) -> None:
-    free = shutil.disk_usage(project.root).free
-    if free < needed:
-        raise DiskFullError(
-            f"{project.root}: {free / 1e9:.1f} GB free on this disk, about {needed / 1e9:.1f} GB needed",
-            hint="make room; the same command goes on from here",
-        )

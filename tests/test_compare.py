@@ -59,7 +59,7 @@ def test_methods_side_by_side_and_resumed(
         raise AssertionError("dense stereo ran again")
 
     with monkeypatch.context() as patched:
-        patched.setattr(driver, "sgm_depth_maps", fail)
+        patched.setattr(driver, "dense_cloud", fail)
         again = compare(project, quick_options(), methods=["ihe", "rec709"], seeds=2)
     assert again == found
     cameras = project / "truth/cameras.json"  # another truth, other errors

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from colmap_ihe import pages
+from colmap_ihe.captures.discover import discover
 from colmap_ihe.cli import main
 from colmap_ihe.errors import NativeError
 from colmap_ihe.executor import local_executor
@@ -19,6 +20,7 @@ from colmap_ihe.progress import SILENT
 from colmap_ihe.project import Project
 from colmap_ihe.report.contents import Contents
 from colmap_ihe.report.summary import summarise
+from colmap_ihe.run import Run
 
 Make = Callable[..., Path]
 MakeOptions = Callable[..., Options]
@@ -29,7 +31,8 @@ def contents_of(project: Path, options: Options) -> Contents:
     found = {stage.name: place.read_record(stage.name) for stage in ROAD}
     records = {name: record for name, record in found.items() if record is not None}
     with local_executor() as executor:
-        return pages.gather(place, records, summarise(records, options), options, executor, SILENT)
+        run = Run(place, options, discover(place.images), executor, records)
+        return pages.gather(run, summarise(records, options), SILENT)
 
 
 def test_a_page_shows_the_whole_project(finished: Path, quick_options: MakeOptions) -> None:

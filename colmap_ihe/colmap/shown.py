@@ -53,6 +53,17 @@ class Seen:
     coverage: float
 
 
+def upright(cam_from_world: Sequence[_F64]) -> _F64:
+    """(3, 3): turns the mean upward direction of photographs, (3, 4) each, to +y; what they look at is towards -z."""
+    up = -np.mean([pose[1, :3] for pose in cam_from_world], axis=0)
+    back = -np.mean([pose[2, :3] for pose in cam_from_world], axis=0)
+    right = np.cross(up, back)
+    if np.linalg.norm(up) < 1e-6 or np.linalg.norm(right) < 1e-6:
+        return np.eye(3)
+    up, right = up / np.linalg.norm(up), right / np.linalg.norm(right)
+    return np.stack((right, up, np.cross(right, up)))
+
+
 class Model:
     """A sparse model. Raises what pycolmap raises where there is none."""
 
@@ -64,13 +75,7 @@ class Model:
 
     def frame(self) -> Frame:
         poses = [self._model.images[i].cam_from_world().matrix() for i in self._by_name.values()]
-        up = -np.mean([pose[1, :3] for pose in poses], axis=0)
-        back = -np.mean([pose[2, :3] for pose in poses], axis=0)
-        right = np.cross(up, back)
-        rotation = np.eye(3)
-        if np.linalg.norm(right) > 1e-6:
-            up, right = up / np.linalg.norm(up), right / np.linalg.norm(right)
-            rotation = np.stack((right, up, np.cross(right, up)))
+        rotation = upright(poses)
         if not len(self._xyz):
             return Frame(rotation, np.zeros(3), 1.0)
         low, high = np.percentile(self._xyz, (5, 95), axis=0)

@@ -16,6 +16,7 @@ import simplejpeg
 
 from colmap_ihe.colmap.native import pycolmap
 from colmap_ihe.colmap.ply import read_mesh
+from colmap_ihe.colmap.shown import upright
 from colmap_ihe.colmap.undistort import read_colour, read_mask
 from colmap_ihe.errors import CapabilityError
 from colmap_ihe.progress import SILENT, Watch
@@ -143,15 +144,8 @@ def _pictures(paths: list[Path], watch: Watch) -> Iterator[U8]:
 
 def _upright(views: list[View]) -> F64:
     """(4, 4): turns the mean upward direction of the photographs to +y, which is up in glTF."""
-    up = -np.mean([view.cam_from_world[1, :3] for view in views], axis=0)
-    back = -np.mean([view.cam_from_world[2, :3] for view in views], axis=0)
     turned = np.eye(4)
-    right = np.cross(up, back)
-    if np.linalg.norm(up) < 1e-6 or np.linalg.norm(right) < 1e-6:
-        return turned
-    up = up / np.linalg.norm(up)
-    right = right / np.linalg.norm(right)
-    turned[:3, :3] = right, up, np.cross(right, up)
+    turned[:3, :3] = upright([view.cam_from_world for view in views])
     return turned
 
 

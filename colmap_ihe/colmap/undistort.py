@@ -7,6 +7,7 @@ grid: there matching happens. `dense_dir/masks` holds a mask for each image, bla
 
 from __future__ import annotations
 
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -19,6 +20,7 @@ from colmap_ihe.progress import SILENT, Watch
 from colmap_ihe.project import write_bytes
 
 _WHITE = 255
+_MADE = ("images", "sparse", "masks", "grey/images", "grey/sparse")
 
 
 def undistort(
@@ -31,11 +33,14 @@ def undistort(
     max_image_size: int = -1,
     watch: Watch = SILENT,
 ) -> int:
-    """Writes both workspaces from a sparse model with its grey and colour images; returns their number.
+    """Writes both workspaces anew from a sparse model with its grey and colour images; returns their number.
 
-    `masks_dir` has COLMAP's mask of each image, NAME.png. `max_image_size` bounds the longer side in pixels, -1 for
-    none. Raises `ProjectError` if an image of the model has no grey or no colour file, or came out without one.
+    `masks_dir`, where it is there, has COLMAP's mask of each image, NAME.png. Depth maps are left.
+    `max_image_size` bounds the longer side in pixels, -1 for none. Raises `ProjectError` if an image of the model
+    has no grey or no colour file, or came out without one.
     """
+    for made in _MADE:  # quickly, and not atomically
+        shutil.rmtree(dense_dir / made, ignore_errors=True)
     model = pycolmap.Reconstruction(sparse_model)
     names = [model.images[image_id].name for image_id in model.reg_image_ids()]
     options = pycolmap.UndistortCameraOptions(max_image_size=max_image_size)
@@ -49,7 +54,7 @@ def undistort(
         )
         _require_files(workspace / "images", names)
         watch.advance()
-    if masks_dir is not None:
+    if masks_dir is not None and masks_dir.is_dir():
         watch.start(len(names), "undistorted masks")
         for image_id in model.reg_image_ids():
             image = model.images[image_id]

@@ -329,7 +329,7 @@ def test_a_file_that_may_not_be_read_is_refused(tmp_path: Path) -> None:
     refused(tmp_path / "a.jpg")
 
 
-@pytest.mark.parametrize("shape", [(70, 90), (70, 90, 3), (1, 1), (65, 64, 3)])
+@pytest.mark.parametrize("shape", [(70, 90), (70, 90, 3), (1, 1), (65, 64, 3), (65, 64, 4)])
 @pytest.mark.parametrize("content", ["noise", "smooth", "flat"])
 def test_the_png_writer_against_pillow(tmp_path: Path, shape: tuple[int, ...], content: str) -> None:
     rng = np.random.default_rng(3)
@@ -344,16 +344,16 @@ def test_the_png_writer_against_pillow(tmp_path: Path, shape: tuple[int, ...], c
     with Image.open(tmp_path / "a.png") as image:
         image.verify()  # the checksums
     with Image.open(tmp_path / "a.png") as image:
-        assert image.mode == ("L" if len(shape) == 2 else "RGB")
+        assert image.mode == {1: "L", 3: "RGB", 4: "RGBA"}[pixels[0, 0].size]
         np.testing.assert_array_equal(np.asarray(image), pixels)
         assert image.getexif()[0x0110] == "A camera"
 
 
 @pytest.mark.parametrize(
-    "pixels", [np.zeros((4, 4), np.uint16), np.zeros((4, 4, 4), np.uint8), np.zeros(4, np.uint8)]
+    "pixels", [np.zeros((4, 4), np.uint16), np.zeros((4, 4, 5), np.uint8), np.zeros(4, np.uint8)]
 )
 def test_the_png_writer_refuses_what_it_cannot_write(pixels: NDArray[Any]) -> None:
-    with pytest.raises(ValueError, match=r"expected \(H, W\) or \(H, W, 3\) uint8"):
+    with pytest.raises(ValueError, match=r"expected \(H, W\), .* or \(H, W, 4\) uint8"):
         encode_png(pixels)
 
 
