@@ -12,16 +12,16 @@ from colmap_ihe.captures.encode import SUFFIXES
 from colmap_ihe.captures.recipe import Demosaic
 from colmap_ihe.compared import METHODS as COMPARED
 from colmap_ihe.compared import PAPER
+from colmap_ihe.following import Follower
 from colmap_ihe.grey.conversions import CONVERSIONS
 from colmap_ihe.grey.convert import TONES
 from colmap_ihe.options import DevelopOptions
 from colmap_ihe.pipeline import NAMES
 from colmap_ihe.project_yaml import load_options
-from colmap_ihe.terminal import Bars
 from colmap_ihe.version import __version__
 
 METHODS = tuple(CONVERSIONS)
-Run = Callable[[argparse.Namespace, Bars], None]
+Run = Callable[[argparse.Namespace, Follower], None]
 
 
 def parser_of(runs: Mapping[str, Run]) -> argparse.ArgumentParser:
@@ -38,8 +38,20 @@ def parser_of(runs: Mapping[str, Run]) -> argparse.ArgumentParser:
     def command(name: str, text: str) -> argparse.ArgumentParser:
         added = subparsers.add_parser(name, help=text.split(". ")[0].rstrip("."), description=text)
         added.set_defaults(run=runs[name])
-        added.add_argument("--json", action="store_true", help="print the result as JSON, for machines")
-        added.add_argument("-q", "--quiet", action="store_true", help="no progress, only warnings")
+        shown = added.add_mutually_exclusive_group()
+        shown.add_argument(
+            "--json", action="store_const", const="whole", help="print the result as JSON, for machines"
+        )
+        shown.add_argument(
+            "--json-lines",
+            action="store_const",
+            const="lines",
+            dest="json",
+            help="print progress, warnings and the result as lines of JSON, as they come",
+        )
+        loud = added.add_mutually_exclusive_group()
+        loud.add_argument("-q", "--quiet", action="store_true", help="no progress, only warnings")
+        loud.add_argument("-v", "--verbose", action="store_true", help="also what COLMAP says, and times")
         return added
 
     _add_demo(command)

@@ -15,11 +15,14 @@ from typing import Any
 
 from colmap_ihe import commands
 from colmap_ihe.arguments import Run, camera_assignments, development, parser_of
+from colmap_ihe.colmap.native import hear_colmap
 from colmap_ihe.compare import compare
 from colmap_ihe.compared import sentences, tables_of
 from colmap_ihe.errors import Cancelled, KnownError
+from colmap_ihe.following import Follower
 from colmap_ihe.grey.weights import Weights
 from colmap_ihe.grey_folder import convert_folder
+from colmap_ihe.json_lines import JsonLines
 from colmap_ihe.linear_folder import develop_folder
 from colmap_ihe.options import ConvertOptions, FitOptions
 from colmap_ihe.pipeline import Reconstruction, reconstruct, status
@@ -36,26 +39,28 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parsed = parser_of(_RUNS).parse_args(arguments)
     warnings.filterwarnings("ignore", module=r"PIL\b")  # of broken photographs, which we name ourselves
     logging.basicConfig(level=logging.WARNING, format="%(name)s: %(message)s", stream=sys.stderr)
-    bars = Bars(quiet=parsed.quiet)
-    before = _listen(bars)
+    if parsed.verbose:
+        logging.getLogger("colmap_ihe").setLevel(logging.INFO)
+        hear_colmap()
+    follower = _follower(parsed)
+    before = _listen(follower)
     try:
         run: Run = parsed.run
-        run(parsed, bars)
+        run(parsed, follower)
         sys.stdout.flush()
     except KnownError as error:
-        hint = f" ({error.hint})" if error.hint else ""
-        print(f"colmap-ihe: {error}{hint}", file=sys.stderr)
+        follower.failed(str(error), error.hint or "")
         return EXIT_FAILED
     except (Cancelled, KeyboardInterrupt):
         same = "without --from, it" if getattr(parsed, "start", None) else "the same command"
-        print(f"colmap-ihe: stopped; {same} goes on from here", file=sys.stderr)
+        follower.failed(f"stopped; {same} goes on from here", "")
         return EXIT_CANCELLED
     except BrokenPipeError:
         _drop_stdout()
     except OSError as error:
         _drop_stdout()
         place = f"{error.filename}: " if error.filename else ""
-        print(f"colmap-ihe: {place}{error.strerror or error}", file=sys.stderr)
+        follower.failed(f"{place}{error.strerror or error}", "")
         return EXIT_FAILED
     finally:
         for number, handler in before.items():
@@ -68,34 +73,34 @@ def _drop_stdout() -> None:
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
-def _listen(bars: Bars) -> dict[int, Any]:
+def _listen(follower: Follower) -> dict[int, Any]:
     """The first Ctrl-C or SIGTERM asks what is running to stop; a second one does not ask."""
 
     def on_signal(number: int, _frame: object) -> None:
-        bars.stop()
+        follower.stop()
         signal.signal(number, signal.default_int_handler if number == signal.SIGINT else signal.SIG_DFL)
 
     return {number: signal.signal(number, on_signal) for number in (signal.SIGINT, signal.SIGTERM)}
 
 
-def _develop(parsed: argparse.Namespace, bars: Bars) -> None:
+def _develop(parsed: argparse.Namespace, follower: Follower) -> None:
     names, steps, left_out = develop_folder(
         parsed.images,
         parsed.out,
         options=development(parsed),
         calibration=parsed.calibration,
         strict=parsed.strict,
-        audience=bars,
+        audience=follower,
     )
     if parsed.json:
-        _print_json({"linear": names, "steps": steps, "left_out": left_out})
+        _result(follower, {"linear": names, "steps": steps, "left_out": left_out})
         return
     print(f"{len(names)} linear TIFFs in {parsed.out}")
     for camera, done in steps.items():
         print(f"{camera}: {', '.join(done)}")
 
 
-def _reconstruct(parsed: argparse.Namespace, bars: Bars) -> None:
+def _reconstruct(parsed: argparse.Namespace, follower: Follower) -> None:
     assignments = [*parsed.assignments, *camera_assignments(parsed)]
     if parsed.no_dense:
         assignments.append("dense.enabled=false")
@@ -105,10 +110,15 @@ def _reconstruct(parsed: argparse.Namespace, bars: Bars) -> None:
         assignments.append("captures.strict=true")
     options = commands.project_options(parsed.project, assignments)
     done = reconstruct(
-        parsed.project, options, images=parsed.images, start=parsed.start, until=parsed.until, audience=bars
+        parsed.project,
+        options,
+        images=parsed.images,
+        start=parsed.start,
+        until=parsed.until,
+        audience=follower,
     )
     if parsed.json:
-        _print_json(dict(done.summary))
+        _result(follower, dict(done.summary))
         return
     print_summary(done.summary, title=str(parsed.project))
     _print_report(done)
@@ -123,17 +133,17 @@ def _print_report(done: Reconstruction) -> None:
     print(f"report    {page if page.exists() else done.project.summary_file}")
 
 
-def _demo(parsed: argparse.Namespace, bars: Bars) -> None:
-    done = commands.demo(parsed.folder, parsed.assignments, bars)
+def _demo(parsed: argparse.Namespace, follower: Follower) -> None:
+    done = commands.demo(parsed.folder, parsed.assignments, follower)
     if parsed.json:
-        _print_json(dict(done.summary))
+        _result(follower, dict(done.summary))
     else:
         print_summary(done.summary, title=f"demo in {parsed.folder}")
         _print_report(done)
         print(f"dense     {done.dense_cloud}")
 
 
-def _fit(parsed: argparse.Namespace, bars: Bars) -> None:
+def _fit(parsed: argparse.Namespace, follower: Follower) -> None:
     names = ("method", "guard", "step", "sample", "weighting")
     assignments = [f"fit.{name}={getattr(parsed, name)}" for name in names]
     options = load_options(None, assignments).fit
@@ -144,14 +154,14 @@ def _fit(parsed: argparse.Namespace, bars: Bars) -> None:
         develop=development(parsed),
         calibration=parsed.calibration,
         strict=parsed.strict,
-        audience=bars,
+        audience=follower,
     )
     result = {**weights.as_dict(), "left_out": left_out}
     if parsed.json:
-        _print_json(result)
+        _result(follower, result)
         return
     for reason in left_out.values():
-        bars.warn(f"left out: {reason}")
+        follower.warn(f"left out: {reason}")
     print_table(
         "",
         [
@@ -162,7 +172,7 @@ def _fit(parsed: argparse.Namespace, bars: Bars) -> None:
     )
 
 
-def _convert(parsed: argparse.Namespace, bars: Bars) -> None:
+def _convert(parsed: argparse.Namespace, follower: Follower) -> None:
     weights, grey, left_out = convert_folder(
         parsed.images,
         parsed.out,
@@ -174,26 +184,26 @@ def _convert(parsed: argparse.Namespace, bars: Bars) -> None:
         calibration=parsed.calibration,
         cameras=load_options(None, camera_assignments(parsed)).cameras,
         strict=parsed.strict,
-        audience=bars,
+        audience=follower,
     )
     if parsed.json:
-        _print_json({**weights.as_dict(), "grey": grey, "left_out": left_out})
+        _result(follower, {**weights.as_dict(), "grey": grey, "left_out": left_out})
     else:
         words = f": {weights_in_words(weights.triplet)}" if isinstance(weights, Weights) else ""
         print(f"{len(grey)} grey images in {parsed.out} ({weights.method}{words})")
 
 
-def _status(parsed: argparse.Namespace, _bars: Bars) -> None:
+def _status(parsed: argparse.Namespace, follower: Follower) -> None:
     options = commands.project_options(parsed.project, [*parsed.assignments, *camera_assignments(parsed)])
     states = status(parsed.project, options, parsed.images)
     if parsed.json:
-        _print_json([asdict(state) for state in states])
+        _result(follower, [asdict(state) for state in states])
         return
     rows = [(s.name, s.state, "" if s.seconds is None else f"{s.seconds:.0f} s", s.why) for s in states]
     print_table("", rows, ("stage", "state", "time", "why"))
 
 
-def _compare(parsed: argparse.Namespace, bars: Bars) -> None:
+def _compare(parsed: argparse.Namespace, follower: Follower) -> None:
     assignments = [*parsed.assignments, *(["dense.enabled=false"] if parsed.no_dense else [])]
     found = compare(
         parsed.project,
@@ -201,10 +211,10 @@ def _compare(parsed: argparse.Namespace, bars: Bars) -> None:
         methods=[name.strip() for name in parsed.methods.split(",") if name.strip()],
         seeds=parsed.seeds,
         images=parsed.images,
-        audience=bars,
+        audience=follower,
     )
     if parsed.json:
-        _print_json([asdict(one) for one in found])
+        _result(follower, [asdict(one) for one in found])
         return
     for table in tables_of(found):
         print_table(table.title, [tuple(row) for row in table.rows], tuple(table.columns))
@@ -213,24 +223,28 @@ def _compare(parsed: argparse.Namespace, bars: Bars) -> None:
     print(f"report    {parsed.project / 'compare' / 'index.html'}")
 
 
-def _report(parsed: argparse.Namespace, bars: Bars) -> None:
-    page = commands.report(parsed.project, parsed.assignments, parsed.images, bars)
+def _report(parsed: argparse.Namespace, follower: Follower) -> None:
+    page = commands.report(parsed.project, parsed.assignments, parsed.images, follower)
     if parsed.json:
-        _print_json({"page": str(page)})
+        _result(follower, {"page": str(page)})
     else:
         print(page)
 
 
-def _doctor(parsed: argparse.Namespace, _bars: Bars) -> None:
+def _doctor(parsed: argparse.Namespace, follower: Follower) -> None:
     found = commands.doctor(parsed.project, parsed.assignments, parsed.images)
     if parsed.json:
-        _print_json(found)
+        _result(follower, found)
     else:
         print_table("", [(name, str(value)) for name, value in found.items()])
 
 
-def _print_json(values: Any) -> None:
-    print(json.dumps(values, indent=2, ensure_ascii=False))
+def _result(follower: Follower, values: Any) -> None:
+    follower.result(json.dumps(values, indent=2, ensure_ascii=False))
+
+
+def _follower(parsed: argparse.Namespace) -> Follower:
+    return JsonLines() if parsed.json == "lines" else Bars(quiet=parsed.quiet, verbose=parsed.verbose)
 
 
 _RUNS: dict[str, Run] = {

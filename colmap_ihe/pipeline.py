@@ -24,6 +24,7 @@ from colmap_ihe.colmap.native import logged_to
 from colmap_ihe.digests import FRAMES, content_of, digests_of
 from colmap_ihe.errors import OptionError, PhotographError
 from colmap_ihe.executor import local_executor
+from colmap_ihe.expected import expected
 from colmap_ihe.options import Options
 from colmap_ihe.pages import page_of
 from colmap_ihe.progress import SILENT, Audience, Watch
@@ -136,6 +137,11 @@ def reconstruct(
                 record = _run_stage(stage, run, prints[stage.name], forced, audience)
                 ran.append(stage.name)
             run.records[stage.name] = record
+            if stage.name == "captures":
+                counts = (len(run.captures()), record["pixels"], record["with_gps"])
+                audience.foresee(
+                    [p for p in expected(options, *counts) if p.stage in ("page", *NAMES[: last + 1])]
+                )
         for stage in ROAD[last + 1 :]:  # not asked for, but still true
             record = None if switched_off(stage.name, options) else place.read_record(stage.name)
             if record is None or _why_stale(place, stage, record, prints):

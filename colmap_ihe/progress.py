@@ -6,10 +6,12 @@ passes bars on stderr, a test passes `SILENT`.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from contextlib import AbstractContextManager, nullcontext
 from typing import Protocol
 
 from colmap_ihe.errors import Cancelled
+from colmap_ihe.forecast import Part
 
 
 class Watch(Protocol):
@@ -27,6 +29,9 @@ class Watch(Protocol):
 
 class Audience(Protocol):
     """Whoever follows a whole run, stage by stage."""
+
+    def foresee(self, parts: Sequence[Part]) -> None:
+        """What is to come, in order, and what it costs elsewhere: from it follows what remains."""
 
     def stage(self, name: str) -> AbstractContextManager[Watch]:
         """`name` begins; what is returned watches it and is left when it ends."""
@@ -53,6 +58,9 @@ class Silent:
     def check(self) -> None:
         if self.cancelled:
             raise Cancelled
+
+    def foresee(self, parts: Sequence[Part]) -> None:
+        pass
 
     def stage(self, name: str) -> AbstractContextManager[Watch]:
         return nullcontext(self)

@@ -3,10 +3,7 @@
 from __future__ import annotations
 
 import sys
-import threading
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
-from types import TracebackType
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from rich.console import Console
@@ -14,15 +11,15 @@ from rich.progress import (
     BarColumn,
     MofNCompleteColumn,
     Progress,
+    ProgressColumn,
+    Task,
     TextColumn,
     TimeElapsedColumn,
-    TimeRemainingColumn,
 )
 from rich.table import Table
 from rich.text import Text
 
-from colmap_ihe.errors import Cancelled
-from colmap_ihe.progress import Watch
+from colmap_ihe.following import Follower, Piece
 from colmap_ihe.report.summary import summary_rows
 
 _PIPE_WIDTH = 400
@@ -30,102 +27,123 @@ _PLAIN_EVERY = 10
 """Percent between two lines where stderr is no terminal."""
 
 
-class Bars:
+class Bars(Follower):
     """Follows a run on stderr. On a terminal with bars, else with a plain line now and then.
 
-    `stop` may be called from a signal handler: what is being watched then ends with `Cancelled`.
+    `verbose` says how long each stage took; `quiet` leaves only warnings.
     """
 
-    def __init__(self, *, quiet: bool = False) -> None:
+    def __init__(self, *, quiet: bool = False, verbose: bool = False) -> None:
+        super().__init__()
         self.console = Console(stderr=True, highlight=False, soft_wrap=True)
-        self.quiet = quiet
-        self._stop = threading.Event()
-
-    def stop(self) -> None:
-        self._stop.set()
-
-    def check(self) -> None:
-        if self._stop.is_set():
-            raise Cancelled
-
-    @contextmanager
-    def stage(self, name: str) -> Iterator[Watch]:
-        self.check()
-        with _Bar(self, name) as bar:
-            yield bar
-
-    def kept(self, name: str) -> None:
-        self._say(f"{name:>9}  up to date")
+        self.quiet, self.verbose = quiet, verbose
 
     def warn(self, text: str) -> None:
-        self._say(f"{'warning':>9}  {text}", style="yellow", always=True)
+        self.say("warning", text, style="yellow", always=True)
 
-    def _say(self, text: str, style: str = "", *, always: bool = False) -> None:
+    def result(self, text: str) -> None:
+        print(text)
+
+    def failed(self, message: str, hint: str) -> None:
+        print(f"colmap-ihe: {message}{f' ({hint})' if hint else ''}", file=sys.stderr)
+
+    def _piece(self, name: str) -> Piece:
+        return _Bar(self, name) if self.console.is_terminal and not self.quiet else _Plain(self, name)
+
+    def _kept(self, name: str) -> None:
+        self.say(name, "up to date")
+
+    def say(self, name: str, text: str, style: str = "", *, always: bool = False) -> None:
         if always or not self.quiet:
-            self.console.print(Text(text, style=style))
+            self.console.print(Text(f"{name:>9}  {text}", style=style))
 
 
-class _Bar:
+class _Bar(Piece):
+    """On a terminal."""
+
     def __init__(self, bars: Bars, name: str) -> None:
-        self._bars, self._name = bars, name
-        self._done = self._total = self._told = 0
-        self._unit = ""
-        self._rich: Progress | None = None
-        self._task: Any = None
-        self._lock = threading.Lock()
+        super().__init__(bars, name)
+        self._bars = bars
+        self._rich = Progress(
+            TextColumn("{task.description:>9}"),
+            BarColumn(bar_width=32),
+            MofNCompleteColumn(),
+            TextColumn("{task.fields[unit]}"),
+            TimeElapsedColumn(),
+            _Left(self),
+            console=bars.console,
+        )
+        self._rich.start()
+        self._task = self._rich.add_task(name, total=None, unit="")
 
-    def __enter__(self) -> _Bar:
-        if self._bars.console.is_terminal and not self._bars.quiet:
-            self._rich = Progress(
-                TextColumn("{task.description:>9}"),
-                BarColumn(bar_width=32),
-                MofNCompleteColumn(),
-                TextColumn("{task.fields[unit]}"),
-                TimeElapsedColumn(),
-                TextColumn("left"),
-                TimeRemainingColumn(),
-                console=self._bars.console,
-            )
-            self._rich.start()
-            self._task = self._rich.add_task(self._name, total=None, unit="")
-        else:
-            self._bars._say(f"{self._name:>9}  ...")
-        return self
+    def _started(self) -> None:
+        # One unit has no part to show: the bar moves to and fro until it is done.
+        self._rich.reset(self._task, total=self.total if self.total > 1 else None, unit=self.unit)
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        if self._rich is not None:
-            if kind is None:
-                total = max(1, self._total)
-                self._rich.update(self._task, total=total, completed=total)
-            self._rich.stop()
+    def _advanced(self) -> None:
+        self._rich.update(self._task, completed=self.done)
 
-    def start(self, total: int, unit: str = "images") -> None:
-        self._bars.check()
-        with self._lock:
-            self._done, self._total, self._unit, self._told = 0, max(1, total), unit, 0
-            if self._rich is not None:
-                # One unit has no part to show: the bar moves to and fro until it is done.
-                self._rich.reset(self._task, total=self._total if total > 1 else None, unit=unit)
+    def over(self, seconds: float) -> None:
+        total = max(1, self.total)
+        self._rich.update(self._task, total=total, completed=total)
+        self.done = total
 
-    def advance(self, count: int = 1) -> None:
-        with self._lock:
-            self._done += count
-            if self._rich is not None:
-                self._rich.update(self._task, completed=min(self._done, self._total))
-            else:
-                self._tell()
-        self._bars.check()
+    def close(self) -> None:
+        self._rich.stop()
 
-    def check(self) -> None:
-        self._bars.check()
 
-    def _tell(self) -> None:
-        percent = min(100, 100 * self._done // self._total)
-        if percent >= self._told + _PLAIN_EVERY or self._done == self._total:
-            self._told = percent - percent % _PLAIN_EVERY
-            self._bars._say(f"{self._name:>9}  {min(self._done, self._total)} of {self._total} {self._unit}")
+class _Left(ProgressColumn):
+    """What remains of the stage, and of the whole run where that is more."""
+
+    def __init__(self, piece: Piece) -> None:
+        super().__init__()
+        self._piece = piece
+
+    def render(self, task: Task) -> Text:
+        return Text("" if task.finished else left_in_words(*self._piece.left_s()))
+
+
+class _Plain(Piece):
+    """Where stderr is no terminal, or nothing is wanted."""
+
+    def __init__(self, bars: Bars, name: str) -> None:
+        super().__init__(bars, name)
+        self._bars = bars
+        self._told = 0
+        bars.say(name, "...")
+
+    def _started(self) -> None:
+        self._told = 0
+
+    def _advanced(self) -> None:
+        percent = 100 * self.done // max(1, self.total)
+        if percent < self._told + _PLAIN_EVERY and self.done != self.total:
+            return
+        self._told = percent - percent % _PLAIN_EVERY
+        left = left_in_words(*self.left_s())
+        self._bars.say(self.name, f"{self.done} of {self.total} {self.unit}{f', {left}' if left else ''}")
+
+    def over(self, seconds: float) -> None:
+        if self._bars.verbose:
+            self._bars.say(self.name, f"took {seconds:.1f} s")
+
+    def close(self) -> None:
+        pass
+
+
+def left_in_words(stage_s: float | None, run_s: float | None) -> str:
+    """As "0:20 left, 4:10 in all"; empty where nothing is known."""
+    if run_s is None:
+        return ""
+    if stage_s is None or run_s - stage_s < 1:
+        return f"{_clock(run_s)} left"
+    return f"{_clock(stage_s)} left, {_clock(run_s)} in all"
+
+
+def _clock(seconds: float) -> str:
+    minutes, rest = divmod(round(seconds), 60)
+    hours, minutes = divmod(minutes, 60)
+    return f"{hours}:{minutes:02}:{rest:02}" if hours else f"{minutes}:{rest:02}"
 
 
 def print_table(title: str, rows: Sequence[Sequence[str]], columns: Sequence[str] = ()) -> None:

@@ -22,6 +22,7 @@ from colmap_ihe import commands
 from colmap_ihe.cli import main
 from colmap_ihe.colmap.native import pycolmap
 from colmap_ihe.pipeline import NAMES
+from colmap_ihe.terminal import left_in_words
 from colmap_ihe.version import __version__
 
 Make = Callable[..., Path]
@@ -340,6 +341,48 @@ def test_progress_goes_to_stderr_and_can_be_left_out(capsys: Captured, new_proje
         assert f"{stage}  " in captured.err
     main(["reconstruct", str(project), "--until", "convert", "-q", "--from", "fit", *SETTINGS])
     assert capsys.readouterr().err == ""
+
+
+def test_a_run_as_lines_of_json(capsys: Captured, new_project: Make) -> None:
+    project = new_project(2)
+    (project / "images/broken.jpg").write_bytes(b"no photograph")
+    assert main(["reconstruct", str(project), "--until", "convert", "--json-lines", *SETTINGS]) == 0
+    captured = capsys.readouterr()
+    assert captured.err == ""
+    events = [json.loads(line) for line in captured.out.splitlines()]
+    assert [e["stage"] for e in events if e["event"] == "done"] == ["content", *NAMES[:3]]
+    last = [e for e in events if e["event"] == "progress" and e["stage"] == "convert"][-1]
+    assert (last["done"], last["total"], last["unit"]) == (2, 2, "images")
+    assert last["run_seconds_left"] >= last["stage_seconds_left"] >= 0
+    assert any("broken.jpg" in e["text"] for e in events if e["event"] == "warning")
+    assert (events[-1]["event"], events[-1]["result"]["images"]) == ("result", 3)
+    assert main(["reconstruct", str(project / "gone"), "--json-lines"]) == 1
+    event = json.loads(capsys.readouterr().out)
+    assert (event["event"], bool(event["message"]), bool(event["hint"])) == ("failed", True, True)
+
+
+def test_what_is_said_aloud(new_project: Make) -> None:
+    project = new_project(2)
+    loud = run("reconstruct", project, "--until", "features", "-v", *SETTINGS)
+    assert loud.returncode == 0
+    assert "features  took" in loud.stderr
+    assert "feature_extraction.cc" in loud.stderr  # COLMAP's own words
+    plain = run("reconstruct", project, "--until", "features", "--from", "features", *SETTINGS)
+    assert ".cc" not in plain.stderr
+    assert "\x1b" not in loud.stdout + loud.stderr + plain.stdout + plain.stderr
+
+
+@pytest.mark.parametrize(
+    ("stage", "whole", "words"),
+    [
+        (None, None, ""),
+        (None, 65.2, "1:05 left"),
+        (20.0, 20.4, "0:20 left"),
+        (20.0, 7321.0, "0:20 left, 2:02:01 in all"),
+    ],
+)
+def test_what_remains_in_words(stage: float | None, whole: float | None, words: str) -> None:
+    assert left_in_words(stage, whole) == words
 
 
 def test_status_as_table_and_json(capsys: Captured, finished: Path) -> None:

@@ -52,6 +52,11 @@ def choose_strategy(requested: str, images: int, with_gps: int) -> str:
     return "spatial" if with_gps >= _GPS_SHARE * images else "vocabtree"
 
 
+def pairs_of(strategy: str, images: int) -> int:
+    """About how many pairs a strategy looks at."""
+    return _function(strategy, images)[1]
+
+
 def match_features(
     database: Path, scratch: Path, options: MatchesOptions, images: int, with_gps: int, watch: Watch
 ) -> MatchCounts:

@@ -20,11 +20,17 @@ import pycolmap
 from colmap_ihe.errors import Cancelled, KnownError, NativeError, OptionError
 from colmap_ihe.progress import Watch
 
-__all__ = ["apply_options", "called", "logged_to", "pycolmap"]
+__all__ = ["apply_options", "called", "hear_colmap", "logged_to", "pycolmap"]
 
 _T = TypeVar("_T")
 _POLL_SECONDS = 0.25
 _LOGS_KEPT = 4
+pycolmap.logging.alsologtostderr = False
+
+
+def hear_colmap() -> None:
+    """From now on COLMAP's log goes to stderr too."""
+    pycolmap.logging.alsologtostderr = True
 
 
 class _Mergeable(Protocol):
@@ -52,17 +58,16 @@ def logged_to(file: Path) -> Iterator[None]:
     for old in sorted(file.parent.glob(f"{file.name}.*"))[:-_LOGS_KEPT]:
         old.unlink(missing_ok=True)
     log = pycolmap.logging
-    before = (log.logtostderr, log.alsologtostderr, log.stderrthreshold)
+    before = (log.logtostderr, log.stderrthreshold)
     log.set_log_destination(log.INFO, f"{file}.")  # glog writes what is graver there too
     for level in (log.WARNING, log.ERROR, log.FATAL):
         log.set_log_destination(level, "")
     log.logtostderr = False
-    log.alsologtostderr = False
     log.stderrthreshold = int(log.FATAL)
     try:
         yield
     finally:
-        log.logtostderr, log.alsologtostderr, log.stderrthreshold = before
+        log.logtostderr, log.stderrthreshold = before
 
 
 def called(

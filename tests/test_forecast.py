@@ -1,0 +1,98 @@
+"""What remains of a run: foreseen costs, corrected by what the run does."""
+
+from __future__ import annotations
+
+import pytest
+
+from colmap_ihe.expected import expected
+from colmap_ihe.forecast import Forecast, Part
+from colmap_ihe.options import Options
+
+ROAD = [Part("one", "images", 10.0), Part("two", "pairs", 30.0), Part("two", "maps", 60.0)]
+
+
+class Clock:
+    def __init__(self) -> None:
+        self.now = 100.0
+
+    def __call__(self) -> float:
+        return self.now
+
+
+@pytest.fixture
+def clock() -> Clock:
+    return Clock()
+
+
+@pytest.fixture
+def forecast(clock: Clock) -> Forecast:
+    made = Forecast(clock)
+    made.foresee(ROAD)
+    return made
+
+
+def work(forecast: Forecast, clock: Clock, part: Part, pace: float, until: float = 1.0) -> None:
+    forecast.begin(part.stage, part.unit)
+    for step in range(1, 11):
+        clock.now += part.seconds * pace * until / 10
+        forecast.reach(until * step / 10)
+
+
+def test_before_anything_it_is_what_was_foreseen(forecast: Forecast) -> None:
+    assert forecast.remaining_s() == 100
+    assert forecast.remaining_s("two") == 90
+
+
+def test_nothing_is_said_of_what_was_not_foreseen_and_has_not_moved(clock: Clock) -> None:
+    forecast = Forecast(clock)
+    assert forecast.remaining_s() is None
+    forecast.begin("fit", "images")
+    clock.now += 5
+    assert forecast.remaining_s() is None
+    forecast.reach(0.25)
+    assert forecast.remaining_s() == pytest.approx(15)
+
+
+@pytest.mark.parametrize("pace", [0.1, 1.0, 7.0])
+def test_a_slow_machine_and_a_fast_one_correct_it(forecast: Forecast, clock: Clock, pace: float) -> None:
+    work(forecast, clock, ROAD[0], pace)
+    work(forecast, clock, ROAD[1], pace, until=0.5)
+    left = forecast.remaining_s()
+    assert left is not None
+    assert 1 / 1.5 < left / (75 * pace) < 1.5
+
+
+def test_a_part_that_goes_unlike_its_cost_is_judged_by_how_it_goes(forecast: Forecast, clock: Clock) -> None:
+    work(forecast, clock, ROAD[0], 1.0)
+    work(forecast, clock, ROAD[1], 5.0, until=0.8)
+    left = forecast.remaining_s("two")
+    assert left is not None
+    own = left - 60 * (10 + 120 + 0.5) / (10 + 24 + 0.5)  # the maps, at the pace so far
+    assert own == pytest.approx(30, rel=0.35)
+
+
+def test_one_unit_that_is_late_never_promises_nothing(forecast: Forecast, clock: Clock) -> None:
+    forecast.begin("two", "maps")
+    for _ in range(20):
+        clock.now += 10
+        left = forecast.remaining_s()
+        assert left is not None
+        assert left > 1
+
+
+def test_what_is_kept_or_left_out_is_not_waited_for(forecast: Forecast) -> None:
+    forecast.end("one")
+    assert forecast.remaining_s() == 90
+    forecast.begin("two", "maps")
+    assert forecast.remaining_s() == pytest.approx(60)
+
+
+def test_the_road_has_the_parts_that_the_options_leave() -> None:
+    stages = {part.stage for part in expected(Options(), 11, 66_000_000, 0)}
+    assert stages == {"fit", "convert", "features", "matches", "sparse", "dense", "mesh", "page"}
+    sparse_only = Options.model_validate({"dense": {"enabled": False}})
+    assert {p.stage for p in expected(sparse_only, 11, 66_000_000, 0)} == stages - {"dense", "mesh"}
+    plain = Options.model_validate({"mesh": {"texture": False}})
+    assert [p.unit for p in expected(plain, 11, 66_000_000, 0) if p.stage == "mesh"] == [
+        "parts of the surface"
+    ]
