@@ -170,6 +170,12 @@ def _add_compare(command: _Command) -> None:
         help="runs of the mapper without some of the matches, which tell the error (%(default)s)",
     )
     parser.add_argument("--no-dense", action="store_true", help="without dense clouds")
+    parser.add_argument(
+        "--pairs",
+        type=Path,
+        metavar="FILE",
+        help="measure matching in these pairs instead of all: two photographs a line",
+    )
 
 
 def _add_fit(command: _Command) -> None:

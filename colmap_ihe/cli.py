@@ -210,6 +210,7 @@ def _compare(parsed: argparse.Namespace, follower: Follower) -> None:
         commands.project_options(parsed.project, assignments),
         methods=[name.strip() for name in parsed.methods.split(",") if name.strip()],
         seeds=parsed.seeds,
+        pairs=parsed.pairs,
         images=parsed.images,
         audience=follower,
     )

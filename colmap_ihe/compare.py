@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import shutil
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from concurrent.futures import Executor
 from contextlib import ExitStack
 from dataclasses import asdict
@@ -20,6 +20,7 @@ from typing import Any
 
 import numpy as np
 
+from colmap_ihe.captures.discover import discover
 from colmap_ihe.colmap.cloud import dense_cloud
 from colmap_ihe.colmap.mapping import map_images
 from colmap_ihe.colmap.measures import poses_of, putative_and_inliers, rms_px, thin_out
@@ -28,6 +29,7 @@ from colmap_ihe.colmap.workspace import remove_database
 from colmap_ihe.compare_page import write_comparison
 from colmap_ihe.compared import METHODS, PAPER, Compared, tables_of
 from colmap_ihe.errors import MappingError, OptionError
+from colmap_ihe.evaluate.chosen import read_pairs
 from colmap_ihe.evaluate.paired import LEFT_OUT
 from colmap_ihe.evaluate.pairs import (
     MOVEMENTS,
@@ -57,13 +59,15 @@ def compare(
     *,
     methods: Sequence[str] = METHODS,
     seeds: int = 3,
+    pairs: str | Path | None = None,
     images: str | Path | None = None,
     audience: Audience = SILENT,
 ) -> list[Compared]:
     """Measures each of `methods` on the photographs of a project; what was measured before is not measured again.
 
-    Truth is read from PROJECT/truth, or from `gt` beside the photographs. Raises `KnownError`s; `OptionError` for a
-    method that there is not, `Cancelled`.
+    `pairs` is a file of two photographs a line, in which matching is measured instead of in all pairs. Truth is read
+    from PROJECT/truth, or from `gt` beside the photographs. Raises `KnownError`s; `OptionError` for a method that
+    there is not, `Cancelled`.
     """
     options = options or Options()
     for method in methods:
@@ -74,6 +78,7 @@ def compare(
             )
     place = Project.at(Path(project), Path(images) if images else None)
     truth = _truth(place)
+    chosen = read_pairs(Path(pairs), [c.name for c in discover(place.images).captures]) if pairs else None
     found: list[Compared] = []
     own = Project.at(place.comparison, place.images)
     with ExitStack() as stack:
@@ -95,7 +100,7 @@ def compare(
                 Compared(
                     method,
                     done.summary["weights"] and tuple(done.summary["weights"]),
-                    _matching(done, _seed_folder(first, 0)),
+                    _matching(done, _seed_folder(first, 0), chosen),
                     runs,
                     _dense_points(done, first, options, executor, audience),
                 )
@@ -131,9 +136,10 @@ def _matched(
     """A project of its own for the method, as far as verified matches."""
     root = place.comparison / method
     root.mkdir(parents=True, exist_ok=True)
-    for shared in ("masks", "calibration"):
-        if (place.root / shared).is_dir() and not (root / shared).exists():
-            (root / shared).symlink_to((place.root / shared).resolve(), target_is_directory=True)
+    for given in ("masks", "calibration"):
+        if (place.root / given).is_dir() and not (root / given).exists():
+            (root / given).symlink_to((place.root / given).resolve(), target_is_directory=True)
+    _share(Project.at(place.comparison, place.images), Project.at(root, place.images))
     return reconstruct(
         root,
         options.model_copy(update={"fit": _fit_of(method, options.fit)}),
@@ -142,6 +148,18 @@ def _matched(
         audience=audience,
         executor=executor,
     )
+
+
+def _share(own: Project, one: Project) -> None:
+    """What does not depend on the grey is found once for all methods: means of calibration frames, and what the
+    photographs hold."""
+    own.masters.mkdir(parents=True, exist_ok=True)
+    one.records.mkdir(parents=True, exist_ok=True)
+    if not one.masters.exists():
+        one.masters.symlink_to(own.masters, target_is_directory=True)
+    for known in sorted(own.root.glob(f"*/{one.digests_file.relative_to(one.root)}")):
+        if not one.digests_file.exists():
+            write_bytes(one.digests_file, known.read_bytes())
 
 
 def _fit_of(method: str, options: FitOptions) -> FitOptions:
@@ -207,11 +225,17 @@ def _against(model: Path, truth: Truth) -> _Row:
     }
 
 
-def _matching(done: Reconstruction, cameras: Path) -> dict[str, dict[str, float | None]]:
-    """By movement of the camera, as the cameras of the first method tell it, and over all pairs."""
+def _matching(
+    done: Reconstruction, cameras: Path, chosen: Collection[frozenset[str]] | None
+) -> dict[str, dict[str, float | None]]:
+    """By movement of the camera, as the cameras of the first method tell it, and over all pairs, or those chosen."""
     poses = poses_of(cameras / "0")
+    record = done.project.read_record("convert") or {}
+    photographs = {grey: name for name, grey in record["grey"].items()}
     kinds: dict[str, list[PairMatches]] = {"all": [], **{name: [] for name in MOVEMENTS}}
     for (one, other), counts in putative_and_inliers(done.project.database).items():
+        if chosen is not None and frozenset((photographs[one], photographs[other])) not in chosen:
+            continue
         pair = PairMatches(*counts)
         kinds["all"].append(pair)
         if one in poses and other in poses and pair.inliers:

@@ -61,7 +61,14 @@ def test_methods_side_by_side_and_resumed(
     with monkeypatch.context() as patched:
         patched.setattr(driver, "dense_cloud", fail)
         again = compare(project, quick_options(), methods=["ihe", "rec709"], seeds=2)
+        chosen = project / "pairs.txt"
+        chosen.write_text("portico_01.jpg portico_02.jpg\nportico_02.jpg portico_03.jpg\n")
+        few = compare(project, quick_options(), methods=["ihe", "rec709"], seeds=2, pairs=chosen)
     assert again == found
+    assert [one.matching["all"]["pairs"] for one in few] == [2, 2]
+    assert few[0].matching["all"]["inliers"] < found[0].matching["all"]["inliers"]
+    shared = {p.resolve() for p in (project / "compare").glob("*/records/calibration")}
+    assert shared == {(project / "compare/records/calibration").resolve()}
     cameras = project / "truth/cameras.json"  # another truth, other errors
     said = json.loads(cameras.read_text())
     next(iter(said["cameras"].values()))["cam_from_world"][0][3] += 0.5

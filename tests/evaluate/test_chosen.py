@@ -1,0 +1,38 @@
+"""A user's list of pairs."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from colmap_ihe.errors import OptionError
+from colmap_ihe.evaluate.chosen import read_pairs
+
+NAMES = ["a.jpg", "north wall/b 1.jpg", "b", "c d", "d"]
+
+
+def test_names_may_hold_spaces(tmp_path: Path) -> None:
+    file = tmp_path / "pairs.txt"
+    file.write_text("# of the nave\n\na.jpg north wall/b 1.jpg\n  d\tc d\nnorth wall/b 1.jpg a.jpg\n")
+    assert read_pairs(file, NAMES) == {frozenset(("a.jpg", "north wall/b 1.jpg")), frozenset(("c d", "d"))}
+
+
+@pytest.mark.parametrize(
+    ("content", "reason"),
+    [
+        (b"a.jpg gone.jpg", "line 1, 'a.jpg gone.jpg'"),
+        (b"# none\n", "names no pair"),
+        (b"a.jpg a.jpg", "is not two photographs"),
+        (b"\xff\xfe", "not UTF-8 text"),
+    ],
+)
+def test_what_is_no_list_of_pairs_is_refused(tmp_path: Path, content: bytes, reason: str) -> None:
+    (tmp_path / "pairs.txt").write_bytes(content)
+    with pytest.raises(OptionError, match=reason):
+        read_pairs(tmp_path / "pairs.txt", NAMES)
+
+
+def test_a_list_that_is_not_there(tmp_path: Path) -> None:
+    with pytest.raises(OptionError, match="No such file"):
+        read_pairs(tmp_path / "pairs.txt", NAMES)
