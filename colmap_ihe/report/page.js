@@ -34,13 +34,19 @@ for (const button of document.querySelectorAll("button[data-copies]")) {
     setTimeout(() => { button.textContent = label; }, 2500);
   });
 }
-const opened = [];
+const opened = [], shown = [];
 addEventListener("beforeprint", () => {
   for (const part of document.querySelectorAll("details:not([open])")) {
     part.open = true;
     opened.push(part);
   }
+  for (const part of document.querySelectorAll("[data-of][hidden]")) {
+    part.hidden = false;
+    shown.push(part);
+    for (const image of part.querySelectorAll("img")) image.loading = "eager";
+  }
 });
 addEventListener("afterprint", () => {
   for (const part of opened.splice(0)) part.open = false;
+  for (const part of shown.splice(0)) part.hidden = true;
 });

@@ -219,6 +219,56 @@ def test_paper_shows_what_is_folded(page: Page) -> None:
     assert page.pdf().startswith(b"%PDF")
 
 
+def test_paper_shows_every_photograph_and_pair(page: Page) -> None:
+    page.emulate_media(media="print")
+    page.evaluate("dispatchEvent(new Event('beforeprint'))")
+    assert page.locator("[data-of]").count() == page.locator("[data-of]:visible").count() > 3
+    page.evaluate("dispatchEvent(new Event('afterprint'))")
+    assert page.locator("[data-of]:visible").count() == page.locator("select[data-shows]").count()
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_nothing_stands_in_the_way_of_anyone(page: Page, scheme: str) -> None:
+    """The rules of WCAG that axe can check, contrast of colours among them."""
+    axe = pytest.importorskip("axe_playwright_python.sync_playwright", reason="axe is not installed")
+    page.emulate_media(color_scheme="dark" if scheme == "dark" else "light")
+    page.evaluate("document.querySelectorAll('details').forEach((d) => { d.open = true })")
+    found = axe.Axe().run(page)
+    assert found.violations_count == 0, found.generate_report()
+    assert len(found.response["passes"]) > 20
+
+
+def test_fingers_turn_and_pinch(browser: Browser, address: str) -> None:
+    context = browser.new_context(viewport={"width": 360, "height": 740}, has_touch=True, is_mobile=True)
+    page = context.new_page()
+    page.goto(address)
+    page.wait_for_timeout(700)
+    canvas = page.locator("canvas")
+    canvas.scroll_into_view_if_needed()
+    box = canvas.bounding_box()
+    assert box is not None
+    x, y = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
+    fingers = context.new_cdp_session(page)
+
+    def touch(kind: str, *points: tuple[float, float]) -> None:
+        places = [{"x": x + dx, "y": y + dy, "id": i} for i, (dx, dy) in enumerate(points)]
+        fingers.send("Input.dispatchTouchEvent", {"type": kind, "touchPoints": places})
+
+    seen = [pixels(canvas)]
+    for begin, end in (([(0, 0)], [(70, 10)]), ([(-20, 0), (20, 0)], [(-90, 0), (90, 0)])):
+        touch("touchStart", *begin)
+        for step in (0.3, 0.6, 1.0):
+            moved = [
+                (a + step * (c - a), b + step * (d - b)) for (a, b), (c, d) in zip(begin, end, strict=True)
+            ]
+            touch("touchMove", *moved)
+        touch("touchEnd")
+        page.wait_for_timeout(500)
+        seen.append(pixels(canvas))
+        assert (np.abs(seen[-1].astype(int) - seen[-2]).max(axis=2) > 20).mean() > 0.01
+    context.close()
+
+
 def test_without_webgl_a_sentence_stands_there(browser: Browser, address: str) -> None:
     it = Opened(browser, "about:blank", WIDE)
     it.page.add_init_script("HTMLCanvasElement.prototype.getContext = () => null")
