@@ -148,7 +148,7 @@ def test_a_triplet_of_the_grid_is_as_complete_as_any(
     assert found.contrast is not None
 
 
-@pytest.mark.parametrize("method", ["ihe", "auto"])
+@pytest.mark.parametrize("method", ["ihe", pytest.param("auto", marks=pytest.mark.slow)])
 def test_raw_weights_hold_a_curve_and_are_tried_with_it(
     small_demo: Path, tmp_path: Path, method: str
 ) -> None:

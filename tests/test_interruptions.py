@@ -105,7 +105,7 @@ def test_killed_again_and_again(new_project: Callable[..., Path]) -> None:
     assert_goes_on(project, "dense")
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("number", [signal.SIGINT, pytest.param(signal.SIGTERM, marks=pytest.mark.slow)])
 def test_stopped_by_hand(new_project: Callable[..., Path], number: int) -> None:
     project = new_project()
     status, errors = kill_in(project, "features", 0.1, number)

@@ -250,7 +250,15 @@ def rename(images: Path) -> None:
     (images / "portico_03.jpg").rename(images / "another.jpg")
 
 
-@pytest.mark.parametrize(("change", "count"), [(touch_up, 8), (add, 9), (remove, 7), (rename, 8)])
+@pytest.mark.parametrize(
+    ("change", "count"),
+    [
+        (touch_up, 8),
+        (add, 9),
+        pytest.param(remove, 7, marks=pytest.mark.slow),
+        pytest.param(rename, 8, marks=pytest.mark.slow),
+    ],
+)
 def test_changed_photographs_run_everything_again(
     finished: Path, quick_options: MakeOptions, change: Callable[[Path], None], count: int
 ) -> None:
@@ -509,6 +517,7 @@ def test_flat_photographs_have_no_features(tmp_path: Path, quick_options: MakeOp
         reconstruct(tmp_path, quick_options())
 
 
+@pytest.mark.slow
 def test_a_camera_that_only_turned_gives_no_model(
     small_demo: Path, tmp_path: Path, quick_options: MakeOptions
 ) -> None:
@@ -605,7 +614,7 @@ def test_a_vocabulary_tree_of_the_sets_own_features(finished: Path, quick_option
     assert 15 <= done.summary["pairs_verified"] <= 28
 
 
-@pytest.mark.parametrize("mapper", ["global", "hierarchical"])
+@pytest.mark.parametrize("mapper", [pytest.param("global", marks=pytest.mark.slow), "hierarchical"])
 def test_other_mappers(finished: Path, quick_options: MakeOptions, mapper: str) -> None:
     done = reconstruct(finished, quick_options(f"sparse.mapper={mapper}"), until="sparse")
     assert done.stages_run == ("sparse",)

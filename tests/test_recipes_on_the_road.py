@@ -57,6 +57,7 @@ def test_frames_of_a_project_change_its_grey_images(project: Path, quick_options
     assert not list((moved / "records" / "calibration").iterdir())
 
 
+@pytest.mark.slow
 def test_a_stage_that_goes_on_later_uses_the_same_recipes(project: Path, quick_options: MakeOptions) -> None:
     (project / "calibration").mkdir()
     (project / "calibration" / "bad-pixels.txt").write_text("100 100\n")

@@ -163,6 +163,7 @@ def test_large_photographs_are_measured_at_the_size_colmap_works_at(
     assert 20 < of(less, "rec709").inliers < 0.5 * of(whole, "rec709").inliers
 
 
+@pytest.mark.slow
 def test_raw_photographs(small_demo: Path, executor: Executor) -> None:
     captures = discover(small_demo / "images").captures[:3]
     greys = {

@@ -6,7 +6,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 from oracle import scene
@@ -90,6 +90,7 @@ def test_pairs_of_a_large_photograph_are_no_more_than_of_a_small_one() -> None:
     assert len(large) <= 64 * 64 + 2 * 32 * 32 + 200
 
 
+@settings(max_examples=25)
 @given(st.permutations(range(4)), st.integers(0, 4))
 def test_order_and_grouping_change_nothing(order: list[int], cut: int) -> None:
     images = [photograph(n, 30 + n, 40) for n in range(4)]
