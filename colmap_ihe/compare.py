@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import shutil
 import time
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor
 from contextlib import ExitStack
 from dataclasses import asdict
@@ -18,28 +18,20 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from colmap_ihe.captures.discover import discover
 from colmap_ihe.colmap.cloud import dense_cloud
 from colmap_ihe.colmap.mapping import map_images
-from colmap_ihe.colmap.measures import poses_of, putative_and_inliers, rms_px, thin_out
+from colmap_ihe.colmap.measures import rms_px, thin_out
 from colmap_ihe.colmap.native import logged_to
 from colmap_ihe.colmap.workspace import remove_database
+from colmap_ihe.compare_ahead import Ahead, dense_name, run_name
+from colmap_ihe.compare_figures import errors_against, matching_of, plain_truth, truth_of
 from colmap_ihe.compare_page import write_comparison
 from colmap_ihe.compared import METHODS, PAPER, Compared, tables_of
 from colmap_ihe.errors import MappingError, OptionError
 from colmap_ihe.evaluate.chosen import read_pairs
 from colmap_ihe.evaluate.paired import LEFT_OUT
-from colmap_ihe.evaluate.pairs import (
-    MOVEMENTS,
-    PairMatches,
-    area_under_curve_percent,
-    efficiency_percent,
-    movement,
-    relative_errors_deg,
-)
-from colmap_ihe.evaluate.truth import Truth, key_of, pose_errors, read_truth
+from colmap_ihe.evaluate.truth import Truth
 from colmap_ihe.executor import local_executor
 from colmap_ihe.grey.conversions import CONVERSIONS
 from colmap_ihe.options import FitOptions, Options
@@ -47,8 +39,6 @@ from colmap_ihe.pipeline import Reconstruction, reconstruct
 from colmap_ihe.progress import SILENT, Audience
 from colmap_ihe.project import Project, fingerprint_of, read_json, require_room, write_bytes, write_json
 from colmap_ihe.version import library_versions
-
-AUC_DEG = 5.0
 
 _Row = dict[str, Any]
 
@@ -77,7 +67,7 @@ def compare(
                 hint=f"the methods are {', '.join(m for m in CONVERSIONS if m != 'auto')}, {PAPER}",
             )
     place = Project.at(Path(project), Path(images) if images else None)
-    truth = _truth(place)
+    truth = truth_of(place)
     chosen = read_pairs(Path(pairs), [c.name for c in discover(place.images).captures]) if pairs else None
     found: list[Compared] = []
     own = Project.at(place.comparison, place.images)
@@ -86,11 +76,15 @@ def compare(
         stack.enter_context(logged_to(own.native_log))
         executor = stack.enter_context(local_executor())
         projects: list[Reconstruction] = []
-        for method in dict.fromkeys(methods):
-            done = _matched(place, method, options, executor, audience)
+        wanted = list(dict.fromkeys(methods))
+        for number, method in enumerate(wanted):
+            one = _project_of(place, method)
+            ahead = Ahead(audience, one, options, wanted[number:], seeds)
+            done = _matched(one, method, options, executor, ahead)
             runs = {seed: _mapped(done, options, seed, truth, audience) for seed in range(seeds + 1)}
             projects.append(done)
             first = projects[0]
+            cameras = _seed_folder(first, 0) / "0"
             if not found and not runs[0]["registered"]:
                 raise MappingError(
                     f"{method}: no photograph has a place in its model, and its cameras would serve for all methods",
@@ -100,7 +94,7 @@ def compare(
                 Compared(
                     method,
                     done.summary["weights"] and tuple(done.summary["weights"]),
-                    _matching(done, _seed_folder(first, 0), chosen),
+                    matching_of(done.project, cameras, chosen),
                     runs,
                     _dense_points(done, first, options, executor, audience),
                 )
@@ -109,41 +103,30 @@ def compare(
         for table in tables_of(found):
             write_bytes(place.comparison / f"{table.name}.csv", table.as_csv().encode())
             write_bytes(place.comparison / f"{table.name}.tex", table.as_latex().encode())
-        write_comparison(place, found, [done.project for done in projects], _seed_folder(first, 0) / "0")
+        write_comparison(place, found, [done.project for done in projects], cameras)
     return found
 
 
-def _truth(place: Project) -> Truth | None:
-    for folder in (place.root / "truth", place.images / "gt"):
-        if folder.is_dir():
-            return read_truth(folder)
-    return None
-
-
-def _content_of(truth: Truth | None) -> list[Any] | None:
-    """What figures against a truth depend on, as plain values."""
-    if truth is None:
-        return None
-    return [
-        truth.extent_m,
-        *((key, image.cam_from_world.tolist()) for key, image in sorted(truth.images.items())),
-    ]
-
-
-def _matched(
-    place: Project, method: str, options: Options, executor: Executor, audience: Audience
-) -> Reconstruction:
-    """A project of its own for the method, as far as verified matches."""
+def _project_of(place: Project, method: str) -> Project:
+    """A project of its own for the method, with all that the user's holds besides photographs."""
     root = place.comparison / method
     root.mkdir(parents=True, exist_ok=True)
     for given in ("masks", "calibration"):
         if (place.root / given).is_dir() and not (root / given).exists():
             (root / given).symlink_to((place.root / given).resolve(), target_is_directory=True)
-    _share(Project.at(place.comparison, place.images), Project.at(root, place.images))
+    one = Project.at(root, place.images)
+    _share(Project.at(place.comparison, place.images), one)
+    return one
+
+
+def _matched(
+    one: Project, method: str, options: Options, executor: Executor, audience: Audience
+) -> Reconstruction:
+    """As far as verified matches."""
     return reconstruct(
-        root,
+        one.root,
         options.model_copy(update={"fit": _fit_of(method, options.fit)}),
-        images=place.images,
+        images=one.images,
         until="matches",
         audience=audience,
         executor=executor,
@@ -187,7 +170,7 @@ def _mapped(
             database = folder.with_name(f"{seed}.db")
             thin_out(project.database, database, LEFT_OUT, seed)
         try:
-            with audience.stage(f"{project.root.name}, run {seed}") as watch:
+            with audience.stage(run_name(project.root.name, seed)) as watch:
                 model = map_images(database, project.grey, folder, options.sparse, images, watch)[0]
         except MappingError as error:
             audience.warn(f"{project.root.name}, run {seed}: {error}")
@@ -202,53 +185,15 @@ def _mapped(
             "mean_error_px": model.mean_reprojection_error_px,
             "rms_px": rms_px(folder / "0"),
         }
-        return row | (_against(folder / "0", truth) if truth else {})
+        return row | (errors_against(truth, folder / "0") if truth else {})
 
     inputs = (
         options.sparse.model_dump(mode="json"),
         LEFT_OUT,
-        _content_of(truth),
+        plain_truth(truth),
         library_versions("pycolmap"),
     )
     return _once(project, f"run-{seed}", measure, *inputs)
-
-
-def _against(model: Path, truth: Truth) -> _Row:
-    poses = {key_of(name): pose for name, pose in poses_of(model).items()}
-    errors = pose_errors(poses, truth)
-    true = {key: image.cam_from_world for key, image in truth.images.items()}
-    relative = relative_errors_deg(poses, true)
-    return {
-        "rotation_deg": errors.rotation_error_deg,
-        "position_m": float(np.mean(list(errors.position_m.values()))),
-        "auc_percent": area_under_curve_percent(relative, AUC_DEG),
-    }
-
-
-def _matching(
-    done: Reconstruction, cameras: Path, chosen: Collection[frozenset[str]] | None
-) -> dict[str, dict[str, float | None]]:
-    """By movement of the camera, as the cameras of the first method tell it, and over all pairs, or those chosen."""
-    poses = poses_of(cameras / "0")
-    record = done.project.read_record("convert") or {}
-    photographs = {grey: name for name, grey in record["grey"].items()}
-    kinds: dict[str, list[PairMatches]] = {"all": [], **{name: [] for name in MOVEMENTS}}
-    for (one, other), counts in putative_and_inliers(done.project.database).items():
-        if chosen is not None and frozenset((photographs[one], photographs[other])) not in chosen:
-            continue
-        pair = PairMatches(*counts)
-        kinds["all"].append(pair)
-        if one in poses and other in poses and pair.inliers:
-            kinds[movement(poses[one], poses[other])].append(pair)
-    return {
-        name: {
-            "pairs": len(pairs),
-            "putative": sum(p.putative for p in pairs),
-            "inliers": sum(p.inliers for p in pairs),
-            "efficiency_percent": efficiency_percent(pairs),
-        }
-        for name, pairs in kinds.items()
-    }
 
 
 def _dense_points(
@@ -261,7 +206,7 @@ def _dense_points(
 
     def measure() -> _Row:
         shutil.rmtree(dense, ignore_errors=True)
-        with audience.stage(f"{project.root.name}, dense") as watch:
+        with audience.stage(dense_name(project.root.name)) as watch:
             made = dense_cloud(
                 cameras,
                 project.grey,

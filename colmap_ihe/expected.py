@@ -11,8 +11,9 @@ from colmap_ihe.options import Options
 _ASPECT = 1.5  # of photographs, by and large
 
 
-def expected(options: Options, images: int, pixels: int, with_gps: int) -> list[Part]:
-    """The parts after `captures`, in order, of a set of `images` photographs with `pixels` in all."""
+def expected(options: Options, images: int, pixels: int, with_gps: int, until: str) -> list[Part]:
+    """The parts between `captures` and the end of the stage `until`, in order, of a set of `images` photographs with
+    `pixels` in all; with those of the page, which follows where there is a model."""
     megapixels = pixels / 1e6
     pairs = pairs_of(choose_strategy(options.matches.strategy, images, with_gps), images)
     parts = [
@@ -24,11 +25,11 @@ def expected(options: Options, images: int, pixels: int, with_gps: int) -> list[
     ]
     if options.dense.enabled:
         parts += _dense(options, images, megapixels)
-    return [
-        *parts,
-        Part("page", "photographs looked at", 0.06 * megapixels),
-        Part("page", "pairs drawn", 6.0),
-    ]
+    before = [n for n, part in enumerate(parts) if part.stage == until]
+    parts = parts[: before[-1] + 1] if before else parts * (until != "captures")
+    if any(part.stage == "sparse" for part in parts):
+        parts += [Part("page", "photographs looked at", 0.06 * megapixels), Part("page", "pairs drawn", 6.0)]
+    return parts
 
 
 def _dense(options: Options, images: int, megapixels: float) -> list[Part]:

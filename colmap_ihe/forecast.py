@@ -52,9 +52,10 @@ class Forecast:
         self._share = min(1.0, max(self._share, share))
 
     def end(self, stage: str) -> None:
-        """The stage is over, or needs not run."""
+        """The stage is over, or needs not run; one of the same name that comes later stays."""
         self._settle()
-        self._left = [part for part in self._left if part.stage != stage]
+        while self._left and self._left[0].stage == stage:
+            self._left.pop(0)
 
     def remaining_s(self, stage: str = "") -> float | None:
         """Seconds that the run still takes, or only `stage`; None where nothing is known yet."""

@@ -138,10 +138,8 @@ def reconstruct(
                 ran.append(stage.name)
             run.records[stage.name] = record
             if stage.name == "captures":
-                counts = (len(run.captures()), record["pixels"], record["with_gps"])
-                audience.foresee(
-                    [p for p in expected(options, *counts) if p.stage in ("page", *NAMES[: last + 1])]
-                )
+                counts = (record["images"], record["pixels"], record["with_gps"])
+                audience.foresee(expected(options, *counts, NAMES[last]))
         for stage in ROAD[last + 1 :]:  # not asked for, but still true
             record = None if switched_off(stage.name, options) else place.read_record(stage.name)
             if record is None or _why_stale(place, stage, record, prints):

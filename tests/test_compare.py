@@ -19,6 +19,7 @@ from colmap_ihe.compare import compare
 from colmap_ihe.compared import Compared, sentences, tables_of
 from colmap_ihe.errors import MappingError, OptionError
 from colmap_ihe.options import Options
+from colmap_ihe.progress import Silent
 from colmap_ihe.report.tables import Table
 
 Make = Callable[..., Path]
@@ -34,7 +35,15 @@ def test_methods_side_by_side_and_resumed(
 ) -> None:
     project = new_project()
     shutil.copytree(small_demo / "truth", project / "truth")
-    found = compare(project, quick_options(), methods=["ihe", "rec709"], seeds=2)
+    foreseen: list[list[str]] = []
+    watching = type(
+        "Watching", (Silent,), {"foresee": lambda _, parts: foreseen.append([p.stage for p in parts])}
+    )()
+    found = compare(project, quick_options(), methods=["ihe", "rec709"], seeds=2, audience=watching)
+    road = ["fit", "convert", "features", "matches"]
+    runs = ["rec709, run 0", "rec709, run 1", "rec709, run 2", *["rec709, dense"] * 3]
+    assert foreseen[1] == [*road, *runs]
+    assert foreseen[0][-len(foreseen[1]) :] == foreseen[1]
     assert [one.method for one in found] == ["ihe", "rec709"]
     for one in found:
         assert sorted(one.runs) == [0, 1, 2]

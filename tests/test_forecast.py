@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import pytest
 
 from colmap_ihe.expected import expected
@@ -87,12 +89,17 @@ def test_what_is_kept_or_left_out_is_not_waited_for(forecast: Forecast) -> None:
     assert forecast.remaining_s() == pytest.approx(60)
 
 
+def stages(until: str, **options: Any) -> list[str]:
+    parts = expected(Options.model_validate(options), 11, 66_000_000, 0, until)
+    return list(dict.fromkeys(part.stage for part in parts))
+
+
 def test_the_road_has_the_parts_that_the_options_leave() -> None:
-    stages = {part.stage for part in expected(Options(), 11, 66_000_000, 0)}
-    assert stages == {"fit", "convert", "features", "matches", "sparse", "dense", "mesh", "page"}
-    sparse_only = Options.model_validate({"dense": {"enabled": False}})
-    assert {p.stage for p in expected(sparse_only, 11, 66_000_000, 0)} == stages - {"dense", "mesh"}
-    plain = Options.model_validate({"mesh": {"texture": False}})
-    assert [p.unit for p in expected(plain, 11, 66_000_000, 0) if p.stage == "mesh"] == [
-        "parts of the surface"
-    ]
+    road = ["fit", "convert", "features", "matches", "sparse", "dense", "mesh", "page"]
+    assert stages("mesh") == road
+    assert stages("mesh", dense={"enabled": False}) == [*road[:5], "page"]
+    assert stages("sparse") == [*road[:5], "page"]
+    assert stages("matches") == road[:4]
+    assert stages("captures") == []
+    plain = expected(Options.model_validate({"mesh": {"texture": False}}), 11, 66_000_000, 0, "mesh")
+    assert [part.unit for part in plain if part.stage == "mesh"] == ["parts of the surface"]

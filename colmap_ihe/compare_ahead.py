@@ -1,0 +1,55 @@
+"""What remains of a comparison, while one of its methods is at work."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from contextlib import AbstractContextManager
+from dataclasses import dataclass, replace
+
+from colmap_ihe.expected import expected
+from colmap_ihe.forecast import Part
+from colmap_ihe.options import Options
+from colmap_ihe.progress import Audience, Watch
+from colmap_ihe.project import Project
+
+
+@dataclass(frozen=True)
+class Ahead:
+    """An `Audience` of the run of the first of `methods`, that lets `audience` foresee the rest too."""
+
+    audience: Audience
+    project: Project
+    options: Options
+    methods: Sequence[str]
+    seeds: int
+
+    def foresee(self, parts: Sequence[Part]) -> None:
+        record = self.project.read_record("captures") or {}
+        size = (record["images"], record["pixels"], record["with_gps"])
+        road = expected(self.options, *size, "dense" if self.options.dense.enabled else "sparse")
+        coming: list[Part] = []
+        for number, method in enumerate(self.methods):
+            if number:
+                coming += [part for part in road if part.stage in ("fit", "convert", "features", "matches")]
+            for seed in range(self.seeds + 1):
+                coming += [replace(p, stage=run_name(method, seed)) for p in road if p.stage == "sparse"]
+            coming += [replace(p, stage=dense_name(method)) for p in road if p.stage == "dense"]
+        self.audience.foresee([*parts, *coming])
+
+    def stage(self, name: str) -> AbstractContextManager[Watch]:
+        return self.audience.stage(name)
+
+    def kept(self, name: str) -> None:
+        self.audience.kept(name)
+
+    def warn(self, text: str) -> None:
+        self.audience.warn(text)
+
+
+def run_name(method: str, seed: int) -> str:
+    """What a run of the mapper is called to who watches."""
+    return f"{method}, run {seed}"
+
+
+def dense_name(method: str) -> str:
+    return f"{method}, dense"
