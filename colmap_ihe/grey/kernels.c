@@ -138,6 +138,81 @@ void add_table(const uint16_t *low, const uint32_t *high, uint16_t *sum_low, uin
         }
 }
 
+/* Places in ascending order, and their counts, as pairs of whole numbers: how many places were passed over since the
+ * one before, and the count; seven bits a byte, the least first, and one that says whether there are more. */
+enum { MOST_BYTES = 14 };
+
+static inline uint8_t *put_number(uint8_t *at, uint64_t value)
+{
+    for (; value > 127; value >>= 7)
+        *at++ = (uint8_t)(value | 128);
+    *at++ = (uint8_t)value;
+    return at;
+}
+
+/* Of places (n) and counts (n): writes at most MOST_BYTES each, and returns how many bytes. */
+size_t pack_cells(const uint32_t *places, const uint64_t *counts, size_t n, uint8_t *out)
+{
+    uint8_t *at = out;
+    uint32_t next = 0;
+    for (size_t i = 0; i < n; i++) {
+        at = put_number(put_number(at, places[i] - next), counts[i]);
+        next = places[i] + 1;
+    }
+    return (size_t)(at - out);
+}
+
+static inline const uint8_t *get_number(const uint8_t *at, const uint8_t *end, uint64_t *value)
+{
+    *value = 0;
+    for (uint32_t shift = 0; at < end && shift < 63; shift += 7) {
+        *value |= (uint64_t)(*at & 127) << shift;
+        if (!(*at++ & 128))
+            return at;
+    }
+    return NULL;
+}
+
+/* Whether `data` is what `pack_cells` could have written, each count 1 at least and `mass` their sum: 0 if not. */
+int packed_is_sound(const uint8_t *data, size_t size, uint64_t mass)
+{
+    const uint8_t *at = data, *end = data + size;
+    uint64_t next = 0, gap, count;
+    while (at != end) {
+        if (!(at = get_number(at, end, &gap)) || !(at = get_number(at, end, &count)) || gap >= CELLS - next ||
+            count == 0 || count > mass)
+            return 0;
+        next += gap + 1;
+        mass -= count;
+    }
+    return mass == 0;
+}
+
+/* Adds what is sound to a table, or where `sums` is not NULL, to (CELLS) numbers. */
+void add_packed(const uint8_t *data, size_t size, uint16_t *low, uint32_t *high, uint64_t *sums)
+{
+    const uint8_t *at = data, *end = data + size;
+    uint64_t next = 0, gap, count;
+    while (at != end) {
+        if (end - at >= 2 && !((at[0] | at[1]) & 128)) {
+            gap = at[0], count = at[1];
+            at += 2;
+        } else
+            at = get_number(get_number(at, end, &gap), end, &count);
+        next += gap;
+        if (sums)
+            sums[next] += count;
+        else if (low[next] + count <= FULL)
+            low[next] = (uint16_t)(low[next] + count);
+        else {
+            uint64_t sum = low[next] + count + (uint64_t)FULL * high[next], full = (sum - 1) / FULL;
+            low[next] = (uint16_t)(sum - full * FULL);
+            high[next] = (uint32_t)full;
+        }
+        next++;
+    }
+}
+
 static uint32_t spread(uint32_t v)
 {
     uint32_t s = 0;
@@ -162,6 +237,26 @@ static size_t next_places(const uint16_t *low, uint32_t *start, uint32_t end, ui
     }
     *start = place;
     return found;
+}
+
+/* As `pack_cells`, of a table, which is then empty. */
+size_t pack_table(uint16_t *low, uint32_t *high, uint8_t *out)
+{
+    uint32_t places[BLOCK];
+    uint8_t *at = out;
+    uint32_t next = 0;
+    for (uint32_t start = 0; start < CELLS;) {
+        size_t n = next_places(low, &start, CELLS, places, BLOCK);
+        for (size_t i = 0; i < n; i++) {
+            uint32_t place = places[i];
+            at = put_number(put_number(at, place - next), low[place] + (uint64_t)FULL * high[place]);
+            low[place] = 0;
+            if (high[place])
+                high[place] = 0;
+            next = place + 1;
+        }
+    }
+    return (size_t)(at - out);
 }
 
 /* The occupied places of a table, each as key << 24 | place, or how many there are where `out` is NULL. The key is
