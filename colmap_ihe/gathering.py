@@ -184,6 +184,8 @@ def _together(counting: Counting, chunk: Sequence[Capture], errors: dict[str, Ph
         try:
             head, cells = decoder.ask("tally", chunk[0].name)
             sums = Sums(**head["sums"], cells=b"" if cells is None else cells.tobytes()).checked()
+            if (sums.encoding, sums.weighting, sums.images) != (encoding, counting.weighting, used):
+                raise ValueError("sums of something else")
             contrast = Contrast.from_dict(head["contrast"], encoding)
         except (PhotographError, ValueError, KeyError, TypeError) as error:
             if len(chunk) == 1:

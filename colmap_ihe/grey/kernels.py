@@ -109,12 +109,25 @@ class Table:
 
 
 PACKED_BYTES = 14  # of a cell, at the most
+_PACKED_AT_ONCE = 1 << 20
 
 
 def taken(table: Table) -> bytes:
     """What a table holds, in few bytes, see `packed`; the table is then empty."""
-    room = np.empty(PACKED_BYTES * _C.occupied(_at(table.low), None), np.uint8)
-    return room[: _C.pack_table(_at(table.low), _at(table.high), _at(room))].tobytes()
+    start, passed = ctypes.c_uint32(), ctypes.c_uint32()
+    room = np.empty(_PACKED_AT_ONCE, np.uint8)
+    of = (
+        _at(table.low),
+        _at(table.high),
+        ctypes.byref(start),
+        ctypes.byref(passed),
+        _at(room),
+        _size(len(room)),
+    )
+    parts = []
+    while start.value < CELLS:
+        parts.append(room[: _C.pack_table(*of)].tobytes())
+    return b"".join(parts)
 
 
 def packed(place: NDArray[np.uint32], counts: NDArray[np.uint64]) -> bytes:
