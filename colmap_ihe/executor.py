@@ -26,7 +26,7 @@ def local_workers() -> int:
 
 @contextmanager
 def local_executor() -> Iterator[ThreadPoolExecutor]:
-    """One thread a core. Threads, for photographs are decoded in processes anyway, and sums are shared."""
+    """One thread a core. Threads, for photographs are decoded and counted in processes anyway."""
     try:
         with ThreadPoolExecutor(local_workers(), thread_name_prefix="image") as executor:
             yield executor

@@ -20,6 +20,7 @@ from PIL import Image
 
 from colmap_ihe import gathering
 from colmap_ihe.captures.decode import read_photograph
+from colmap_ihe.captures.decoders import Kept
 from colmap_ihe.captures.discover import Capture
 from colmap_ihe.captures.tally import Tally
 from colmap_ihe.errors import Cancelled, PhotographError, ProjectError
@@ -139,7 +140,7 @@ def test_a_photograph_that_kills_its_decoder_costs_itself_only(tmp_path: Path, d
     assert same(total, *expected(sound, how))
     alone = [count(how, [c]).formula for c in sound]
     assert total.formula is not None
-    assert total.formula.finish() == reduce(add, alone).finish()  # type: ignore[arg-type, union-attr]
+    assert total.formula.finish() == reduce(add, alone).finish()  # type: ignore[union-attr]
 
 
 @pytest.mark.usefixtures("faulty")
@@ -185,14 +186,14 @@ def test_a_chunk_ends_soon_after_it_is_cancelled(tmp_path: Path) -> None:
 )
 def test_what_a_decoder_says_is_checked(tmp_path: Path, lie: dict[str, Any]) -> None:
     capture = photograph(tmp_path, 1)
-    real = gathering.decoders.Kept.ask
+    real = Kept.ask
 
-    def lies(self: gathering.decoders.Kept, task: str, *more: Any, **named: Any) -> tuple[Any, Any]:
+    def lies(self: Kept, task: str, *more: Any, **named: Any) -> tuple[Any, Any]:
         answer, array = real(self, task, *more, **named)
         return ({**answer, "sums": answer["sums"] | lie} if task == "tally" else answer), array
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(gathering.decoders.Kept, "ask", lies)
+        patch.setattr(Kept, "ask", lies)
         found = count(counting([capture]), [capture])
     assert not found.sums
     assert "the decoder lost its way on it" in str(found.errors[capture.name])
