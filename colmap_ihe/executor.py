@@ -7,7 +7,7 @@ from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Executor, Future, ThreadPoolExecutor, wait
 from contextlib import contextmanager
-from threading import Event
+from functools import partial
 from typing import TypeVar
 
 from colmap_ihe.captures import decoders
@@ -26,7 +26,7 @@ def local_workers() -> int:
 
 @contextmanager
 def local_executor() -> Iterator[ThreadPoolExecutor]:
-    """One thread a core. Threads, for photographs are decoded in processes anyway, and sums are shared."""
+    """One thread a core. Threads, for photographs are decoded and counted in processes anyway."""
     try:
         with ThreadPoolExecutor(local_workers(), thread_name_prefix="image") as executor:
             yield executor
@@ -44,14 +44,11 @@ def in_order(
     """`function` of every item, in order; no more results wait than there are workers and one, so memory does
     not grow with the set, and never more than `at_once` are begun and not yet fetched. What `function` raises
     is raised here, and so is `Cancelled` by `watch`, after what is in flight has ended; reads of photographs end
-    at once then."""
+    at once then, those of this process. For an executor of processes `function` has to be one that can be
+    pickled."""
     most = at_once or local_workers() + 1
-    over = Event()
-
-    def run(item: _Item) -> _Result:
-        with decoders.stoppable(over):
-            return function(item)
-
+    over = decoders.Stop()
+    run = partial(_run, function, over)
     waiting: deque[Future[_Result]] = deque()
     try:
         for item in items:
@@ -67,6 +64,11 @@ def in_order(
         for future in waiting:
             if not future.cancelled():
                 future.exception()
+
+
+def _run(function: Callable[[_Item], _Result], over: decoders.Stop, item: _Item) -> _Result:
+    with decoders.stoppable(over):
+        return function(item)
 
 
 def _fetched(waiting: deque[Future[_Result]], watch: Watch) -> _Result:

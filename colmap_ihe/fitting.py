@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -12,19 +13,20 @@ from numpy.typing import NDArray
 
 from colmap_ihe.captures.decode import encoding_of, read_photograph
 from colmap_ihe.captures.discover import Capture
+from colmap_ihe.captures.tally import sampled
 from colmap_ihe.errors import DiskFullError, KnownError
 from colmap_ihe.executor import in_order
-from colmap_ihe.gathering import Gathered, Partial, sampled
+from colmap_ihe.gathering import Counting, Gathered, gather
 from colmap_ihe.grey.boxes import Triplet
-from colmap_ihe.grey.contrast import Contrast
 from colmap_ihe.grey.convert import Tone
 from colmap_ihe.grey.equalise import curve_of
 from colmap_ihe.grey.histogram import mass_of
 from colmap_ihe.grey.ihe import count_levels, fit_histogram, likely_winner, white_point
+from colmap_ihe.grey.sums import Weighting
 from colmap_ihe.grey.weights import FIXED, Encoding, Formula, Grey, Weights, triplets
 from colmap_ihe.measured import REFERENCE, SAME, Measured, choose, in_words
 from colmap_ihe.options import FitOptions
-from colmap_ihe.per_image import LeftOut, each_usable
+from colmap_ihe.per_image import LeftOut
 from colmap_ihe.progress import Watch
 from colmap_ihe.trial import coarse_grid, measure
 
@@ -86,26 +88,17 @@ def fit_captures(
     strict, `ProjectError` if no photograph can be used.
     """
     left_out: LeftOut = {}
-    partial = {encoding: Partial(options, encoding) for encoding in {encoding_of(c) for c in captures}}
     wants_contrast = options.method in ("snr", "auto") or (options.method, options.guard) == ("ihe", "noise")
-    measured_in = {c.name for c in _spread(captures)} if wants_contrast else set()
-
-    def gather(capture: Capture) -> Capture:
-        photograph = read_photograph(capture)
-        contrast = Contrast(photograph.encoding)
-        if capture.name in measured_in:
-            contrast.add(photograph.rgb, weighting=options.weighting)
-        with partial[photograph.encoding].borrowed() as part:
-            part.add(photograph.rgb, contrast, options.sample)
-        return capture
-
-    usable = list(each_usable(gather, captures, executor, watch, strict, left_out))
+    measured_in = frozenset(c.name for c in _spread(captures)) if wants_contrast else frozenset()
+    counting = Counting(options.method, options.weighting, options.sample, measured_in, strict)
+    gathered = gather(captures, counting, executor, watch, left_out)
+    usable = [c for c in captures if c.name not in left_out]
     weights: dict[Encoding, Grey] = {}
     tried: dict[Encoding, Tried] = {}
     colour_white = 1.0
     for encoding in sorted({encoding_of(c) for c in usable}):
         members = [c for c in usable if encoding_of(c) == encoding]
-        one = _SetFit(partial[encoding].total(), members, options, executor, watch)
+        one = _SetFit(gathered[encoding], members, options, executor, watch)
         if options.method == "auto":
             weights[encoding], tried[encoding] = one.tried(trial or Trial())
             weights[encoding] = one.with_curve(weights[encoding])
@@ -177,10 +170,7 @@ class _SetFit:
         options = self.options
 
         def recount(chosen: Sequence[Triplet], whites: Sequence[int]) -> NDArray[np.int64]:
-            def count(capture: Capture) -> NDArray[np.int64]:
-                rgb = np.asarray(sampled(read_photograph(capture).rgb, options.sample), np.uint16)
-                return count_levels(rgb, chosen, whites) * mass_of(rgb, options.weighting)
-
+            count = partial(_levels_of, options.sample, options.weighting, chosen, whites)
             self.watch.start(len(self.members), f"images, for {len(chosen)} triplets")
             total: NDArray[np.int64] = np.zeros((len(chosen), 256), np.int64)
             for counts in in_order(self.executor, count, self.members, watch=self.watch):
@@ -233,6 +223,13 @@ class _SetFit:
             raise
         except (KnownError, OSError, RuntimeError, KeyError) as error:
             return Measured(reason=f"it failed ({error})")
+
+
+def _levels_of(
+    sample: float, weighting: Weighting, chosen: Sequence[Triplet], whites: Sequence[int], capture: Capture
+) -> NDArray[np.int64]:
+    rgb = np.asarray(sampled(read_photograph(capture).rgb, sample), np.uint16)
+    return count_levels(rgb, chosen, whites) * mass_of(rgb, weighting)
 
 
 def _spread(captures: Sequence[Capture]) -> list[Capture]:

@@ -42,21 +42,35 @@ def each_usable(
 
     watch.start(len(captures))
     usable = 0
-    at_once = memory.at_once(captures, local_workers())
-    logger.info("%s", memory.in_words(captures, at_once))
-    most = at_once if at_once < local_workers() else None
-    for capture, result in zip(captures, in_order(executor, guarded, captures, most, watch), strict=True):
+    results = in_order(executor, guarded, captures, at_once(captures), watch)
+    for capture, result in zip(captures, results, strict=True):
         watch.advance()
         if isinstance(result, PhotographError):
-            if strict:
-                raise result
-            left_out[capture.name] = f"{result}; {result.hint}" if result.hint else str(result)
+            leave_out(capture.name, result, strict, left_out)
             continue
         usable += 1
         yield result
     if not usable:
-        reasons = "; ".join(str(r) for r in list(left_out.values())[:3])
-        raise ProjectError(
-            f"none of the {len(captures)} photographs can be used: {reasons}",
-            hint="copy them from the card again",
-        )
+        raise none_usable(captures, left_out)
+
+
+def at_once(captures: Sequence[Capture]) -> int | None:
+    """As many photographs at a time as memory has room for, None if that is as many as there are workers."""
+    count = memory.at_once(captures, local_workers())
+    logger.info("%s", memory.in_words(captures, count))
+    return count if count < local_workers() else None
+
+
+def leave_out(name: str, error: PhotographError, strict: bool, left_out: LeftOut) -> None:
+    """Notes a photograph that cannot be used; raises the error if strict."""
+    if strict:
+        raise error
+    left_out[name] = f"{error}; {error.hint}" if error.hint else str(error)
+
+
+def none_usable(captures: Sequence[Capture], left_out: LeftOut) -> ProjectError:
+    reasons = "; ".join(list(left_out.values())[:3])
+    return ProjectError(
+        f"none of the {len(captures)} photographs can be used: {reasons}",
+        hint="copy them from the card again",
+    )

@@ -102,9 +102,9 @@ def reconstruct(
 ) -> Reconstruction:
     """Photographs in `project/images` to a model in `project/workspace`, going on from what is up to date.
 
-    `start` runs that stage and all after it again; `until` ends after a stage. `executor`: of threads,
-    for the fit sums in shared memory. Raises `KnownError`s, and
-    `Cancelled`; the records then say how far it came, and the same call goes on from there.
+    `start` runs that stage and all after it again; `until` ends after a stage. `executor`: of threads; the fit alone
+    would run on one of processes too. Raises `KnownError`s, and `Cancelled`; the records then say how far it came, and
+    the same call goes on from there.
     """
     options = options or Options()
     _check_range(start, until, options)

@@ -5,8 +5,9 @@ Rendering and reconstructing happen once a session; tests get copies, which they
 
 from __future__ import annotations
 
+import os
 import shutil
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +15,7 @@ import pytest
 from hypothesis import settings
 
 import colmap_ihe  # noqa: F401  before pycolmap
+from colmap_ihe.captures import decoders
 from colmap_ihe.demo.folder import render_demo
 from colmap_ihe.options import Options
 from colmap_ihe.pipeline import reconstruct
@@ -32,6 +34,46 @@ QUICK = (
 """Options with which the small demo still registers all its views, in a third of the time."""
 
 PHOTOGRAPHS = Path(__file__).parents[1] / "../shared/data"
+
+
+FAULTS = """
+# Stands for a decoder with a bug: what it does to a JPEG is the JPEG's comment.
+import os, signal, time
+import simplejpeg
+decode = simplejpeg.decode_jpeg
+
+def decode_jpeg(data, *more, **named):
+    if b"do: crash" in data:
+        os.kill(os.getpid(), signal.SIGSEGV)
+    if b"do: hang" in data:
+        while True:
+            pass
+    if b"do: exit" in data:
+        print("out of luck", file=__import__("sys").stderr, flush=True)
+        os._exit(3)
+    if b"do: eat" in data:
+        eaten = [bytearray(1 << 26) for _ in range(1 << 16)]
+    if b"do: late" in data:  # what it was counted with is lost as it is handed over
+        from colmap_ihe.captures.tally import Tally
+        Tally.handed_over = lambda _: os.kill(os.getpid(), signal.SIGSEGV)
+    if b"do: surprise" in data:
+        raise LookupError("a surprise")
+    return decode(data, *more, **named)
+
+simplejpeg.decode_jpeg = decode_jpeg
+"""
+
+
+@pytest.fixture
+def faulty(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """New decoders do what the comment of a JPEG says."""
+    (tmp_path / ".hook").mkdir()
+    (tmp_path / ".hook/sitecustomize.py").write_text(FAULTS, encoding="utf-8")
+    root = str(Path(__file__).parents[1])
+    monkeypatch.setenv("PYTHONPATH", os.pathsep.join((str(tmp_path / ".hook"), root)))
+    decoders.rest()
+    yield
+    decoders.rest()
 
 
 @pytest.fixture(scope="session")

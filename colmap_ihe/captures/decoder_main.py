@@ -17,11 +17,13 @@ from pathlib import Path
 from typing import Any
 
 import cv2
+import numpy as np
 from numpy.typing import NDArray
 
 from colmap_ihe.captures import decode, metadata, raw, small
 from colmap_ihe.captures.discover import Capture
 from colmap_ihe.captures.recipe import recipe_from_dict
+from colmap_ihe.captures.tally import Tally
 from colmap_ihe.captures.wire import Message, Room, receive, send
 from colmap_ihe.errors import KnownError, PhotographError
 
@@ -32,8 +34,37 @@ _DAMAGED = re.compile(r"data corrupted at|unexpected end of file", re.IGNORECASE
 _Answer = tuple[Any, NDArray[Any] | None]
 
 
-def _photograph(room: Room, *, capture: Message) -> _Answer:
-    found = decode.read_photograph_here(_capture(capture), room.array)
+class _Desk:
+    """What a decoder keeps from one question to the next: memory for a photograph, and what it counted."""
+
+    def __init__(self) -> None:
+        self.room = Room()
+        self.tally: Tally | None = None
+
+
+def _count(
+    desk: _Desk, *, capture: Message, first: bool, contrast: bool, returned: bool, **how: Any
+) -> _Answer:
+    """Adds the photograph to the tally, a new one if it is the `first`."""
+    if first or desk.tally is None:
+        desk.tally = Tally(**how)
+    found = decode.read_photograph_here(_capture(capture), desk.room.array)
+    _refuse_damaged(capture["name"])
+    desk.tally.add(found.rgb, contrast)
+    return None, found.rgb if returned else None
+
+
+def _tally(desk: _Desk) -> _Answer:
+    """Hands the tally over."""
+    tally, desk.tally = desk.tally, None
+    if tally is None:
+        raise ValueError("nothing was counted")
+    head, cells = tally.handed_over()
+    return head, np.frombuffer(cells, np.uint8)
+
+
+def _photograph(desk: _Desk, *, capture: Message) -> _Answer:
+    found = decode.read_photograph_here(_capture(capture), desk.room.array)
     matrix = found.srgb_from_camera
     about = {
         "encoding": found.encoding,
@@ -43,25 +74,25 @@ def _photograph(room: Room, *, capture: Message) -> _Answer:
     return about, found.rgb
 
 
-def _size(_room: Room, *, capture: Message) -> _Answer:
+def _size(_desk: _Desk, *, capture: Message) -> _Answer:
     return decode.read_size_here(_capture(capture)), None
 
 
-def _small(_room: Room, *, capture: Message, side: int) -> _Answer:
+def _small(_desk: _Desk, *, capture: Message, side: int) -> _Answer:
     return None, small.small_picture_here(_capture(capture), side)
 
 
-def _metadata(_room: Room, *, path: str, kind: str) -> _Answer:
+def _metadata(_desk: _Desk, *, path: str, kind: str) -> _Answer:
     found = metadata.read_metadata_here(Path(path), kind)
     return {f.name: getattr(found, f.name) for f in fields(found)}, None
 
 
-def _header(_room: Room, *, path: str) -> _Answer:
+def _header(_desk: _Desk, *, path: str) -> _Answer:
     found = raw.read_header(Path(path))
     return [found.width, found.height, found.sensor], None
 
 
-def _mosaic(_room: Room, *, path: str) -> _Answer:
+def _mosaic(_desk: _Desk, *, path: str) -> _Answer:
     found = raw.read_mosaic(Path(path))
     varies = found.black.shape == found.values.shape
     about = {
@@ -72,15 +103,17 @@ def _mosaic(_room: Room, *, path: str) -> _Answer:
     return about, found.values
 
 
-def _black(_room: Room, *, path: str) -> _Answer:
+def _black(_desk: _Desk, *, path: str) -> _Answer:
     return None, raw.read_mosaic(Path(path)).black
 
 
-def _bad_pixels(_room: Room, *, path: str) -> _Answer:
+def _bad_pixels(_desk: _Desk, *, path: str) -> _Answer:
     return raw.bad_pixel_candidates(Path(path)).tolist(), None
 
 
 TASKS: Mapping[str, Callable[..., _Answer]] = {
+    "count": _count,
+    "tally": _tally,
     "photograph": _photograph,
     "size": _size,
     "small": _small,
@@ -107,12 +140,13 @@ def main() -> None:
         Path("/proc/self/oom_score_adj").write_text("900", encoding="ascii")
     with socket.socket(fileno=int(sys.argv[1])) as sock, suppress(ConnectionError):
         send(sock, {"ready": True})
-        room = Room()
+        desk = _Desk()
         while (received := receive(sock)) is not None:
-            _answer(sock, received[0], room)
+            _answer(sock, received[0], desk)
 
 
-def _answer(sock: socket.socket, request: Message, room: Room) -> None:
+def _answer(sock: socket.socket, request: Message, desk: _Desk) -> None:
+    room = desk.room
     os.ftruncate(_STDERR, 0)
     if not request["free"]:  # what was sent before is still in use
         room.leave()
@@ -120,7 +154,7 @@ def _answer(sock: socket.socket, request: Message, room: Room) -> None:
     fd = None
     try:
         with _dying_with(sock), _memory_limit(request["memory"]):
-            value, array = TASKS[request["task"]](room, **request["arguments"])
+            value, array = TASKS[request["task"]](desk, **request["arguments"])
             answer = {"value": value}
             if array is not None:
                 _refuse_damaged(request["name"])

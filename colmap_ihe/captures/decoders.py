@@ -41,19 +41,35 @@ _TICK_MS = 100  # how long a cancelled read may go on
 _START = "import sys; sys.path[:] = sys.argv[2:]; from colmap_ihe.captures.decoder_main import main; main()"
 _ONE_THREAD = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}  # photographs are what is parallel
 _KNOWN = {kind.__name__: kind for kind in (PhotographError, CapabilityError)}
-_BROKEN = "copy it from the card again, or take it out of the folder"
+BROKEN = "copy it from the card again, or take it out of the folder"
 
-_stop: ContextVar[threading.Event | None] = ContextVar("stop", default=None)
+_stop: ContextVar[Stop | None] = ContextVar("stop", default=None)
 
 
 @contextmanager
-def stoppable(event: threading.Event) -> Iterator[None]:
-    """Reads of this thread within end with `Cancelled` soon after `event` is set, however slow the decoder is."""
-    token = _stop.set(event)
+def stoppable(stop: Stop) -> Iterator[None]:
+    """Reads of this thread within end with `Cancelled` soon after `stop` is set, however slow the decoder is."""
+    token = _stop.set(stop)
     try:
         yield
     finally:
         _stop.reset(token)
+
+
+class Stop:
+    """Set, it ends the reads of photographs `stoppable` by it. Sent to another process, it is never set there."""
+
+    def __init__(self) -> None:
+        self._event = threading.Event()
+
+    def set(self) -> None:
+        self._event.set()
+
+    def is_set(self) -> bool:
+        return self._event.is_set()
+
+    def __reduce__(self) -> tuple[type[Stop], tuple[()]]:
+        return Stop, ()
 
 
 def ask(
@@ -65,18 +81,43 @@ def ask(
     Raises `PhotographError`, also when the decoder crashed, took too long or ran out of memory; `Cancelled`
     within `stoppable`; `CapabilityError` if none can be started.
     """
-    seconds, limit = SECONDS, _HEADER_MEMORY
-    if pixels is not None:
-        seconds += SECONDS_A_MEGAPIXEL * (pixels or _UNKNOWN_PIXELS) / 1e6
-        limit = max(limit, int(_room.bytes() * _SHARE_OF_MEMORY))
-    request = {"task": task, "name": name, "memory": limit, "arguments": arguments}
+    with kept() as decoder:
+        return decoder.ask(task, name, pixels, **arguments)
+
+
+@contextmanager
+def kept() -> Iterator[Kept]:
+    """One decoder for several questions."""
     with _pool.lent() as decoder:
-        answer, array = decoder.ask(request, name, seconds)
-    if "error" in answer:
-        if answer.get("traceback"):
-            logger.debug("%s: %s", name, answer["traceback"])
-        raise _KNOWN.get(answer["error"], PhotographError)(answer["message"], answer["hint"])
-    return answer["value"], array
+        yield Kept(decoder)
+
+
+class Kept:
+    """A decoder that remembers what it was asked before, until it `is_lost`."""
+
+    def __init__(self, decoder: _Decoder) -> None:
+        self._decoder = decoder
+
+    @property
+    def is_lost(self) -> bool:
+        """Whether it crashed, or was ended since it took too long."""
+        return self._decoder.dead
+
+    def ask(
+        self, task: str, name: str, pixels: int | None = None, **arguments: Any
+    ) -> tuple[Message, NDArray[Any] | None]:
+        """As `decoders.ask`."""
+        seconds, limit = SECONDS, _HEADER_MEMORY
+        if pixels is not None:
+            seconds += SECONDS_A_MEGAPIXEL * (pixels or _UNKNOWN_PIXELS) / 1e6
+            limit = max(limit, int(_room.bytes() * _SHARE_OF_MEMORY))
+        request = {"task": task, "name": name, "memory": limit, "arguments": arguments}
+        answer, array = self._decoder.ask(request, name, seconds)
+        if "error" in answer:
+            if answer.get("traceback"):
+                logger.debug("%s: %s", name, answer["traceback"])
+            raise _KNOWN.get(answer["error"], PhotographError)(answer["message"], answer["hint"])
+        return answer["value"], array
 
 
 class _Decoder:
@@ -118,17 +159,15 @@ class _Decoder:
         except TimeoutError:
             self.end()
             raise PhotographError(
-                f"{name}: the decoder did not finish within {seconds:.0f} seconds", hint=_BROKEN
+                f"{name}: the decoder did not finish within {seconds:.0f} seconds", hint=BROKEN
             ) from None
         except EOFError:
             raise PhotographError(
-                f"{name}: the decoder crashed on it ({self._died()})", hint=_BROKEN
+                f"{name}: the decoder crashed on it ({self._died()})", hint=BROKEN
             ) from None
         except (ValueError, KeyError, TypeError) as error:
             self.end()
-            raise PhotographError(
-                f"{name}: the decoder lost its way on it ({error})", hint=_BROKEN
-            ) from error
+            raise PhotographError(f"{name}: the decoder lost its way on it ({error})", hint=BROKEN) from error
         except BaseException:  # Ctrl-C here would leave an answer that nobody waits for
             self.end()
             raise

@@ -22,8 +22,9 @@ brightness at which even the flattest blocks are textured shows more, so the qui
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from functools import cache
+from typing import Any
 
 import cv2
 import numpy as np
@@ -50,6 +51,7 @@ _ROUNDING = 1 / (12 * 255**2) * 0.03  # of 8-bit values, as much of it as lies i
 _TILE, _MARGIN = 128, 16
 _SAMPLE = 16  # tiles a photograph; with 4, sets of ten photographs gave other triplets
 _GRAIN = 2.0**20  # sums are whole multiples of 1 / _GRAIN, so that adding them is exact in any order
+_MOST = 2.0**33  # of a sum, beyond which not all multiples of 1 / _GRAIN are numbers
 _IMAGE_MASS = 1 << 24
 
 _F64 = NDArray[np.float64]
@@ -98,6 +100,22 @@ class Contrast:
         total.signal = self.signal + other.signal
         total.noise = self.noise + other.noise
         return total
+
+    def as_dict(self) -> dict[str, list[float]]:
+        """Plain values; `from_dict` reads them back, to the bit."""
+        return {"signal": self.signal.ravel().tolist(), "noise": self.noise.ravel().tolist()}
+
+    @classmethod
+    def from_dict(cls, values: Mapping[str, Any], encoding: Encoding) -> Contrast:
+        """Raises ValueError, TypeError or KeyError for anything that `as_dict` could not have written."""
+        found = cls(encoding)
+        found.signal, found.noise = (
+            np.array(values[name], np.float64).reshape(3, 3) for name in ("signal", "noise")
+        )
+        for of in (found.signal, found.noise):
+            if not (np.abs(of) <= _MOST).all() or (of != of.T).any() or (of != _on_grid(of)).any():
+                raise ValueError("sums of contrast that are none")
+        return found
 
     def snr_of(self, grid: Sequence[tuple[float, float, float]] | _F64) -> _F64:
         """sqrt(w'Cw / w'Nw) of each triplet, in hundredths: (n,) float64; all 0 while nothing was measured."""

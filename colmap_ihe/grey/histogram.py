@@ -6,7 +6,7 @@ import json
 import math
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 from isal import isal_zlib
@@ -15,16 +15,11 @@ from numpy.typing import NDArray
 from colmap_ihe.errors import WeightsError
 from colmap_ihe.executor import local_workers
 from colmap_ihe.grey import kernels
+from colmap_ihe.grey.sums import IMAGE_MASS, MOST, MOST_IMAGES, Sums, Weighting
 from colmap_ihe.grey.weights import Encoding
 
-Weighting = Literal["pixel", "image"]
-
 _CODES = 256
-_IMAGE_MASS = 1 << 36
-"""The mass of one image under `weighting: image`: rounding per pixel shows in the 4th digit at most, and 2^53
-holds 131,072 images."""
-_MOST = 2**47  # pixels: a cell of `kernels.Table` holds twice as many
-_MAGIC = b"colmap-ihe histogram 1\n"
+_MAGIC = b"colmap-ihe histogram 2\n"
 
 LINEAR_EDGES: NDArray[np.int64] = np.ceil(65535 * (np.arange(_CODES + 1) / _CODES) ** 2).astype(np.int64)
 """Cell c of linear 16-bit input holds the values LINEAR_EDGES[c] <= v < LINEAR_EDGES[c + 1]: even steps
@@ -134,19 +129,48 @@ class Histogram:
             return Cells(codes, codes, mass)
         return Cells(LINEAR_EDGES[codes], LINEAR_EDGES[codes + 1] - 1, mass)
 
-    def to_bytes(self) -> bytes:
-        """The histogram as a file: a line of JSON, then places and masses of the occupied cells, deflated."""
+    def taken(self) -> Sums:
+        """What was counted; the histogram is then empty, and counts on in the same memory."""
+        if self._weighed is None:
+            found = self._sums(self.pixels, kernels.taken(self._counted))
+        else:
+            found = self.sums()
+            self._weighed[:] = 0
+        self.images = self.pixels = 0
+        return found
+
+    def sums(self) -> Sums:
+        """What was counted."""
         table = self.table()
         place = np.flatnonzero(table)
-        head = {
-            "encoding": self.encoding,
-            "weighting": self.weighting,
-            "images": self.images,
-            "pixels": self.pixels,
-            "cells": len(place),
-        }
-        body = place.astype("<u4").tobytes() + table[place].astype("<u8").tobytes()
-        return _MAGIC + json.dumps(head).encode() + b"\n" + bytes(isal_zlib.compress(body, 1))
+        mass = table[place]
+        return self._sums(int(mass.sum()), kernels.packed(place.astype(np.uint32), mass))
+
+    def _sums(self, mass: int, cells: bytes) -> Sums:
+        return Sums(self.encoding, self.weighting, self.images, self.pixels, mass, cells)
+
+    def add_sums(self, sums: Sums) -> None:
+        """Pools what another histogram counted. Raises ValueError, and adds nothing, where it is of another kind, or
+        its cells are not what it says of them."""
+        if (self.encoding, self.weighting) != (sums.encoding, sums.weighting):
+            raise ValueError(
+                f"{self.encoding=} {self.weighting=} and {sums.encoding=} {sums.weighting=} do not add: "
+                "their values differ in kind"
+            )
+        images, pixels = self.images + sums.images, self.pixels + sums.pixels
+        if pixels >= MOST or images >= MOST_IMAGES:
+            raise ValueError(f"{images=} of {pixels=}, expected less than {MOST_IMAGES} of {MOST}")
+        kernels.add_packed(sums.cells, sums.mass, self._counted if self._weighed is None else self._weighed)
+        self.images, self.pixels = images, pixels
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return _of_sums, (self.sums(),)
+
+    def to_bytes(self) -> bytes:
+        """The histogram as a file: a line of JSON, then its cells as `kernels.packed` writes them, deflated."""
+        sums = self.sums()
+        head = {**sums.head(), "bytes": len(sums.cells)}
+        return _MAGIC + json.dumps(head).encode() + b"\n" + bytes(isal_zlib.compress(sums.cells, 1))
 
     @classmethod
     def from_bytes(cls, data: bytes, source: str = "histogram") -> Histogram:
@@ -154,45 +178,36 @@ class Histogram:
         try:
             if not data.startswith(_MAGIC):
                 raise ValueError(f"it does not begin with {_MAGIC.decode().strip()!r}")
-            line, _, packed = data[len(_MAGIC) :].partition(b"\n")
-            return cls._of(json.loads(line), packed)
-        except (ValueError, KeyError, TypeError, RecursionError, isal_zlib.IsalError) as error:  # type: ignore[misc]
+            line, _, deflated = data[len(_MAGIC) :].partition(b"\n")
+            head = json.loads(line)
+            cells = inflated(deflated, head.pop("bytes"))
+            return _of_sums(Sums(**head, cells=cells))
+        except (  # type: ignore[misc]
+            ValueError, KeyError, TypeError, AttributeError, RecursionError, isal_zlib.IsalError,
+        ) as error:  # fmt: skip
             raise WeightsError(
                 f"{source}: not a colour histogram ({error})",
                 hint="write one with Histogram.to_bytes",
             ) from error
 
-    @classmethod
-    def _of(cls, head: dict[str, Any], packed: bytes) -> Histogram:
-        encoding, weighting, n = head["encoding"], head["weighting"], head["cells"]
-        numbers = (n, head["images"], head["pixels"])
-        if encoding not in ("coded", "linear") or weighting not in ("pixel", "image"):
-            raise ValueError(f"{encoding=} {weighting=}")
-        if any(type(v) is not int or v < 0 for v in numbers) or n > kernels.CELLS:
-            raise ValueError("counts are not whole numbers")
-        unpack = isal_zlib.decompressobj()
-        body = unpack.decompress(packed, 12 * n + 1)
-        if len(body) != 12 * n or not unpack.eof:
-            raise ValueError(f"{len(body)} bytes of cells, expected {12 * n}")
-        place, mass = np.frombuffer(body, "<u4", n), np.frombuffer(body, "<u8", n, offset=4 * n)
-        if n and (place.max() >= kernels.CELLS or (np.diff(place.astype(np.int64)) <= 0).any()):
-            raise ValueError("its cells are not in order")
-        total = sum(int(v) for v in mass)
-        if (
-            total >= (_MOST if weighting == "pixel" else 2**63)
-            or (total == 0) != (head["pixels"] == 0)
-            or (weighting == "pixel" and total != head["pixels"])
-        ):
-            raise ValueError(f"its cells hold {total} pixels, its head says {head['pixels']}")
-        found = cls(encoding, weighting)
-        found.images, found.pixels = head["images"], head["pixels"]
-        if found._weighed is None:
-            found._counted.put(place, mass)
-        else:
-            found._weighed[place] = mass
-        return found
+
+def _of_sums(sums: Sums) -> Histogram:
+    found = Histogram(sums.encoding, sums.weighting)
+    found.add_sums(sums)
+    return found
+
+
+def inflated(deflated: bytes, size: int) -> bytes:
+    """`size` bytes out of what was deflated. Raises ValueError or IsalError unless they are as many and no more."""
+    if type(size) is not int or not 0 <= size <= kernels.PACKED_BYTES * kernels.CELLS:
+        raise ValueError(f"{size!r:.40} bytes of cells")
+    unpack = isal_zlib.decompressobj()
+    found = bytes(unpack.decompress(deflated, size + 1))
+    if len(found) != size or not unpack.eof or unpack.unused_data:
+        raise ValueError(f"{len(found)} bytes of cells, expected {size}")
+    return found
 
 
 def mass_of(rgb: NDArray[Any], weighting: Weighting) -> int:
     """What one pixel of this photograph counts."""
-    return 1 if weighting == "pixel" else _IMAGE_MASS // math.prod(rgb.shape[:2])
+    return 1 if weighting == "pixel" else IMAGE_MASS // math.prod(rgb.shape[:2])

@@ -6,6 +6,7 @@
 #include <string.h>
 #ifdef __x86_64__
 #include <cpuid.h>
+#include <immintrin.h>
 #endif
 
 #define ALWAYS_INLINE __attribute__((always_inline)) static inline
@@ -57,27 +58,34 @@ static inline uint32_t place_of(uint8_t r, uint8_t g, uint8_t b)
     return (uint32_t)(uint8_t)(r - g) << 16 | (uint32_t)(uint8_t)(b - g) << 8 | g;
 }
 
-#define PLACES_LOOP                                                     \
-    uint8_t red[BLOCK], green[BLOCK], blue[BLOCK];                      \
-    for (size_t i = 0; i < n; i++)                                      \
-        red[i] = rgb[3 * i], green[i] = rgb[3 * i + 1], blue[i] = rgb[3 * i + 2]; \
-    for (size_t i = 0; i < n; i++)                                      \
-        places[i] = place_of(red[i], green[i], blue[i]);
-
 typedef void Places(const uint8_t *restrict rgb, size_t n, uint32_t *restrict places);
 
 static Places places_plain, *places_of = places_plain;
 
 static void places_plain(const uint8_t *restrict rgb, size_t n, uint32_t *restrict places)
 {
-    PLACES_LOOP
+    for (size_t i = 0; i < n; i++)
+        places[i] = place_of(rgb[3 * i], rgb[3 * i + 1], rgb[3 * i + 2]);
 }
 
 #ifdef __x86_64__
+/* Eight pixels at a time: G B R 0 of each, less 0 G G 0. */
 __attribute__((target("avx2"))) static void places_avx2(const uint8_t *restrict rgb, size_t n,
                                                         uint32_t *restrict places)
 {
-    PLACES_LOOP
+    const __m256i colours = _mm256_setr_epi8(1, 2, 0, -1, 4, 5, 3, -1, 7, 8, 6, -1, 10, 11, 9, -1, 1, 2, 0, -1, 4, 5,
+                                             3, -1, 7, 8, 6, -1, 10, 11, 9, -1);
+    const __m256i green = _mm256_setr_epi8(-1, 1, 1, -1, -1, 4, 4, -1, -1, 7, 7, -1, -1, 10, 10, -1, -1, 1, 1, -1, -1,
+                                           4, 4, -1, -1, 7, 7, -1, -1, 10, 10, -1);
+    size_t i = 0;
+    for (; i + 10 <= n; i += 8) { /* 28 bytes are read, of which 24 are used */
+        __m128i first = _mm_loadu_si128((const void *)(rgb + 3 * i));
+        __m128i second = _mm_loadu_si128((const void *)(rgb + 3 * i + 12));
+        __m256i eight = _mm256_inserti128_si256(_mm256_castsi128_si256(first), second, 1);
+        eight = _mm256_sub_epi8(_mm256_shuffle_epi8(eight, colours), _mm256_shuffle_epi8(eight, green));
+        _mm256_storeu_si256((void *)(places + i), eight);
+    }
+    places_plain(rgb + 3 * i, n - i, places + i);
 }
 #endif
 
@@ -95,13 +103,15 @@ static inline void add_one(uint32_t place, uint16_t *low, uint32_t *high)
 
 static void add_places(const uint32_t *places, size_t n, uint16_t *low, uint32_t *high)
 {
-    size_t half = n / 2; /* neighbours often share a colour, and one addition would wait for the other */
-    for (size_t i = 0; i < half; i++) {
+    size_t part = n / 4; /* neighbours often share a colour, and one addition would wait for the other */
+    for (size_t i = 0; i < part; i++) {
         add_one(places[i], low, high);
-        add_one(places[i + half], low, high);
+        add_one(places[i + part], low, high);
+        add_one(places[i + 2 * part], low, high);
+        add_one(places[i + 3 * part], low, high);
     }
-    if (n & 1)
-        add_one(places[n - 1], low, high);
+    for (size_t i = 4 * part; i < n; i++)
+        add_one(places[i], low, high);
 }
 
 void count_colours_8(const uint8_t *rgb, size_t n, uint16_t *low, uint32_t *high)
@@ -138,6 +148,81 @@ void add_table(const uint16_t *low, const uint32_t *high, uint16_t *sum_low, uin
         }
 }
 
+/* Places in ascending order, and their counts, as pairs of whole numbers: how many places were passed over since the
+ * one before, and the count; seven bits a byte, the least first, and one that says whether there are more. */
+enum { MOST_BYTES = 14 };
+
+static inline uint8_t *put_number(uint8_t *at, uint64_t value)
+{
+    for (; value > 127; value >>= 7)
+        *at++ = (uint8_t)(value | 128);
+    *at++ = (uint8_t)value;
+    return at;
+}
+
+/* Of places (n) and counts (n): writes at most MOST_BYTES each, and returns how many bytes. */
+size_t pack_cells(const uint32_t *places, const uint64_t *counts, size_t n, uint8_t *out)
+{
+    uint8_t *at = out;
+    uint32_t next = 0;
+    for (size_t i = 0; i < n; i++) {
+        at = put_number(put_number(at, places[i] - next), counts[i]);
+        next = places[i] + 1;
+    }
+    return (size_t)(at - out);
+}
+
+static inline const uint8_t *get_number(const uint8_t *at, const uint8_t *end, uint64_t *value)
+{
+    *value = 0;
+    for (uint32_t shift = 0; at < end && shift < 63; shift += 7) {
+        *value |= (uint64_t)(*at & 127) << shift;
+        if (!(*at++ & 128))
+            return at;
+    }
+    return NULL;
+}
+
+/* Whether `data` is what `pack_cells` could have written, each count 1 at least and `mass` their sum: 0 if not. */
+int packed_is_sound(const uint8_t *data, size_t size, uint64_t mass)
+{
+    const uint8_t *at = data, *end = data + size;
+    uint64_t next = 0, gap, count;
+    while (at != end) {
+        if (!(at = get_number(at, end, &gap)) || !(at = get_number(at, end, &count)) || gap >= CELLS - next ||
+            count == 0 || count > mass)
+            return 0;
+        next += gap + 1;
+        mass -= count;
+    }
+    return mass == 0;
+}
+
+/* Adds what is sound to a table, or where `sums` is not NULL, to (CELLS) numbers. */
+void add_packed(const uint8_t *data, size_t size, uint16_t *low, uint32_t *high, uint64_t *sums)
+{
+    const uint8_t *at = data, *end = data + size;
+    uint64_t next = 0, gap, count;
+    while (at != end) {
+        if (end - at >= 2 && !((at[0] | at[1]) & 128)) {
+            gap = at[0], count = at[1];
+            at += 2;
+        } else
+            at = get_number(get_number(at, end, &gap), end, &count);
+        next += gap;
+        if (sums)
+            sums[next] += count;
+        else if (low[next] + count <= FULL)
+            low[next] = (uint16_t)(low[next] + count);
+        else {
+            uint64_t sum = low[next] + count + (uint64_t)FULL * high[next], full = (sum - 1) / FULL;
+            low[next] = (uint16_t)(sum - full * FULL);
+            high[next] = (uint32_t)full;
+        }
+        next++;
+    }
+}
+
 static uint32_t spread(uint32_t v)
 {
     uint32_t s = 0;
@@ -162,6 +247,33 @@ static size_t next_places(const uint16_t *low, uint32_t *start, uint32_t end, ui
     }
     *start = place;
     return found;
+}
+
+/* As `pack_cells`, of a table from `start` on, as much as `out` of `room` bytes holds; what is packed is then no longer
+ * in the table. `start` moves behind it, and `passed` is how many places lie between it and the last one packed. */
+size_t pack_table(uint16_t *low, uint32_t *high, uint32_t *start, uint32_t *passed, uint8_t *out, size_t room)
+{
+    uint32_t places[BLOCK], next = *start - *passed;
+    uint8_t *at = out;
+    while (*start < CELLS && (size_t)(at - out) + MOST_BYTES * BLOCK <= room) {
+        size_t n = next_places(low, start, CELLS, places, BLOCK);
+        for (size_t i = 0; i < n; i++) {
+            uint32_t place = places[i], gap = place - next, count = low[place];
+            low[place] = 0;
+            next = place + 1;
+            if (high[place]) {
+                at = put_number(put_number(at, gap), count + (uint64_t)FULL * high[place]);
+                high[place] = 0;
+            } else if ((gap | count) > 127)
+                at = put_number(put_number(at, gap), count);
+            else {
+                *at++ = (uint8_t)gap;
+                *at++ = (uint8_t)count;
+            }
+        }
+    }
+    *passed = *start - next;
+    return (size_t)(at - out);
 }
 
 /* The occupied places of a table, each as key << 24 | place, or how many there are where `out` is NULL. The key is

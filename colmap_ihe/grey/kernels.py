@@ -44,7 +44,7 @@ def _load() -> ctypes.CDLL:
             f"{path}: the compiled part of colmap-ihe cannot be loaded ({error})",
             hint="install colmap-ihe with pip, which builds it, as in `pip install .`",
         ) from error
-    for name in ("occupied", "gather"):
+    for name in ("occupied", "gather", "pack_cells", "pack_table"):
         getattr(library, name).restype = ctypes.c_size_t
     return library
 
@@ -106,6 +106,55 @@ class Table:
     def __iadd__(self, other: Table) -> Table:
         _C.add_table(_at(other.low), _at(other.high), _at(self.low), _at(self.high))
         return self
+
+
+PACKED_BYTES = 14  # of a cell, at the most
+_PACKED_AT_ONCE = 1 << 20
+
+
+def taken(table: Table) -> bytes:
+    """What a table holds, in few bytes, see `packed`; the table is then empty."""
+    start, passed = ctypes.c_uint32(), ctypes.c_uint32()
+    room = np.empty(_PACKED_AT_ONCE, np.uint8)
+    of = (
+        _at(table.low),
+        _at(table.high),
+        ctypes.byref(start),
+        ctypes.byref(passed),
+        _at(room),
+        _size(len(room)),
+    )
+    parts = []
+    while start.value < CELLS:
+        parts.append(room[: _C.pack_table(*of)].tobytes())
+    return b"".join(parts)
+
+
+def packed(place: NDArray[np.uint32], counts: NDArray[np.uint64]) -> bytes:
+    """Places (M,) in ascending order and their counts (M,), below 2^63, in about two bytes each: how many places lie
+    between, and the count, as whole numbers of seven bits a byte, the least first."""
+    n = len(place)
+    _check(place, np.uint32, (n,))
+    _check(counts, np.uint64, (n,))
+    room = np.empty(PACKED_BYTES * n, np.uint8)
+    return room[: _C.pack_cells(_at(place), _at(counts), _size(n), _at(room))].tobytes()
+
+
+def check_packed(data: bytes, mass: int) -> None:
+    """Raises ValueError for anything that `packed` could not have given of counts of `mass` in sum."""
+    if not _C.packed_is_sound(data, _size(len(data)), ctypes.c_uint64(mass)):
+        raise ValueError(f"its cells are not in order, or do not hold {mass} pixels")
+
+
+def add_packed(data: bytes, mass: int, to: Table | NDArray[np.uint64]) -> None:
+    """Adds what `packed` or `taken` gave, counts of `mass` in sum, to a table or to sums (2^24,). Raises ValueError,
+    and adds nothing, for anything that they could not have given."""
+    check_packed(data, mass)
+    if isinstance(to, Table):
+        _C.add_packed(data, _size(len(data)), _at(to.low), _at(to.high), None)
+    else:
+        _check(to, np.uint64, (CELLS,))
+        _C.add_packed(data, _size(len(data)), None, None, _at(to))
 
 
 def count_colours(rgb: NDArray[np.generic], table: Table, code: NDArray[np.uint8]) -> None:

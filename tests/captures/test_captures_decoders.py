@@ -12,7 +12,7 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
@@ -31,40 +31,6 @@ from colmap_ihe.errors import Cancelled, CapabilityError, PhotographError
 from colmap_ihe.executor import in_order
 
 ROOT = Path(__file__).parents[2]
-HOOK = """
-# Stands for a decoder with a bug: what it does to a JPEG is the JPEG's comment.
-import os, signal, time
-import simplejpeg
-decode = simplejpeg.decode_jpeg
-
-def decode_jpeg(data, *more, **named):
-    if b"do: crash" in data:
-        os.kill(os.getpid(), signal.SIGSEGV)
-    if b"do: hang" in data:
-        while True:
-            pass
-    if b"do: exit" in data:
-        print("out of luck", file=__import__("sys").stderr, flush=True)
-        os._exit(3)
-    if b"do: eat" in data:
-        eaten = [bytearray(1 << 26) for _ in range(1 << 16)]
-    if b"do: surprise" in data:
-        raise LookupError("a surprise")
-    return decode(data, *more, **named)
-
-simplejpeg.decode_jpeg = decode_jpeg
-"""
-
-
-@pytest.fixture
-def faulty(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
-    """New decoders do what the comment of a JPEG says."""
-    (tmp_path / "hook").mkdir()
-    (tmp_path / "hook/sitecustomize.py").write_text(HOOK, encoding="utf-8")
-    monkeypatch.setenv("PYTHONPATH", os.pathsep.join((str(tmp_path / "hook"), str(ROOT))))
-    decoders.rest()
-    yield
-    decoders.rest()
 
 
 def colours(seed: int = 1, size: tuple[int, int] = (96, 128)) -> NDArray[np.uint8]:

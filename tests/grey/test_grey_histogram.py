@@ -12,8 +12,9 @@ from numpy.typing import NDArray
 from oracle import scene
 
 from colmap_ihe.errors import WeightsError
-from colmap_ihe.grey.histogram import LINEAR_EDGES, Histogram, Weighting
+from colmap_ihe.grey.histogram import LINEAR_EDGES, Histogram
 from colmap_ihe.grey.ihe import fit_histogram
+from colmap_ihe.grey.sums import Weighting
 from colmap_ihe.grey.weights import Encoding, triplets
 
 
@@ -157,7 +158,7 @@ def test_a_damaged_histogram_is_refused_and_named() -> None:
         b"",
         b"PK\x03\x04",
         data[:-5],
-        head + b"\n" + line.replace(b'"cells": ', b'"cells": 9') + b"\n" + body,
+        head + b"\n" + line.replace(b'"bytes": ', b'"bytes": 9') + b"\n" + body,
         head + b"\n" + line.replace(b'"pixels": 900', b'"pixels": 901') + b"\n" + body,
         head + b"\n" + line.replace(b"coded", b"other") + b"\n" + body,
         head + b"\n{}\n" + body,

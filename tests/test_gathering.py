@@ -1,0 +1,199 @@
+"""Chunks of photographs: counted by any executor, in any grouping, and whatever one of them does to its decoder."""
+
+from __future__ import annotations
+
+import multiprocessing
+import pickle
+import time
+from collections.abc import Iterator, Sequence
+from concurrent.futures import Executor, ProcessPoolExecutor, ThreadPoolExecutor
+from functools import reduce
+from operator import add
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from PIL import Image
+
+from colmap_ihe import gathering
+from colmap_ihe.captures.decode import read_photograph
+from colmap_ihe.captures.decoders import Kept
+from colmap_ihe.captures.discover import Capture
+from colmap_ihe.captures.tally import Tally
+from colmap_ihe.errors import Cancelled, PhotographError, ProjectError
+from colmap_ihe.gathering import Counting, Gathered, chunks, count, gather
+from colmap_ihe.grey.contrast import Contrast
+from colmap_ihe.grey.histogram import Histogram
+from colmap_ihe.grey.sums import Weighting
+from colmap_ihe.progress import SILENT, Silent
+
+
+def photograph(folder: Path, number: int, does: str = "") -> Capture:
+    """A JPEG of noise and detail whose comment is `does`; of a size of its own."""
+    rng = np.random.default_rng(number)
+    pixels = rng.integers(0, 256, (96 + number, 128, 1)) // 2 + rng.integers(0, 99, (96 + number, 128, 3))
+    file = folder / f"{number}{does}.jpg"
+    Image.fromarray(pixels.astype(np.uint8)).save(file, comment=f"do: {does}".encode())
+    return Capture(file.name, file, "coded", file.stem)
+
+
+def counting(
+    captures: Sequence[Capture],
+    method: str = "ihe",
+    weighting: Weighting = "pixel",
+    sample: float = 1.0,
+    strict: bool = False,
+) -> Counting:
+    return Counting(method, weighting, sample, frozenset(c.name for c in captures[::2]), strict)
+
+
+def expected(captures: Sequence[Capture], how: Counting) -> tuple[Histogram, Contrast]:
+    """From pixels, in this process."""
+    tally = Tally("coded", how.weighting, how.sample)
+    for capture in captures:
+        tally.add(read_photograph(capture).rgb, capture.name in how.contrast_in)
+    head, cells = tally.handed_over()
+    histogram = Histogram("coded", how.weighting)
+    histogram.add_sums(gathering.Sums(**head["sums"], cells=cells))
+    return histogram, Contrast.from_dict(head["contrast"], "coded")
+
+
+def same(found: Gathered, histogram: Histogram, contrast: Contrast) -> bool:
+    return found.histogram.sums() == histogram.sums() and found.contrast.as_dict() == contrast.as_dict()
+
+
+@given(
+    kinds=st.lists(st.sampled_from(["raw", "coded"]), min_size=1, max_size=60),
+    pixels=st.integers(0, 60_000_000),
+    workers=st.integers(1, 16),
+)
+def test_chunks_hold_every_capture_once_and_leave_no_worker_idle(
+    kinds: list[Literal["raw", "coded"]], pixels: int, workers: int
+) -> None:
+    captures = [Capture(str(n), Path(str(n)), kind, str(n), pixels=pixels) for n, kind in enumerate(kinds)]
+    found = list(chunks(captures, workers))
+    assert sorted(c.name for chunk in found for c in chunk) == sorted(c.name for c in captures)
+    assert all(len({c.kind for c in chunk}) == 1 for chunk in found)
+    for kind in set(kinds):
+        of_kind = [chunk for chunk in found if chunk[0].kind == kind]
+        assert len(of_kind) >= min(workers, kinds.count(kind)) / 2
+        assert [c for chunk in of_kind for c in chunk] == [c for c in captures if c.kind == kind]
+
+
+def test_large_photographs_do_not_wait_for_one_another() -> None:
+    captures = [Capture(str(n), Path(str(n)), "raw", str(n), pixels=24_000_000) for n in range(100)]
+    assert {len(chunk) for chunk in chunks(captures, 2)} == {1}
+
+
+@pytest.fixture(params=["threads", "processes"])
+def executor(request: pytest.FixtureRequest) -> Iterator[Executor]:
+    if request.param == "threads":
+        with ThreadPoolExecutor(3) as threads:
+            yield threads
+    else:
+        with ProcessPoolExecutor(2, mp_context=multiprocessing.get_context("spawn")) as processes:
+            yield processes
+
+
+def test_any_executor_comes_to_the_same_sums(
+    executor: Executor, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    captures = [photograph(tmp_path, n) for n in range(5)]
+    (tmp_path / "9.jpg").write_bytes(b"no photograph")
+    broken = Capture("9.jpg", tmp_path / "9.jpg", "coded", "9")
+    how = counting(captures)
+    monkeypatch.setattr(gathering, "local_workers", lambda: 3)
+    left_out: dict[str, str] = {}
+    found = gather([*captures, broken], how, executor, SILENT, left_out)
+    assert same(found["coded"], *expected(captures, how))
+    assert list(left_out) == ["9.jpg"]
+    assert "copy it from the card again" in left_out["9.jpg"]
+
+
+@pytest.mark.parametrize("weighting", ["pixel", "image"])
+@pytest.mark.parametrize("sample", [1.0, 0.5])
+def test_grouping_changes_nothing(tmp_path: Path, weighting: Weighting, sample: float) -> None:
+    captures = [photograph(tmp_path, n) for n in range(4)]
+    how = counting(captures, weighting=weighting, sample=sample)
+    want = expected(captures, how)
+    for groups in ([captures], [captures[2:], captures[:2]], [[c] for c in reversed(captures)]):
+        total = Gathered(Histogram("coded", weighting), Contrast("coded"))
+        for group in groups:
+            total.add(pickle.loads(pickle.dumps(count(how, group))))
+        assert same(total, *want)
+
+
+@pytest.mark.parametrize(("does", "at"), [("crash", 0), ("exit", 1), ("late", 2)])
+@pytest.mark.usefixtures("faulty")
+def test_a_photograph_that_kills_its_decoder_costs_itself_only(tmp_path: Path, does: str, at: int) -> None:
+    captures = [photograph(tmp_path, n, does if n == at else "") for n in range(3)]
+    sound = [c for n, c in enumerate(captures) if n != at]
+    how = counting(captures, "realtime-set")
+    found = count(how, captures)
+    total = Gathered(Histogram(), Contrast())
+    total.add(found)
+    assert list(found.errors) == [captures[at].name]
+    assert "crashed on it" in str(found.errors[captures[at].name])
+    assert same(total, *expected(sound, how))
+    alone = [count(how, [c]).formula for c in sound]
+    assert total.formula is not None
+    assert total.formula.finish() == reduce(add, alone).finish()  # type: ignore[union-attr]
+
+
+@pytest.mark.usefixtures("faulty")
+def test_several_killers_in_one_chunk(tmp_path: Path) -> None:
+    captures = [photograph(tmp_path, n, "crash" if n % 2 else "") for n in range(4)]
+    found = count(counting(captures), captures)
+    assert set(found.errors) == {c.name for c in captures[1::2]}
+    total = Gathered(Histogram(), Contrast())
+    total.add(found)
+    assert same(total, *expected(captures[::2], counting(captures)))
+
+
+@pytest.mark.usefixtures("faulty")
+def test_strict_stops_at_the_first_that_cannot_be_used(tmp_path: Path) -> None:
+    captures = [photograph(tmp_path, n, "crash" if n == 1 else "") for n in range(3)]
+    with (
+        ThreadPoolExecutor(2) as threads,
+        pytest.raises(PhotographError, match=r"1crash\.jpg: the decoder crashed"),
+    ):
+        gather(captures, counting(captures, strict=True), threads, SILENT, {})
+    with ThreadPoolExecutor(2) as threads, pytest.raises(ProjectError, match="none of the 1 photographs"):
+        gather([captures[1]], counting(captures), threads, SILENT, {})
+
+
+@pytest.mark.usefixtures("faulty")
+def test_a_chunk_ends_soon_after_it_is_cancelled(tmp_path: Path) -> None:
+    captures = [photograph(tmp_path, n, "hang" if n else "") for n in range(2)]
+
+    class Impatient(Silent):
+        def check(self) -> None:
+            if time.monotonic() > began + 1:
+                raise Cancelled
+
+    watch = Impatient()
+    began = time.monotonic()
+    with ThreadPoolExecutor(1) as threads, pytest.raises(Cancelled):
+        gather(captures, counting(captures), threads, watch, {})
+    assert time.monotonic() - began < 8
+
+
+@pytest.mark.parametrize(
+    "lie", [{"images": 2}, {"pixels": 5, "mass": 5}, {"mass": -1}, {"encoding": "linear"}, {"more": 1}]
+)
+def test_what_a_decoder_says_is_checked(tmp_path: Path, lie: dict[str, Any]) -> None:
+    capture = photograph(tmp_path, 1)
+    real = Kept.ask
+
+    def lies(self: Kept, task: str, *more: Any, **named: Any) -> tuple[Any, Any]:
+        answer, array = real(self, task, *more, **named)
+        return ({**answer, "sums": answer["sums"] | lie} if task == "tally" else answer), array
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(Kept, "ask", lies)
+        found = count(counting([capture]), [capture])
+    assert not found.sums
+    assert "the decoder lost its way on it" in str(found.errors[capture.name])
