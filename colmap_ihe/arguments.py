@@ -146,6 +146,13 @@ def _add_reconstruct(command: _Command) -> None:
     parser.add_argument("--no-dense", action="store_true", help="end with the sparse model")
     parser.add_argument("--no-mesh", action="store_true", help="end with the dense cloud")
     parser.add_argument("--strict", action="store_true", help="stop at a photograph that cannot be used")
+    parser.add_argument(
+        "--from-record",
+        type=Path,
+        metavar="PROJECT",
+        help="with the options of the last run of another project, or of its records/run.json, instead of"
+        " project.yaml; says what is unlike: photographs, versions",
+    )
     _add_camera(parser)
 
 

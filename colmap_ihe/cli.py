@@ -14,6 +14,7 @@ from dataclasses import asdict
 from typing import Any
 
 from colmap_ihe import commands
+from colmap_ihe.again import read_run
 from colmap_ihe.arguments import Run, camera_assignments, development, parser_of
 from colmap_ihe.colmap.native import hear_colmap
 from colmap_ihe.compare import compare
@@ -108,14 +109,15 @@ def _reconstruct(parsed: argparse.Namespace, follower: Follower) -> None:
         assignments.append("mesh.enabled=false")
     if parsed.strict:
         assignments.append("captures.strict=true")
-    options = commands.project_options(parsed.project, assignments)
+    noted = read_run(parsed.from_record, assignments) if parsed.from_record else None
     done = reconstruct(
         parsed.project,
-        options,
+        noted.options if noted else commands.project_options(parsed.project, assignments),
         images=parsed.images,
         start=parsed.start,
         until=parsed.until,
         audience=follower,
+        noted=noted,
     )
     if parsed.json:
         _result(follower, dict(done.summary))

@@ -220,3 +220,8 @@ class Options(_Section):
     @property
     def meshed(self) -> bool:
         return self.dense.enabled and self.mesh.enabled
+
+    def as_yaml(self) -> dict[str, Any]:
+        """All of them as project.yaml would hold them."""
+        values = self.model_dump(mode="json")
+        return {**values, "cameras": dict(values["cameras"])}

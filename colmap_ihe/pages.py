@@ -96,7 +96,7 @@ def gather(run: Run, summary: Mapping[str, Any], watch: Watch) -> Contents:
         warnings=summary["warnings"],
         seconds=summary["stages"],
         versions=library_versions("pycolmap", "opencv", "rawpy", "libraw"),
-        options=yaml.safe_dump(options.model_dump(mode="json"), sort_keys=False),
+        options=yaml.safe_dump(options.as_yaml(), sort_keys=False),
         methods_sentence=_methods(summary, options),
         citation=CITATION,
     )

@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import Any
 
 from colmap_ihe import outputs, preflight, stages
+from colmap_ihe.again import Noted, note_run, unlike
 from colmap_ihe.captures.discover import Discovery, discover
 from colmap_ihe.colmap import textured
 from colmap_ihe.colmap.dense import pick_backend
@@ -99,12 +100,14 @@ def reconstruct(
     until: str | None = None,
     audience: Audience = SILENT,
     executor: Executor | None = None,
+    noted: Noted | None = None,
 ) -> Reconstruction:
     """Photographs in `project/images` to a model in `project/workspace`, going on from what is up to date.
 
     `start` runs that stage and all after it again; `until` ends after a stage. `executor`: of threads; the fit alone
     would run on one of processes too. Raises `KnownError`s, and `Cancelled`; the records then say how far it came, and
-    the same call goes on from there.
+    the same call goes on from there. `noted`: what another run noted, of which this one is a repetition; what is
+    unlike is told.
     """
     options = options or Options()
     _check_range(start, until, options)
@@ -121,6 +124,9 @@ def reconstruct(
         with audience.stage("content") as watch:
             digests = digests_of(place, run.discovery, watch)
             write_json(place.digests_file, digests)
+            note_run(place, options, digests)
+        for text in unlike(noted, digests) if noted else ():
+            audience.warn(text)
         prints = _fingerprints(place, options, run.discovery, digests)
         ran = []
         last = NAMES.index(until) if until else len(ROAD) - 1

@@ -157,6 +157,11 @@ class Project:
     def digests_file(self) -> Path:
         return self.records / "digests.json"
 
+    @property
+    def run_file(self) -> Path:
+        """What the last run was given."""
+        return self.records / "run.json"
+
     def record_file(self, stage: str) -> Path:
         return self.records / f"{stage}.json"
 

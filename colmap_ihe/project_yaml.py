@@ -23,6 +23,14 @@ def load_options(path: Path | None, assignments: Iterable[str] = ()) -> Options:
     if path is not None and path.exists():
         source = str(path)
         values = _read_yaml(path)
+    return options_of(values, source, assignments)
+
+
+def options_of(values: dict[str, Any], source: str, assignments: Iterable[str] = ()) -> Options:
+    """The defaults, changed by sections of `values`, which come from `source`, then by `stage.option=value` each.
+
+    Raises `OptionError`.
+    """
     _validate(values, source)
     for assignment in assignments:
         _assign(values, assignment)
