@@ -41,6 +41,7 @@ from colmap_ihe.project import Project, fingerprint_of, read_json, require_room,
 from colmap_ihe.version import library_versions
 
 _Row = dict[str, Any]
+_DEVELOPED = "developed"  # the folder of RAW photographs, developed once for all methods
 
 
 def compare(
@@ -99,6 +100,7 @@ def compare(
                     _dense_points(done, first, options, executor, audience),
                 )
             )
+        shutil.rmtree(place.comparison / _DEVELOPED, ignore_errors=True)
         write_json(place.comparison / "compare.json", [asdict(one) for one in found])
         for table in tables_of(found):
             write_bytes(place.comparison / f"{table.name}.csv", table.as_csv().encode())
@@ -130,6 +132,7 @@ def _matched(
         until="matches",
         audience=audience,
         executor=executor,
+        developed=one.root.parent / _DEVELOPED,
     )
 
 

@@ -101,13 +101,14 @@ def reconstruct(
     audience: Audience = SILENT,
     executor: Executor | None = None,
     noted: Noted | None = None,
+    developed: Path | None = None,
 ) -> Reconstruction:
     """Photographs in `project/images` to a model in `project/workspace`, going on from what is up to date.
 
     `start` runs that stage and all after it again; `until` ends after a stage. `executor`: of threads; the fit alone
     would run on one of processes too. Raises `KnownError`s, and `Cancelled`; the records then say how far it came, and
     the same call goes on from there. `noted`: what another run noted, of which this one is a repetition; what is
-    unlike is told.
+    unlike is told. `developed`: a folder where RAW photographs are kept developed, for other runs on them.
     """
     options = options or Options()
     _check_range(start, until, options)
@@ -120,7 +121,7 @@ def reconstruct(
         stack.enter_context(place.locked())
         stack.enter_context(logged_to(place.native_log))
         workers = executor or stack.enter_context(local_executor())
-        run = Run(place, options, discovery, workers)
+        run = Run(place, options, discovery, workers, developed=developed)
         with audience.stage("content") as watch:
             digests = digests_of(place, run.discovery, watch)
             write_json(place.digests_file, digests)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from concurrent.futures import Executor
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 from typing import Any
 
 from colmap_ihe.captures.discover import Capture, Discovery
@@ -20,7 +21,8 @@ class Run:
     """One run over a project: what it was given, and what its stages have found so far.
 
     `records` holds the records of the stages before this one; `resumed` is True if this stage was begun
-    with the same fingerprint and not finished, so that its files may be kept.
+    with the same fingerprint and not finished, so that its files may be kept. `developed`: where RAW photographs are
+    kept developed for other runs on them, if anywhere.
     """
 
     project: Project
@@ -30,6 +32,7 @@ class Run:
     records: dict[str, Record] = field(default_factory=dict)
     resumed: bool = False
     surveyed: list[Surveyed] = field(default_factory=list)
+    developed: Path | None = None
 
     @property
     def strict(self) -> bool:
@@ -46,10 +49,17 @@ class Run:
         }
         known = {s.capture.name: s.capture for s in self.surveyed}
         return [
-            known.get(c.name) or replace(c, recipe=recipes.get(c.name, c.recipe), pixels=first["largest"])
+            known.get(c.name)
+            or self.kept(replace(c, recipe=recipes.get(c.name, c.recipe), pixels=first["largest"]))
             for c in self.discovery.captures
             if c.name not in out
         ]
+
+    def kept(self, capture: Capture) -> Capture:
+        """The capture, kept developed if those of this run are."""
+        if self.developed is None or capture.kind != "raw":
+            return capture
+        return replace(capture, recipe=replace(capture.recipe, kept_in=str(self.developed)))
 
     def grey_names(self) -> list[str]:
         return sorted(self.records["convert"]["grey"].values())

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import shutil
 from collections import Counter
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from functools import partial
 from pathlib import Path
 
@@ -52,7 +52,7 @@ def captures(run: Run, watch: Watch) -> Record:
         watch,
         strict=run.strict,
     )
-    run.surveyed = found.surveyed
+    run.surveyed = [replace(s, capture=run.kept(s.capture)) for s in found.surveyed]
     recipes = recipe_notes(run.surveyed)
     outputs.remove_masters(project, recipes)
     sizes = Counter((s.metadata.make, s.metadata.model, s.width, s.height) for s in run.surveyed)

@@ -20,7 +20,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from colmap_ihe.captures import decode, metadata, raw, small
+from colmap_ihe.captures import decode, keep, metadata, raw, small
 from colmap_ihe.captures.discover import Capture
 from colmap_ihe.captures.recipe import recipe_from_dict
 from colmap_ihe.captures.tally import Tally
@@ -42,14 +42,26 @@ class _Desk:
         self.tally: Tally | None = None
 
 
+def _read(desk: _Desk, capture: Message) -> decode.Photograph:
+    """Developed as its recipe says, or found developed where its recipe keeps it."""
+    one = _capture(capture)
+    file = keep.kept_file(one)
+    found = keep.load(file) if file else None
+    if found is None:
+        found = decode.read_photograph_here(one, desk.room.array)
+        _refuse_damaged(one.name)
+        if file:
+            keep.store(file, found)
+    return found
+
+
 def _count(
     desk: _Desk, *, capture: Message, first: bool, contrast: bool, returned: bool, **how: Any
 ) -> _Answer:
     """Adds the photograph to the tally, a new one if it is the `first`."""
     if first or desk.tally is None:
         desk.tally = Tally(**how)
-    found = decode.read_photograph_here(_capture(capture), desk.room.array)
-    _refuse_damaged(capture["name"])
+    found = _read(desk, capture)
     desk.tally.add(found.rgb, contrast)
     return None, found.rgb if returned else None
 
@@ -64,7 +76,7 @@ def _tally(desk: _Desk) -> _Answer:
 
 
 def _photograph(desk: _Desk, *, capture: Message) -> _Answer:
-    found = decode.read_photograph_here(_capture(capture), desk.room.array)
+    found = _read(desk, capture)
     matrix = found.srgb_from_camera
     about = {
         "encoding": found.encoding,

@@ -20,7 +20,8 @@ class Recipe:
 
     `dark`, `flat` and `bad_pixels` are files of `calibration`, empty for none; `dark_scale` multiplies what a
     dark frame has above `bias`. `gains` multiply red, green and blue, linear of RAW and as coded of the others;
-    `denoise` is the strength of the denoising in standard deviations of the noise, 0 for none.
+    `denoise` is the strength of the denoising in standard deviations of the noise, 0 for none. `kept_in`: a folder
+    where the developed pixels are kept for the next reading; empty for none.
     """
 
     demosaic: Demosaic = "linear"
@@ -32,10 +33,14 @@ class Recipe:
     bad_pixels: str = ""
     gains: tuple[float, float, float] = (1.0, 1.0, 1.0)
     denoise: float = 0.0
+    kept_in: str = ""
 
     def identity(self) -> dict[str, Any]:
-        """As `as_dict`, files without the folder they lie in: their names tell their content."""
-        return {k: Path(v).name if k in FILES else v for k, v in self.as_dict().items()}
+        """As `as_dict`, files without the folder they lie in: their names tell their content. Without `kept_in`,
+        which changes nothing."""
+        plain = {k: Path(v).name if k in FILES else v for k, v in self.as_dict().items()}
+        plain.pop("kept_in", None)
+        return plain
 
     def as_dict(self) -> dict[str, Any]:
         """What differs from `Recipe()`, as plain values; `recipe_from_dict` reads it back."""
