@@ -9,6 +9,7 @@ from collections import Counter
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field
 from datetime import datetime, timezone
+from pathlib import Path
 from typing import Any, Literal
 from urllib.parse import quote
 
@@ -174,13 +175,15 @@ def publish(folder: BatchFolder, state: BatchState, thumbnails: dict[str, Pictur
     write_bytes(folder.page_file, render_batch(contents).encode())
 
 
-def _relative(folder: BatchFolder, file: Any) -> str | None:
+def _relative(folder: BatchFolder, file: Path) -> str | None:
     return os.path.relpath(file, folder.folder) if file.exists() else None
 
 
 def _row(one: Batched, thumbnail: Picture | None) -> ProjectRow:
-    page = "" if one.page is None else quote(one.page.encode("utf-8", "surrogateescape"))
-    return ProjectRow(one.name, one.kind, one.in_words, page, thumbnail, facts_of(one), one.reason, one.hint)
+    page, log = (quote((place or "").encode("utf-8", "surrogateescape")) for place in (one.page, one.log))
+    return ProjectRow(
+        one.name, one.kind, one.in_words, page, thumbnail, facts_of(one), one.reason, one.hint, log
+    )
 
 
 def facts_of(one: Batched) -> list[tuple[str, str]]:

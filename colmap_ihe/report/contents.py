@@ -130,8 +130,8 @@ class Comparison:
 
 @dataclass(frozen=True)
 class ProjectRow:
-    """One project of a batch. `kind` is how its `state`, in words, is to be seen; `page`: the address of its own page,
-    relative to that of the batch, empty if it has none."""
+    """One project of a batch. `kind` is how its `state`, in words, is to be seen; `page` and `log`: addresses of its
+    own page and of the log of its run, relative to the page of the batch, empty if there is none."""
 
     name: str
     kind: Literal["done", "failed", "running", "waiting"]
@@ -141,6 +141,7 @@ class ProjectRow:
     facts: Sequence[tuple[str, str]] = ()
     reason: str = ""
     hint: str = ""
+    log: str = ""
 
 
 @dataclass(frozen=True)
