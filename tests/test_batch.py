@@ -14,7 +14,7 @@ from collections.abc import Callable, Iterator
 from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import pytest
 from conftest import QUICK
@@ -73,11 +73,15 @@ def states(state: BatchState) -> dict[str, str]:
 
 
 Endings = dict[str, list[Outcome]]
-Pretended = tuple[Endings, list[Job]]
+
+
+class Pretended(NamedTuple):
+    endings: Endings
+    jobs: list[Job]
 
 
 @pytest.fixture
-def pretended(monkeypatch: pytest.MonkeyPatch) -> Iterator[Pretended]:
+def pretended(monkeypatch: pytest.MonkeyPatch) -> Pretended:
     """Runs that take a moment and end as told, by name of the project, or else well; and the jobs that were run."""
     endings: Endings = {}
     jobs: list[Job] = []
@@ -91,7 +95,7 @@ def pretended(monkeypatch: pytest.MonkeyPatch) -> Iterator[Pretended]:
     monkeypatch.setattr(driver, "run_job", run)
     monkeypatch.setattr(driver, "look_at", lambda *_: Look(8, 10**6, GB))
     monkeypatch.setattr(driver, "_TICK_SECONDS", 0.02)
-    return endings, jobs
+    return Pretended(endings, jobs)
 
 
 # What is a project
@@ -149,9 +153,7 @@ def test_other_lengths_and_counts_are_wrong_usage(
 
 
 def test_lengths_of_time_have_units() -> None:
-    names = [line.split()[1].strip("`") for line in "".split("
-") if line]
-    parser = parser_of(dict.fromkeys(names, lambda *_: None))
+    parser = parser_of(cli._RUNS)
     for said, seconds in (("45s", 45), ("1.5m", 90), ("2h", 7200), ("10", 600)):
         assert parser.parse_args(["batch", ".", "--time-limit", said]).time_limit == seconds
 
@@ -243,7 +245,7 @@ def test_memory_that_ran_out_beside_others_is_tried_again_alone(
     endings, jobs = pretended
     endings["a"] = [Outcome("out_of_memory", 1.0, reason="memory ran out")]
     held = threading.Event()
-    pretended_run = getattr(driver, "run_job")  # noqa: B009  of the fixture
+    pretended_run: Callable[..., Outcome] = getattr(driver, "run_job")  # noqa: B009  of the fixture
 
     def run(job: Job, follow: Callable[[Progress], None] | None = None) -> Outcome:
         if Path(job.root).name == "b":
