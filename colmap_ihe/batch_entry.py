@@ -18,6 +18,8 @@ from colmap_ihe.errors import KnownError
 from colmap_ihe.job import Outcome, Progress
 from colmap_ihe.project import Project, read_json, room_on_disk, write_json
 
+_START_MEGAPIXELS = 2.0
+
 
 @dataclass
 class Entry:
@@ -54,7 +56,8 @@ class Entry:
 
     @property
     def megapixels(self) -> float:
-        return self.look.pixels / 1e6 if self.look else 0.0
+        """With what every run takes, however small its photographs are."""
+        return _START_MEGAPIXELS + (self.look.pixels / 1e6 if self.look else 0.0)
 
     @property
     def is_ready(self) -> bool:

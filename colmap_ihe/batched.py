@@ -126,8 +126,9 @@ class BatchState:
             "waiting": "not begun or not finished",
         }
         parts += [f"{kinds[kind]} {said}" for kind, said in words.items() if kinds[kind]]
-        if self.phase in ("running", "watching") and self.remaining_s:
-            parts.append(f"about {duration(self.remaining_s)} left")
+        if self.phase in ("running", "watching") and self.remaining_s is not None:
+            long = self.remaining_s >= 10
+            parts.append(f"about {duration(self.remaining_s)} left" if long else "a few seconds left")
         elif self.phase == "stopped":
             parts.append("stopped by hand")
         elif self.phase == "watching":

@@ -162,7 +162,7 @@ def test_lengths_of_time_have_units() -> None:
 
 
 def entry(need: int = 0, **more: Any) -> Entry:
-    return Entry(Path("p"), look=Look(10, 10**7, need), **more)
+    return Entry(Path("p"), look=Look(10, 8 * 10**6, need), **more)
 
 
 def test_as_many_at_a_time_as_memory_has_room_for() -> None:
