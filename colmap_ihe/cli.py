@@ -17,6 +17,7 @@ from typing import Any
 from colmap_ihe import commands
 from colmap_ihe.arguments import Run, camera_assignments, development, parser_of, road_assignments
 from colmap_ihe.batch import batch
+from colmap_ihe.batch_folder import BatchFolder
 from colmap_ihe.batch_terminal import BatchBars, print_batch
 from colmap_ihe.compare import compare
 from colmap_ihe.compared import sentences, tables_of
@@ -126,7 +127,7 @@ def _batch(parsed: argparse.Namespace, bars: Bars) -> None:
             audience=audience,
             command=shlex.join(["colmap-ihe", *parsed.arguments]),
         )
-    page = parsed.root / "batch" / "index.html"
+    page = BatchFolder(parsed.root).page_file
     if parsed.json:
         _print_json(done.as_dict())
     else:
