@@ -102,7 +102,7 @@ def test_what_needs_its_reader_comes_first() -> None:
         "dome waiting",
     ]
     elements = Elements(html)
-    assert [a["href"] for t, a in elements.tags if t == "a"][-2:] == ["../c/b.log", "../a/index.html"]
+    assert [a["href"] for t, a in elements.tags if t == "a"][-2:] == ["../c/batch.log", "../a/index.html"]
     assert all(a.get("alt") for t, a in elements.tags if t == "img")
 
 
