@@ -199,10 +199,10 @@ def _count(text: str) -> int:
 
 
 def _duration(text: str) -> float:
-    match = re.fullmatch(r"(\d+(?:\.\d+)?)(s|m|h|)", text.strip(), re.ASCII)
+    match = re.fullmatch(r"(\d+(?:\.\d+)?)([smh])", text.strip(), re.ASCII)
     if match is None or not float(match[1]):
         raise argparse.ArgumentTypeError(f"{text!r}, wanted a length of time such as 45s, 90m or 2h")
-    return float(match[1]) * {"s": 1, "m": 60, "h": 3600, "": 60}[match[2]]
+    return float(match[1]) * {"s": 1, "m": 60, "h": 3600}[match[2]]
 
 
 def _add_compare(command: _Command) -> None:

@@ -7,20 +7,20 @@ goes on, and two of them may work in one folder: who runs a project holds its lo
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from concurrent.futures import FIRST_COMPLETED, Executor, Future, ThreadPoolExecutor, wait
 from contextlib import ExitStack, suppress
 from pathlib import Path
 from typing import Any, Protocol
 
 from colmap_ihe import memory
-from colmap_ihe.batch_entry import Entry, remaining_of, share_of
+from colmap_ihe.batch_entry import Entry, look_of, outcome_of, remaining_of, share_of
 from colmap_ihe.batch_folder import BatchFolder
 from colmap_ihe.batch_look import Look, look_at
 from colmap_ihe.batched import BatchState, Phase, publish, time_of
 from colmap_ihe.errors import KnownError
 from colmap_ihe.executor import local_workers
-from colmap_ihe.job import GOES_ON, GRACE_SECONDS, Job, Outcome, Progress, run_job
+from colmap_ihe.job import GRACE_SECONDS, Job, Outcome, Progress, run_job
 from colmap_ihe.project_yaml import load_options
 
 _TICK_SECONDS = 0.25
@@ -179,17 +179,17 @@ class _Batch:
         for entry in self.entries.values():
             if entry.looking is not None and entry.looking.done():
                 future, entry.looking = entry.looking, None
-                self._looked(entry, _look_of(future))
+                self._looked(entry, look_of(future))
             if entry.running is not None and entry.running.done():
                 finished, entry.running = entry.running, None
-                self._ran(entry, _outcome_of(finished))
+                self._ran(entry, outcome_of(finished))
 
     def _looked(self, entry: Entry, look: Look) -> None:
         entry.look = look
         if look.up_to_date:
             entry.to("done")
         elif look.reason:
-            entry.ended(Outcome("failed", 0.0, reason=look.reason, hint=look.hint))
+            entry.ended(Outcome("failed", 0.0, reason=look.reason, hint=look.hint), self.assignments)
 
     def _ran(self, entry: Entry, outcome: Outcome) -> None:
         together = any(other.running is not None for other in self.entries.values())
@@ -201,7 +201,7 @@ class _Batch:
             entry.to("waiting", "memory ran out beside other projects: it runs again by itself")
         else:
             entry.left = outcome.state == "busy"
-            entry.ended(outcome)
+            entry.ended(outcome, self.assignments)
         if outcome.state == "done":
             self.done_megapixels += entry.megapixels
             self.done_seconds += outcome.seconds
@@ -216,7 +216,6 @@ class _Batch:
             if entry.state == "busy" and time.monotonic() >= entry.not_before:
                 self._try_again(entry)
             if entry.state == "waiting" and entry.look is None and entry.looking is None:
-                entry.looked_at = time.time()
                 entry.looking = self.looker.submit(look_at, entry.root, self.assignments)
         for entry in self.entries.values():
             running = [e for e in self.entries.values() if e.running is not None]
@@ -238,17 +237,17 @@ class _Batch:
         try:
             taken = entry.take()
         except KnownError as error:
-            entry.ended(Outcome("failed", 0.0, reason=str(error), hint=error.hint))
+            entry.ended(Outcome("failed", 0.0, reason=str(error), hint=error.hint), self.assignments)
             return
         if not taken:
             entry.to("busy", "another batch works on it", wait_s=_AGAIN_SECONDS)
-        elif entry.ended_elsewhere():
+        elif entry.ended_elsewhere(self.assignments):
             entry.release()
         else:
             job = Job(str(entry.root), self.assignments, self.time_limit_s, share, str(self.stop_file))
             entry.to("running")
             entry.progress, entry.began = Progress(), time.time()
-            more = () if self.elsewhere else (_follower(entry),)
+            more = () if self.elsewhere else (entry.follow,)
             entry.running = self.runner.submit(run_job, job, *more)
 
     def _is_over(self) -> bool:
@@ -291,28 +290,3 @@ class _Batch:
         if text not in self.warnings:
             self.warnings.append(text)
             self.audience.warn(text)
-
-
-def _follower(entry: Entry) -> Callable[[Progress], None]:
-    def follow(progress: Progress) -> None:
-        entry.progress = progress
-
-    return follow
-
-
-def _look_of(future: Future[Look]) -> Look:
-    try:
-        return future.result()
-    except Exception as error:  # noqa: BLE001  of one project, and the others go on
-        return Look(reason=f"it could not be looked at: {type(error).__name__}: {error}")
-
-
-def _outcome_of(future: Future[Outcome]) -> Outcome:
-    if future.cancelled():
-        return Outcome("stopped", 0.0, reason="stopped before it began", hint=GOES_ON)
-    try:
-        return future.result()
-    except Exception as error:  # noqa: BLE001  an executor that lost a worker, say
-        return Outcome(
-            "crashed", 0.0, reason=f"its run was lost: {type(error).__name__}: {error}", hint=GOES_ON
-        )

@@ -15,7 +15,7 @@ from colmap_ihe.batch_folder import BatchFolder, contents_of
 from colmap_ihe.batch_look import BASE_BYTES, Look
 from colmap_ihe.batched import FAILURES, Batched, State, batched, time_of
 from colmap_ihe.errors import KnownError
-from colmap_ihe.job import Outcome, Progress
+from colmap_ihe.job import GOES_ON, Outcome, Progress
 from colmap_ihe.project import Project, read_json, room_on_disk, write_json
 
 _START_MEGAPIXELS = 2.0
@@ -32,7 +32,6 @@ class Entry:
     hint: str = ""
     look: Look | None = None
     looking: Future[Look] | None = None
-    looked_at: float = 0.0
     running: Future[Outcome] | None = None
     progress: Progress = field(default_factory=Progress)
     began: float = 0.0
@@ -109,11 +108,12 @@ class Entry:
             return taken
         return False
 
-    def ended(self, outcome: Outcome) -> None:
-        """Keeps how a run ended, for this batch and for others."""
+    def ended(self, outcome: Outcome, assignments: Sequence[str]) -> None:
+        """Keeps how a run with these options ended, for this batch and for others."""
         self.to(outcome.state, outcome.reason, outcome.hint)
         record = {
             "state": outcome.state,
+            "set": list(assignments),
             "stage": outcome.stage,
             "reason": outcome.reason,
             "hint": outcome.hint,
@@ -125,17 +125,24 @@ class Entry:
         with suppress(KnownError, OSError):  # nothing can be written there, which is then its reason
             write_json(self.project.batch_record, record)
 
-    def ended_elsewhere(self) -> bool:
-        """Whether another batch ran it since it was looked at; it is then what it became there."""
+    def ended_elsewhere(self, assignments: Sequence[str]) -> bool:
+        """Whether another batch ran it with these options since it was looked at; it is then what it became there."""
         with suppress(OSError):
-            if self.project.batch_record.stat().st_mtime > self.looked_at:
-                record = read_json(self.project.batch_record) or {}
-                if record.get("state") in ("done", *FAILURES):
-                    self.to(record["state"], record.get("reason", ""), record.get("hint", ""))
-                    return True
+            record = read_json(self.project.batch_record) or {}
+            newer = self.look is not None and self.project.batch_record.stat().st_mtime > self.look.at
+            if (
+                newer
+                and record.get("set") == list(assignments)
+                and record.get("state") in ("done", *FAILURES)
+            ):
+                self.to(record["state"], record.get("reason", ""), record.get("hint", ""))
+                return True
         return False
 
     # How it is seen
+
+    def follow(self, progress: Progress) -> None:
+        self.progress = progress
 
     def shown(self, folder: BatchFolder, stopped: bool) -> Batched:
         if self._shown is None or stopped or self.state in ("running", "busy"):
@@ -182,3 +189,23 @@ def remaining_of(entries: Sequence[Entry], pace: float) -> float | None:
     under_way = [max(0.0, e.megapixels * pace - (time.time() - e.began)) for e in running]
     ahead = [e.megapixels * pace for e in left if e.state == "waiting"]
     return max([sum(under_way + ahead) / max(1, len(running)), *under_way])
+
+
+def look_of(future: Future[Look]) -> Look:
+    """What an ended look found, also if it broke."""
+    try:
+        return future.result()
+    except Exception as error:  # noqa: BLE001  of one project, and the others go on
+        return Look(reason=f"it could not be looked at: {type(error).__name__}: {error}")
+
+
+def outcome_of(future: Future[Outcome]) -> Outcome:
+    """How a run ended, also if it was lost."""
+    if future.cancelled():
+        return Outcome("stopped", 0.0, reason="stopped before it began", hint=GOES_ON)
+    try:
+        return future.result()
+    except Exception as error:  # noqa: BLE001  an executor that lost a worker, say
+        return Outcome(
+            "crashed", 0.0, reason=f"its run was lost: {type(error).__name__}: {error}", hint=GOES_ON
+        )

@@ -67,15 +67,19 @@ class BatchFolder:
             warn(f"{error.filename}: cannot be read ({error.strerror}), so no project is looked for in it")
 
         for parent, folders, _ in os.walk(self.root, onerror=refused, followlinks=True):
-            place, about = Path(parent), Path(parent).stat()
-            if (about.st_dev, about.st_ino) in seen or ours.is_ours(place):
-                folders.clear()
-                continue
-            seen.add((about.st_dev, about.st_ino))
-            if place != self.root and (place / "images").is_dir():
+            place = Path(parent)
+            try:
+                about = place.stat()
+                known = (about.st_dev, about.st_ino) in seen or ours.is_ours(place)
+                is_project = not known and place != self.root and (place / "images").is_dir()
+            except OSError as error:
+                refused(error)
+                known, is_project = True, False
+            else:
+                seen.add((about.st_dev, about.st_ino))
+            if is_project:
                 found.append(place)
-                folders.clear()
-            folders[:] = [f for f in folders if not f.startswith(".")]
+            folders[:] = [] if known or is_project else [f for f in folders if not f.startswith(".")]
         return sorted(found)
 
     def name_of(self, project: Path) -> str:

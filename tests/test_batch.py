@@ -142,7 +142,9 @@ def test_a_slip_is_refused_before_any_work(tmp_path: Path) -> None:
     assert not (tmp_path / "batch").exists()
 
 
-@pytest.mark.parametrize("said", [["--jobs", "0"], ["--time-limit", "soon"], ["--time-limit", "0h"]])
+@pytest.mark.parametrize(
+    "said", [["--jobs", "0"], ["--time-limit", "soon"], ["--time-limit", "0h"], ["--settle", "30"]]
+)
 def test_other_lengths_and_counts_are_wrong_usage(
     said: list[str], capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -154,7 +156,7 @@ def test_other_lengths_and_counts_are_wrong_usage(
 
 def test_lengths_of_time_have_units() -> None:
     parser = parser_of(cli._RUNS)
-    for said, seconds in (("45s", 45), ("1.5m", 90), ("2h", 7200), ("10", 600)):
+    for said, seconds in (("45s", 45), ("1.5m", 90), ("2h", 7200)):
         assert parser.parse_args(["batch", ".", "--time-limit", said]).time_limit == seconds
 
 
@@ -287,23 +289,30 @@ def test_what_another_batch_has_is_left_to_it(tmp_path: Path, pretended: Pretend
     assert states(batch(root, audience=Listener())) == {"a": "done", "b": "done"}
 
 
+@pytest.mark.parametrize(("with_options", "state"), [(["fit.step=0.1"], "crashed"), ([], "done")])
 def test_what_another_batch_made_of_it_meanwhile_counts(
-    tmp_path: Path, pretended: Pretended, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path,
+    pretended: Pretended,
+    monkeypatch: pytest.MonkeyPatch,
+    with_options: list[str],
+    state: str,
 ) -> None:
-    """It crashed there a moment ago: trying again at once would be the same work twice."""
+    """It crashed there a moment ago: trying again at once would be the same work twice, unless options differ."""
     root = projects(tmp_path, "a")
+    theirs = {"state": "crashed", "set": with_options, "reason": "crashed in sparse", "hint": "h"}
 
     def look(project: Path, _assignments: object) -> Look:
+        seen = Look(8, 10**6, GB)
         time.sleep(0.05)  # the other batch ends it now
-        write_json(
-            project / "records/batch.json", {"state": "crashed", "reason": "crashed in sparse", "hint": "h"}
-        )
-        return Look(8, 10**6, GB)
+        write_json(project / "records/batch.json", theirs)
+        return seen
 
     monkeypatch.setattr(driver, "look_at", look)
-    done = batch(root, audience=Listener())
-    assert states(done) == {"a": "crashed"} and not pretended[1]
-    assert (done.projects[0].reason, done.projects[0].hint) == ("crashed in sparse", "h")
+    done = batch(root, assignments=["fit.step=0.1"], audience=Listener())
+    assert states(done) == {"a": state}
+    assert len(pretended.jobs) == (state == "done")
+    if state == "crashed":
+        assert (done.projects[0].reason, done.projects[0].hint) == ("crashed in sparse", "h")
 
 
 def test_a_run_of_no_batch_is_waited_for_a_while_and_left(
