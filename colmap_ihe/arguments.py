@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import re
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import get_args
@@ -56,6 +57,7 @@ def parser_of(runs: Mapping[str, Run]) -> argparse.ArgumentParser:
 
     _add_demo(command)
     _add_reconstruct(command)
+    _add_batch(command)
     _add_fit(command)
     _add_convert(command)
     _add_develop(command)
@@ -80,6 +82,10 @@ _Command = Callable[[str, str], argparse.ArgumentParser]
 def _add_project(parser: argparse.ArgumentParser, nargs: str | None = None) -> None:
     parser.add_argument("project", type=Path, nargs=nargs, metavar="PROJECT", help="the project's folder")
     parser.add_argument("--images", type=Path, metavar="DIR", help="photographs, if not in PROJECT/images")
+    _add_set(parser)
+
+
+def _add_set(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--set",
         action="append",
@@ -143,9 +149,7 @@ def _add_reconstruct(command: _Command) -> None:
     _add_project(parser)
     parser.add_argument("--from", dest="start", choices=NAMES, help="run this stage and all after it again")
     parser.add_argument("--until", choices=NAMES, help="end after this stage")
-    parser.add_argument("--no-dense", action="store_true", help="end with the sparse model")
-    parser.add_argument("--no-mesh", action="store_true", help="end with the dense cloud")
-    parser.add_argument("--strict", action="store_true", help="stop at a photograph that cannot be used")
+    _add_ends(parser)
     parser.add_argument(
         "--from-record",
         type=Path,
@@ -154,6 +158,70 @@ def _add_reconstruct(command: _Command) -> None:
         " project.yaml; says what is unlike: photographs, versions",
     )
     _add_camera(parser)
+
+
+def _add_ends(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--no-dense", action="store_true", help="end with the sparse model")
+    parser.add_argument("--no-mesh", action="store_true", help="end with the dense cloud")
+    parser.add_argument("--strict", action="store_true", help="stop at a photograph that cannot be used")
+
+
+def road_assignments(parsed: argparse.Namespace) -> list[str]:
+    """What was said of the road, as assignments of options."""
+    assignments = [*parsed.assignments, *camera_assignments(parsed)]
+    if parsed.no_dense:
+        assignments.append("dense.enabled=false")
+    if parsed.no_mesh:
+        assignments.append("mesh.enabled=false")
+    if parsed.strict:
+        assignments.append("captures.strict=true")
+    return assignments
+
+
+def _add_batch(command: _Command) -> None:
+    parser = command(
+        "batch",
+        "Every project below ROOT, a folder with photographs in images/ each, in a process of its own: one that fails"
+        " or crashes does not stop the others. As many at a time as memory has room for. ROOT/batch/index.html shows"
+        " what they have come to while it runs. The same command goes on with what is missing. Exit status 1 if not all"
+        " are done; see docs/batch.md.",
+    )
+    parser.add_argument("root", type=Path, metavar="ROOT", help="the folder that holds the projects")
+    parser.add_argument(
+        "--jobs", type=_count, metavar="N", help="projects at a time, if memory has room (one a core)"
+    )
+    parser.add_argument(
+        "--time-limit",
+        type=_duration,
+        metavar="TIME",
+        help="for each project, as 90m or 2h; one that takes longer is stopped, and goes on from there next time",
+    )
+    parser.add_argument(
+        "--watch", action="store_true", help="go on with projects that are put into ROOT, until stopped"
+    )
+    parser.add_argument(
+        "--settle",
+        type=_duration,
+        default=30.0,
+        metavar="TIME",
+        help="with --watch: for how long a project's files must not have changed before it begins (30s)",
+    )
+    _add_set(parser)
+    _add_ends(parser)
+    _add_camera(parser)
+
+
+def _count(text: str) -> int:
+    if not text.isascii() or not text.isdigit() or not int(text):
+        raise argparse.ArgumentTypeError(f"{text!r}, wanted a number from 1 on")
+    return int(text)
+
+
+def _duration(text: str) -> float:
+    match = re.fullmatch(r"(\d+(?:\.\d+)?)([smh])", text.strip(), re.ASCII)
+    if match is None or not float(match[1]):
+        raise argparse.ArgumentTypeError(f"{text!r}, wanted a length of time such as 45s, 90m or 2h")
+    return float(match[1]) * {"s": 1, "m": 60, "h": 3600}[match[2]]
 
 
 def _add_compare(command: _Command) -> None:

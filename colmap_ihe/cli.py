@@ -6,6 +6,7 @@ import argparse
 import json
 import logging
 import os
+import shlex
 import signal
 import sys
 import warnings
@@ -15,7 +16,10 @@ from typing import Any
 
 from colmap_ihe import commands
 from colmap_ihe.again import read_run
-from colmap_ihe.arguments import Run, camera_assignments, development, parser_of
+from colmap_ihe.arguments import Run, camera_assignments, development, parser_of, road_assignments
+from colmap_ihe.batch import batch
+from colmap_ihe.batch_folder import BatchFolder
+from colmap_ihe.batch_terminal import batch_audience, print_batch
 from colmap_ihe.colmap.native import hear_colmap
 from colmap_ihe.compare import compare
 from colmap_ihe.compared import sentences, tables_of
@@ -38,6 +42,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Runs one command; returns its exit status: 0 done, 1 a known failure, 130 cancelled. Wrong usage
     exits with 2."""
     parsed = parser_of(_RUNS).parse_args(arguments)
+    parsed.arguments = sys.argv[1:] if arguments is None else list(arguments)
     warnings.filterwarnings("ignore", module=r"PIL\b")  # of broken photographs, which we name ourselves
     logging.basicConfig(level=logging.WARNING, format="%(name)s: %(message)s", stream=sys.stderr)
     if parsed.verbose:
@@ -102,13 +107,7 @@ def _develop(parsed: argparse.Namespace, follower: Follower) -> None:
 
 
 def _reconstruct(parsed: argparse.Namespace, follower: Follower) -> None:
-    assignments = [*parsed.assignments, *camera_assignments(parsed)]
-    if parsed.no_dense:
-        assignments.append("dense.enabled=false")
-    if parsed.no_mesh:
-        assignments.append("mesh.enabled=false")
-    if parsed.strict:
-        assignments.append("captures.strict=true")
+    assignments = road_assignments(parsed)
     noted = read_run(parsed.from_record, assignments) if parsed.from_record else None
     done = reconstruct(
         parsed.project,
@@ -127,6 +126,29 @@ def _reconstruct(parsed: argparse.Namespace, follower: Follower) -> None:
     for name, place in (("sparse", done.sparse_model), ("dense", done.dense_cloud), ("mesh", done.mesh)):
         if place.exists() and done.summary["stages"].get(name) is not None:
             print(f"{name:<9} {place}")
+
+
+def _batch(parsed: argparse.Namespace, follower: Follower) -> None:
+    with batch_audience(follower) as audience:
+        done = batch(
+            parsed.root,
+            assignments=road_assignments(parsed),
+            jobs=parsed.jobs,
+            time_limit_s=parsed.time_limit,
+            watch=parsed.watch,
+            settle_s=parsed.settle,
+            audience=audience,
+            command=shlex.join(["colmap-ihe", *parsed.arguments]),
+        )
+    page = BatchFolder(parsed.root).page_file
+    if parsed.json:
+        _result(follower, done.as_dict())
+    else:
+        print_batch(done)
+        print(f"report    {page}")
+    if not done.succeeded:
+        missing = sum(project.state != "done" for project in done.projects)
+        raise KnownError(f"{missing} of {len(done.projects)} projects are not done", hint=f"{page} says why")
 
 
 def _print_report(done: Reconstruction) -> None:
@@ -253,6 +275,7 @@ def _follower(parsed: argparse.Namespace) -> Follower:
 _RUNS: dict[str, Run] = {
     "demo": _demo,
     "reconstruct": _reconstruct,
+    "batch": _batch,
     "fit": _fit,
     "convert": _convert,
     "develop": _develop,

@@ -28,6 +28,10 @@ class ProjectError(KnownError):
     """The project folder does not hold what a run needs, or holds what must not be touched."""
 
 
+class BusyError(ProjectError):
+    """Another run is working on the project."""
+
+
 class WeightsError(KnownError):
     """A weights file or a triplet of weights is not usable."""
 

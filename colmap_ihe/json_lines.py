@@ -14,7 +14,7 @@ _EVERY_SECONDS = 1.0
 
 
 class JsonLines(Follower):
-    """`event` is stage, progress, done, kept, warning, result or failed; docs/terminal.md lists their fields."""
+    """docs/terminal.md lists the events and their fields."""
 
     def __init__(self) -> None:
         super().__init__()

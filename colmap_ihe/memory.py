@@ -23,12 +23,34 @@ class _Photograph(Protocol):
     def pixels(self) -> int: ...
 
 
+_share = 0
+
+
+def keep_within(share: int) -> None:
+    """This process is to take `share` bytes in all, since others run beside it; 0 is as much as there is."""
+    global _share  # noqa: PLW0603  of the process, as memory is
+    _share = share
+
+
 def available() -> int:
-    """Bytes that this process may still take: of the machine, or of its container where that has fewer. 0 if the
-    system does not say."""
+    """Bytes that this process may still take: of the machine, of its container where that has fewer, or of its own
+    share. 0 if the system does not say."""
     machine = _meminfo()
     rooms = [room for room in (machine, *_cgroup_rooms()) if room is not None]
+    if _share:
+        rooms.append(_share - taken("self")[0])
     return max(1, min(rooms)) if rooms else 0
+
+
+def taken(process: int | str) -> tuple[int, int]:
+    """Bytes of memory that a process holds, and the most that it held; 0 if the system does not say."""
+    try:
+        lines = (_PROC / str(process) / "status").read_text(encoding="utf-8", errors="replace").splitlines()
+        values = dict(line.split(":", 1) for line in lines if line.startswith(("VmRSS:", "VmHWM:")))
+        now, most = (int(values[name].split()[0]) * 1024 for name in ("VmRSS", "VmHWM"))
+    except (OSError, ValueError, KeyError, IndexError):
+        return 0, 0
+    return now, most
 
 
 def needed(photographs: Sequence[_Photograph]) -> int:

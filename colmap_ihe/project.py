@@ -7,7 +7,6 @@ workspace/ colour/ report/ records/           ours
 from __future__ import annotations
 
 import errno
-import fcntl
 import hashlib
 import json
 import os
@@ -22,9 +21,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from colmap_ihe.errors import DiskFullError, ProjectError
-
-_MARK = ".made-by-colmap-ihe"
+from colmap_ihe import ours
+from colmap_ihe.errors import BusyError, DiskFullError, ProjectError
 
 
 @dataclass(frozen=True)
@@ -46,10 +44,10 @@ class Project:
         if root.exists() and not root.is_dir():
             raise ProjectError(f"{root}: is a file, wanted a project folder")
         project = cls(root.absolute(), folder.absolute())
-        for ours in (*project.made_folders, project.records):
-            if _overlap(folder.resolve(), ours.resolve()):
+        for made in (*project.made_folders, project.records):
+            if _overlap(folder.resolve(), made.resolve()):
                 raise ProjectError(
-                    f"{folder}: the photographs and what is made of them in {ours} would lie in one folder",
+                    f"{folder}: the photographs and what is made of them in {made} would lie in one folder",
                     hint=f"put the photographs into {root / 'images'}, or name another project folder",
                 )
         return project
@@ -62,17 +60,10 @@ class Project:
     def claim(self) -> None:
         """Marks the workspace as ours. Raises `ProjectError` where somebody else made one of our folders: a
         workspace without our mark is somebody's work, and not ours to write into."""
-        mark = self.workspace / _MARK
-        if mark.exists():
-            return
-        for folder in self.made_folders:
-            if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
-                raise ProjectError(
-                    f"{folder}: is there already and was not made by colmap-ihe",
-                    hint="move it away, or use another project folder with --images",
-                )
-        self.workspace.mkdir(parents=True, exist_ok=True)
-        mark.touch()
+        if not ours.is_ours(self.workspace):
+            for folder in self.made_folders:
+                ours.refuse_others(folder, "move it away, or use another project folder with --images")
+            ours.make(self.workspace)
 
     @property
     def options_file(self) -> Path:
@@ -154,6 +145,19 @@ class Project:
         return self.records / "colmap.log"
 
     @property
+    def batch_record(self) -> Path:
+        """How the last run of this project in a batch ended; beside it the log of that run, and its lock."""
+        return self.records / "batch.json"
+
+    @property
+    def batch_log(self) -> Path:
+        return self.records / "batch.log"
+
+    @property
+    def batch_lock(self) -> Path:
+        return self.records / "batch.lock"
+
+    @property
     def digests_file(self) -> Path:
         return self.records / "digests.json"
 
@@ -186,23 +190,24 @@ class Project:
         names may be kept."""
         return (read_json(self.begun_file(stage)) or {}).get("fingerprint") == fingerprint
 
+    def stage_begun(self) -> str:
+        """The stage that is being made, empty if none is."""
+        return next((file.name.split(".")[0] for file in self.records.glob("*.begun.json")), "")
+
     def begin(self, stage: str, fingerprint: str) -> None:
         """Notes that `stage` is being made. To be called when nothing is left of what it made before."""
         write_json(self.begun_file(stage), {"fingerprint": fingerprint})
 
     @contextmanager
     def locked(self) -> Iterator[None]:
-        """One run at a time; the lock goes with the process, however that ends. Raises `ProjectError`."""
+        """One run at a time; the lock goes with the process, however that ends. Raises `BusyError`."""
         with room_on_disk(self.root):
-            self.records.mkdir(parents=True, exist_ok=True)
-            handle = (self.records / "lock").open("a")
-        with handle:
-            try:
-                fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            except BlockingIOError as error:
-                raise ProjectError(
-                    f"{self.root}: another run is working on this project", hint="wait for it, or stop it"
-                ) from error
+            lock = ours.take_lock(self.records / "lock")
+        if lock is None:
+            raise BusyError(
+                f"{self.root}: another run is working on this project", hint="wait for it, or stop it"
+            )
+        with lock:
             yield
 
 

@@ -20,6 +20,8 @@ _MODES = {
 }
 
 
+FEATURE_BYTES_A_PIXEL = 290
+"""Of SIFT in COLMAP on the CPU, from twice the size of the image on: 280 measured, of one and of two threads."""
 SHARED_BY = 8
 """Photographs by one camera from which on `camera.model: auto` is OPENCV. Measured in benchmarks/sets.md."""
 
@@ -148,3 +150,13 @@ def native_options(
         extraction.max_image_size = options.max_image_size
     apply_options(extraction, options.colmap, "features.colmap")
     return reader, extraction
+
+
+def features_bytes(sizes: Sequence[tuple[int, int]], options: FeaturesOptions, workers: int) -> int:
+    """What features of images of these sizes (width, height) take of memory, by `workers` threads unless the options
+    say how many. Raises `OptionError`."""
+    _, extraction = native_options(CameraOptions(), options, "SIMPLE_RADIAL")
+    most = extraction.eff_max_image_size()
+    pixels = max((w * h * min(1.0, most / max(w, h)) ** 2 for w, h in sizes), default=0.0)
+    threads = extraction.num_threads if extraction.num_threads > 0 else workers
+    return round(FEATURE_BYTES_A_PIXEL * pixels * 4.0 ** -(extraction.sift.first_octave + 1) * threads)

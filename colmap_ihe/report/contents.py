@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -125,6 +126,36 @@ class Comparison:
     figures: Sequence[MethodFigures]
     command: str
     citation: str
+
+
+@dataclass(frozen=True)
+class ProjectRow:
+    """One project of a batch. `kind` is how its `state`, in words, is to be seen; `page` and `log`: addresses of its
+    own page and of the log of its run, relative to the page of the batch, empty if there is none."""
+
+    name: str
+    kind: Literal["done", "failed", "running", "waiting"]
+    state: str
+    page: str
+    thumbnail: Picture | None
+    facts: Sequence[tuple[str, str]] = ()
+    reason: str = ""
+    hint: str = ""
+    log: str = ""
+
+
+@dataclass(frozen=True)
+class BatchContents:
+    """All of the page of a batch. `again_s`: seconds after which it is shown anew, None if nothing changes any more;
+    `command` goes on with it."""
+
+    title: str
+    result: str
+    rows: Sequence[ProjectRow]
+    command: str
+    written: str
+    again_s: int | None = None
+    warnings: Sequence[str] = ()
 
 
 @dataclass(frozen=True)

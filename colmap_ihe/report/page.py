@@ -11,7 +11,7 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
 from colmap_ihe.report import charts
-from colmap_ihe.report.contents import Comparison, Contents
+from colmap_ihe.report.contents import BatchContents, Comparison, Contents
 from colmap_ihe.report.embed import cloud_data, data_uri
 
 _ROOM = "colmap_ihe.report"
@@ -46,6 +46,19 @@ def render_comparison(comparison: Comparison) -> str:
     """The page of a comparison as HTML, to be written as UTF-8; likewise escaped. It needs no script."""
     page = _environment().get_template("comparison.html.j2")
     html = page.render(c=comparison, style=Markup(_asset("page.css")), policy=_policy([]))
+    return html.encode("utf-8", "backslashreplace").decode("utf-8")
+
+
+def render_batch(batch: BatchContents) -> str:
+    """The page of a batch as HTML, to be written as UTF-8; likewise escaped. It needs no script."""
+    page = _environment().get_template("batch.html.j2")
+    html = page.render(
+        c=batch,
+        failed=[row for row in batch.rows if row.kind == "failed"],
+        others=[row for row in batch.rows if row.kind != "failed"],
+        style=Markup(_asset("page.css")),
+        policy=_policy([]),
+    )
     return html.encode("utf-8", "backslashreplace").decode("utf-8")
 
 
