@@ -244,6 +244,9 @@ def _add_compare(command: _Command) -> None:
         metavar="N",
         help="runs of the mapper without some of the matches, which tell the error (%(default)s)",
     )
+    parser.add_argument(
+        "--jobs", type=_count, default=1, metavar="N", help="methods at a time as far as their matches (1)"
+    )
     parser.add_argument("--no-dense", action="store_true", help="without dense clouds")
     parser.add_argument(
         "--pairs",

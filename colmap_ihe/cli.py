@@ -235,6 +235,7 @@ def _compare(parsed: argparse.Namespace, follower: Follower) -> None:
         methods=[name.strip() for name in parsed.methods.split(",") if name.strip()],
         seeds=parsed.seeds,
         pairs=parsed.pairs,
+        jobs=parsed.jobs,
         images=parsed.images,
         audience=follower,
     )

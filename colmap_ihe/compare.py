@@ -18,6 +18,8 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+import yaml
+
 from colmap_ihe.captures.discover import discover
 from colmap_ihe.colmap.cloud import dense_cloud
 from colmap_ihe.colmap.mapping import map_images
@@ -27,6 +29,7 @@ from colmap_ihe.colmap.workspace import remove_database
 from colmap_ihe.compare_ahead import Ahead, dense_name, run_name
 from colmap_ihe.compare_figures import errors_against, matching_of, plain_truth, truth_of
 from colmap_ihe.compare_page import write_comparison
+from colmap_ihe.compare_together import match_together
 from colmap_ihe.compared import METHODS, PAPER, Compared, tables_of
 from colmap_ihe.errors import MappingError, OptionError
 from colmap_ihe.evaluate.chosen import read_pairs
@@ -38,6 +41,7 @@ from colmap_ihe.options import FitOptions, Options
 from colmap_ihe.pipeline import Reconstruction, reconstruct
 from colmap_ihe.progress import SILENT, Audience
 from colmap_ihe.project import Project, fingerprint_of, read_json, require_room, write_bytes, write_json
+from colmap_ihe.project_yaml import load_options
 from colmap_ihe.version import library_versions
 
 _Row = dict[str, Any]
@@ -52,11 +56,14 @@ def compare(
     seeds: int = 3,
     pairs: str | Path | None = None,
     images: str | Path | None = None,
+    jobs: int = 1,
     audience: Audience = SILENT,
+    executor: Executor | None = None,
 ) -> list[Compared]:
     """Measures each of `methods` on the photographs of a project; what was measured before is not measured again.
 
-    `pairs` is a file of two photographs a line, in which matching is measured instead of in all pairs. Truth is read
+    `pairs` is a file of two photographs a line, in which matching is measured instead of in all pairs. As far as
+    their matches, `jobs` methods run at a time, or all on `executor`, where it finds the same folders. Truth is read
     from PROJECT/truth, or from `gt` beside the photographs. Raises `KnownError`s; `OptionError` for a method that
     there is not, `Cancelled`.
     """
@@ -75,13 +82,16 @@ def compare(
     with ExitStack() as stack:
         stack.enter_context(own.locked())
         stack.enter_context(logged_to(own.native_log))
-        executor = stack.enter_context(local_executor())
+        images_of = stack.enter_context(local_executor())
         projects: list[Reconstruction] = []
         wanted = list(dict.fromkeys(methods))
-        for number, method in enumerate(wanted):
-            one = _project_of(place, method)
+        homes = [_project_of(place, method, options) for method in wanted]
+        if jobs > 1 or executor:
+            with audience.stage("matching") as watch:
+                match_together(homes, place.comparison / _DEVELOPED, jobs, executor, watch)
+        for number, (method, one) in enumerate(zip(wanted, homes, strict=True)):
             ahead = Ahead(audience, one, options, wanted[number:], seeds)
-            done = _matched(one, method, options, executor, ahead)
+            done = _matched(one, images_of, ahead)
             runs = {seed: _mapped(done, options, seed, truth, audience) for seed in range(seeds + 1)}
             projects.append(done)
             first = projects[0]
@@ -97,7 +107,7 @@ def compare(
                     done.summary["weights"] and tuple(done.summary["weights"]),
                     matching_of(done.project, cameras, chosen),
                     runs,
-                    _dense_points(done, first, options, executor, audience),
+                    _dense_points(done, first, options, images_of, audience),
                 )
             )
         shutil.rmtree(place.comparison / _DEVELOPED, ignore_errors=True)
@@ -109,25 +119,25 @@ def compare(
     return found
 
 
-def _project_of(place: Project, method: str) -> Project:
-    """A project of its own for the method, with all that the user's holds besides photographs."""
+def _project_of(place: Project, method: str, options: Options) -> Project:
+    """A project of its own for the method, with all that the user's holds besides photographs, and its options."""
     root = place.comparison / method
     root.mkdir(parents=True, exist_ok=True)
     for given in ("masks", "calibration"):
         if (place.root / given).is_dir() and not (root / given).exists():
             (root / given).symlink_to((place.root / given).resolve(), target_is_directory=True)
     one = Project.at(root, place.images)
+    own = options.model_copy(update={"fit": _fit_of(method, options.fit)})
+    write_bytes(one.options_file, yaml.safe_dump(own.as_yaml(), sort_keys=False).encode())
     _share(Project.at(place.comparison, place.images), one)
     return one
 
 
-def _matched(
-    one: Project, method: str, options: Options, executor: Executor, audience: Audience
-) -> Reconstruction:
+def _matched(one: Project, executor: Executor, audience: Audience) -> Reconstruction:
     """As far as verified matches."""
     return reconstruct(
         one.root,
-        options.model_copy(update={"fit": _fit_of(method, options.fit)}),
+        load_options(one.options_file),
         images=one.images,
         until="matches",
         audience=audience,

@@ -39,7 +39,8 @@ LESS_MEMORY = f"{GOES_ON}: close other programs, or lower features.max_image_siz
 class Job:
     """What is to be run. `root` of the project; `assignments` go over its project.yaml, as those of `--set`.
 
-    `memory_bytes`: its share, 0 for all there is. `stop_file`: the run ends soon after a file of this name appears.
+    `images`, `until` and `developed` as of `reconstruct`, empty for none. `memory_bytes`: its share, 0 for all there
+    is. `stop_file`: the run ends soon after a file of this name appears.
     """
 
     root: str
@@ -47,6 +48,9 @@ class Job:
     time_limit_s: float | None = None
     memory_bytes: int = 0
     stop_file: str = ""
+    images: str = ""
+    until: str = ""
+    developed: str = ""
 
 
 @dataclass(frozen=True)
@@ -77,7 +81,7 @@ def run_job(job: Job, follow: Callable[[Progress], None] | None = None) -> Outco
     second. Whatever goes wrong with the project is in the outcome: nothing is raised for it."""
     began = time.monotonic()
     try:
-        project = Project.at(Path(job.root))
+        project = Project.at(Path(job.root), Path(job.images) if job.images else None)
         with room_on_disk(project.root):
             project.records.mkdir(parents=True, exist_ok=True)
             run = _Run(job, project.batch_log)

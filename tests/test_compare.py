@@ -5,7 +5,9 @@ from __future__ import annotations
 import csv
 import json
 import shutil
+import time
 from collections.abc import Callable
+from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -16,10 +18,12 @@ from colmap_ihe import compare as driver
 from colmap_ihe.cli import main
 from colmap_ihe.colmap.mapping import map_images
 from colmap_ihe.compare import compare
+from colmap_ihe.compare_together import match_together
 from colmap_ihe.compared import Compared, sentences, tables_of
-from colmap_ihe.errors import MappingError, OptionError
+from colmap_ihe.errors import Cancelled, MappingError, OptionError
 from colmap_ihe.options import Options
 from colmap_ihe.progress import Silent
+from colmap_ihe.project import Project
 from colmap_ihe.report.tables import Table
 
 Make = Callable[..., Path]
@@ -39,12 +43,13 @@ def test_methods_side_by_side_and_resumed(
     watching = type(
         "Watching", (Silent,), {"foresee": lambda _, parts: foreseen.append([p.stage for p in parts])}
     )()
-    found = compare(project, quick_options(), methods=["ihe", "rec709"], seeds=2, audience=watching)
+    found = compare(project, quick_options(), methods=["ihe", "rec709"], seeds=2, audience=watching, jobs=2)
     road = ["fit", "convert", "features", "matches"]
     runs = ["rec709, run 0", "rec709, run 1", "rec709, run 2", *["rec709, dense"] * 3]
     assert foreseen[1] == [*road, *runs]
     assert foreseen[0][-len(foreseen[1]) :] == foreseen[1]
     assert [one.method for one in found] == ["ihe", "rec709"]
+    assert all((project / "compare" / one.method / "records/batch.log").exists() for one in found)
     for one in found:
         assert sorted(one.runs) == [0, 1, 2]
         assert all(run["registered"] == 8 for run in one.runs.values())
@@ -165,3 +170,29 @@ def test_a_table_in_latex_and_csv_escapes_what_it_holds() -> None:
     assert r"a\_b" in latex
     assert r"x\#1" in latex
     assert list(csv.reader(table.as_csv().splitlines())) == [["method", "a_b"], ["x#1", 'say "so", 2']]
+
+
+def test_methods_at_the_same_time_are_stopped(new_project: Make) -> None:
+    project = Project.at(new_project(1))
+    developed = project.root / "developed"
+    seen: list[bool] = []
+
+    class Stopping(Silent):
+        def advance(self, count: int = 1) -> None:
+            raise Cancelled
+
+    class Waiting(ThreadPoolExecutor):
+        def submit(self, function: Callable[..., Any], /, *arguments: Any, **named: Any) -> Future[Any]:
+            (job,) = arguments
+
+            def until_told() -> None:
+                while not Path(job.stop_file).exists():
+                    time.sleep(0.05)
+                seen.append(True)
+
+            return super().submit(until_told)
+
+    with Waiting(2) as pool, pytest.raises(Cancelled):
+        match_together([project, project], developed, 1, pool, Stopping())
+    assert seen == [True, True]
+    assert not list(project.root.glob("stop"))
