@@ -270,6 +270,21 @@ def test_memory_that_ran_out_beside_others_is_tried_again_alone(
     assert jobs[0].memory_bytes == GB
 
 
+def test_with_a_gpu_one_at_a_time(
+    tmp_path: Path, pretended: Pretended, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def most_at_once() -> int:
+        follower = Listener()
+        root = projects(tmp_path / str(len(pretended.jobs)), "a", "b", "c", "d")
+        assert batch(root, audience=follower).succeeded
+        return max(list(states(state).values()).count("running") for state in follower.states)
+
+    monkeypatch.setattr(driver, "local_workers", lambda: 3)
+    assert most_at_once() == 3
+    monkeypatch.setattr(driver, "pick_backend", lambda _wanted: "patchmatch")
+    assert most_at_once() == 1
+
+
 def test_memory_that_ran_out_alone_is_a_failure(tmp_path: Path, pretended: Pretended) -> None:
     endings, jobs = pretended
     endings["a"] = [Outcome("out_of_memory", 1.0, reason="memory ran out", hint="fewer")]
