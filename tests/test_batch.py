@@ -95,6 +95,7 @@ def pretended(monkeypatch: pytest.MonkeyPatch) -> Pretended:
     monkeypatch.setattr(driver, "run_job", run)
     monkeypatch.setattr(driver, "look_at", lambda *_: Look(8, 10**6, GB))
     monkeypatch.setattr(driver, "_TICK_SECONDS", 0.02)
+    monkeypatch.setattr(memory, "available", lambda: 100 * GB)
     return Pretended(endings, jobs)
 
 
@@ -255,7 +256,6 @@ def test_memory_that_ran_out_beside_others_is_tried_again_alone(
         return pretended_run(job, follow)
 
     monkeypatch.setattr(driver, "run_job", run)
-    monkeypatch.setattr(memory, "available", lambda: 100 * GB)
 
     class Freeing(Listener):
         def show(self, state: BatchState) -> None:
