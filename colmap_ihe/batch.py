@@ -18,6 +18,7 @@ from colmap_ihe.batch_entry import Entry, look_of, outcome_of, remaining_of, sha
 from colmap_ihe.batch_folder import BatchFolder
 from colmap_ihe.batch_look import Look, look_at
 from colmap_ihe.batched import BatchState, Phase, publish, time_of
+from colmap_ihe.colmap.dense import pick_backend
 from colmap_ihe.errors import KnownError
 from colmap_ihe.executor import local_workers
 from colmap_ihe.job import GRACE_SECONDS, Job, Outcome, Progress, run_job
@@ -60,17 +61,18 @@ def batch(
 ) -> BatchState:
     """Runs what is missing of every project below `root`, and returns what all have come to.
 
-    At most `jobs` at a time, of as many as memory has room for; if None, one a core. `executor` runs whole projects
-    elsewhere, where they find the same folders: then memory is its own affair, and None hands over all at once. `watch`
-    goes on with projects that appear, once their files were not touched for `settle_s`, until `Cancelled`. `command` is
-    shown as what goes on with the batch. Raises `OptionError` for bad assignments, `ProjectError` for a root that is
-    none, `Cancelled`.
+    At most `jobs` at a time, of as many as memory has room for; if None, one a core, or one with a GPU. `executor`
+    runs whole projects elsewhere, where they find the same folders: then memory is its own affair, and None hands
+    over all at once. `watch` goes on with projects that appear, once their files were not touched for `settle_s`,
+    until `Cancelled`. `command` is shown as what goes on with the batch. Raises `OptionError` for bad assignments,
+    `ProjectError` for a root that is none, `Cancelled`.
     """
     load_options(None, assignments)
     folder = BatchFolder.at(Path(root))
     folder.make()
     with ExitStack() as stack:
-        most = jobs or (None if executor else local_workers())
+        at_once = 1 if pick_backend("auto") == "patchmatch" else local_workers()  # there is one GPU
+        most = jobs or (None if executor else at_once)
         looker = ThreadPoolExecutor(1, thread_name_prefix="look")
         runner = executor or ThreadPoolExecutor(most, thread_name_prefix="project")
         for pool in (looker, *([] if executor else [runner])):

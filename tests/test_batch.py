@@ -95,6 +95,7 @@ def pretended(monkeypatch: pytest.MonkeyPatch) -> Pretended:
     monkeypatch.setattr(driver, "run_job", run)
     monkeypatch.setattr(driver, "look_at", lambda *_: Look(8, 10**6, GB))
     monkeypatch.setattr(driver, "_TICK_SECONDS", 0.02)
+    monkeypatch.setattr(memory, "available", lambda: 100 * GB)
     return Pretended(endings, jobs)
 
 
@@ -255,7 +256,6 @@ def test_memory_that_ran_out_beside_others_is_tried_again_alone(
         return pretended_run(job, follow)
 
     monkeypatch.setattr(driver, "run_job", run)
-    monkeypatch.setattr(memory, "available", lambda: 100 * GB)
 
     class Freeing(Listener):
         def show(self, state: BatchState) -> None:
@@ -268,6 +268,21 @@ def test_memory_that_ran_out_beside_others_is_tried_again_alone(
     (last,) = [job for job in jobs[2:] if Path(job.root).name == "a"]
     assert last.memory_bytes == int(100 * GB * 0.9)  # all there is
     assert jobs[0].memory_bytes == GB
+
+
+def test_with_a_gpu_one_at_a_time(
+    tmp_path: Path, pretended: Pretended, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def most_at_once() -> int:
+        follower = Listener()
+        root = projects(tmp_path / str(len(pretended.jobs)), "a", "b", "c", "d")
+        assert batch(root, audience=follower).succeeded
+        return max(list(states(state).values()).count("running") for state in follower.states)
+
+    monkeypatch.setattr(driver, "local_workers", lambda: 3)
+    assert most_at_once() == 3
+    monkeypatch.setattr(driver, "pick_backend", lambda _wanted: "patchmatch")
+    assert most_at_once() == 1
 
 
 def test_memory_that_ran_out_alone_is_a_failure(tmp_path: Path, pretended: Pretended) -> None:

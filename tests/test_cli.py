@@ -102,7 +102,7 @@ def test_wrong_usage_exits_with_2(capsys: Captured, arguments: list[str]) -> Non
     assert "usage: colmap-ihe" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize("command", ["demo", "reconstruct", "fit", "convert", "status", "doctor"])
+@pytest.mark.parametrize("command", ["demo", "reconstruct", "batch", "fit", "convert", "status", "doctor"])
 def test_every_command_has_help(capsys: Captured, command: str) -> None:
     with pytest.raises(SystemExit) as caught:
         main([command, "--help"])
