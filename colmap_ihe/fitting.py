@@ -30,9 +30,6 @@ from colmap_ihe.per_image import LeftOut
 from colmap_ihe.progress import Watch
 from colmap_ihe.trial import coarse_grid, measure
 
-_CONTRAST_OF = 64
-"""Photographs in which contrast is measured, which costs more than counting colours: a thousand tiles are enough."""
-
 
 @dataclass(frozen=True)
 class Trial:
@@ -89,8 +86,7 @@ def fit_captures(
     """
     left_out: LeftOut = {}
     wants_contrast = options.method in ("snr", "auto") or (options.method, options.guard) == ("ihe", "noise")
-    measured_in = frozenset(c.name for c in _spread(captures)) if wants_contrast else frozenset()
-    counting = Counting(options.method, options.weighting, options.sample, measured_in, strict)
+    counting = Counting(options.method, options.weighting, options.sample, wants_contrast, strict)
     gathered = gather(captures, counting, executor, watch, left_out)
     usable = [c for c in captures if c.name not in left_out]
     weights: dict[Encoding, Grey] = {}
@@ -230,15 +226,6 @@ def _levels_of(
 ) -> NDArray[np.int64]:
     rgb = np.asarray(sampled(read_photograph(capture).rgb, sample), np.uint16)
     return count_levels(rgb, chosen, whites) * mass_of(rgb, weighting)
-
-
-def _spread(captures: Sequence[Capture]) -> list[Capture]:
-    """Those in which contrast is measured: all of a small set, and of each encoding a few spread over a large one."""
-    chosen = []
-    for encoding in {encoding_of(c) for c in captures}:
-        members = sorted((c for c in captures if encoding_of(c) == encoding), key=lambda c: c.name)
-        chosen += members[:: -(-len(members) // _CONTRAST_OF)]
-    return chosen
 
 
 def _shares(triplet: Triplet) -> tuple[float, float, float]:
