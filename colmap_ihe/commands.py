@@ -97,8 +97,9 @@ def fit_files(
                 usable, options, executor, watch, strict=strict, stored=found.stored, given=weights
             )
     developments: list[tuple[str, Mapping[str, Any]]] = [(s.source, s.development) for s in found.stored]
-    for source in found.sources:
-        developments.append((str(source.captures[0].path.parent), source.develop.model_dump(mode="json")))
+    developments += [
+        (str(s.captures[0].path.parent), s.develop.model_dump(mode="json")) for s in found.sources
+    ]
     for text in _warnings_of(fit, usable, weights, options, developments):
         audience.warn(text)
     if histogram is not None:
