@@ -149,6 +149,12 @@ def _add_reconstruct(command: _Command) -> None:
     _add_project(parser)
     parser.add_argument("--from", dest="start", choices=NAMES, help="run this stage and all after it again")
     parser.add_argument("--until", choices=NAMES, help="end after this stage")
+    parser.add_argument(
+        "--weights",
+        type=Path,
+        metavar="FILE",
+        help="weights of another campaign, instead of a fit to this one",
+    )
     _add_ends(parser)
     parser.add_argument(
         "--from-record",
@@ -258,11 +264,26 @@ def _add_compare(command: _Command) -> None:
 
 def _add_fit(command: _Command) -> None:
     parser = command(
-        "fit", "The grey weights of a set of photographs, without COLMAP. IMAGES are folders or files."
+        "fit",
+        "The grey weights of a set of photographs, without COLMAP. IMAGES are folders or files; projects, and "
+        "histograms of earlier fits, of which no photograph is read again. See docs/campaigns.md.",
     )
     parser.add_argument("images", type=Path, nargs="+", metavar="IMAGES")
     parser.add_argument("-o", "--output", type=Path, metavar="FILE", help="write the weights, for convert")
-    parser.add_argument("--method", choices=METHODS, default="ihe")
+    parser.add_argument(
+        "--histogram",
+        type=Path,
+        metavar="FILE",
+        help="write what was counted, for a later fit over more photographs",
+    )
+    chosen = parser.add_mutually_exclusive_group()
+    chosen.add_argument("--method", choices=METHODS, default="ihe")
+    chosen.add_argument(
+        "--weights",
+        type=Path,
+        metavar="FILE",
+        help="fit nothing: tell whether these weights fit the photographs",
+    )
     parser.add_argument(
         "--guard", choices=("noise", "none"), default="noise", help="of ihe; none is the paper to the letter"
     )
@@ -270,6 +291,12 @@ def _add_fit(command: _Command) -> None:
     parser.add_argument("--sample", type=float, default=1.0, help="of each side of a photograph (1)")
     parser.add_argument(
         "--weighting", choices=("pixel", "image"), default="pixel", help="what counts equally"
+    )
+    parser.add_argument(
+        "--recount",
+        action=argparse.BooleanOptionalAction,
+        default=True,
+        help="of RAW: read the photographs a second time, to count the likely winners at full depth",
     )
     _add_development(parser)
     parser.add_argument("--strict", action="store_true", help="stop at a photograph that cannot be used")

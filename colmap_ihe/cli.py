@@ -34,6 +34,7 @@ from colmap_ihe.pipeline import Reconstruction, reconstruct, status
 from colmap_ihe.project_yaml import load_options
 from colmap_ihe.report.summary import weights_in_words
 from colmap_ihe.terminal import Bars, print_summary, print_table
+from colmap_ihe.weights_file import read_weights
 
 EXIT_FAILED, EXIT_CANCELLED = 1, 130
 
@@ -108,6 +109,8 @@ def _develop(parsed: argparse.Namespace, follower: Follower) -> None:
 
 def _reconstruct(parsed: argparse.Namespace, follower: Follower) -> None:
     assignments = road_assignments(parsed)
+    if parsed.weights:
+        assignments.append(f"fit.weights={json.dumps(str(parsed.weights.absolute()))}")
     noted = read_run(parsed.from_record, assignments) if parsed.from_record else None
     done = reconstruct(
         parsed.project,
@@ -168,13 +171,15 @@ def _demo(parsed: argparse.Namespace, follower: Follower) -> None:
 
 
 def _fit(parsed: argparse.Namespace, follower: Follower) -> None:
-    names = ("method", "guard", "step", "sample", "weighting")
-    assignments = [f"fit.{name}={getattr(parsed, name)}" for name in names]
+    names = ("method", "guard", "step", "sample", "weighting", "recount")
+    assignments = [f"fit.{name}={json.dumps(getattr(parsed, name))}" for name in names]
     options = load_options(None, assignments).fit
     weights, left_out = commands.fit_files(
         parsed.images,
         options,
         output=parsed.output,
+        histogram=parsed.histogram,
+        weights=read_weights(parsed.weights) if parsed.weights else None,
         develop=development(parsed),
         calibration=parsed.calibration,
         strict=parsed.strict,
@@ -202,7 +207,7 @@ def _convert(parsed: argparse.Namespace, follower: Follower) -> None:
         parsed.out,
         colour=parsed.colour,
         fit=FitOptions(method=parsed.method),
-        weights=commands.read_weights(parsed.weights) if parsed.weights else None,
+        weights=read_weights(parsed.weights) if parsed.weights else None,
         options=ConvertOptions(tone=parsed.tone, wallis=parsed.wallis, format=parsed.format),
         develop=development(parsed),
         calibration=parsed.calibration,

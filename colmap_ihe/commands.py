@@ -5,18 +5,15 @@ from __future__ import annotations
 import os
 import platform
 import shutil
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
 from importlib import metadata
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-import yaml
-from numpy.typing import NDArray
-
-from colmap_ihe import memory, oddities
-from colmap_ihe.captures.discover import captures_of_files, discover
+from colmap_ihe import campaigns, memory, misfit, oddities
+from colmap_ihe.campaigns import campaigns_of
+from colmap_ihe.captures.discover import Capture, discover
 from colmap_ihe.colmap.cost import dense_cost
 from colmap_ihe.colmap.dense import pick_backend
 from colmap_ihe.colmap.native import pycolmap
@@ -24,21 +21,22 @@ from colmap_ihe.demo.folder import render_demo
 from colmap_ihe.demo.truth import add_truth
 from colmap_ihe.errors import ProjectError, WeightsError
 from colmap_ihe.executor import local_executor, local_workers
-from colmap_ihe.fitting import fit_captures
-from colmap_ihe.grey.convert import to_grey
-from colmap_ihe.grey.weights import Grey, grey_from_dict
+from colmap_ihe.fitting import Fit, fit_captures
+from colmap_ihe.grey.weights import Grey, Weights
 from colmap_ihe.options import DevelopOptions, FitOptions, Options
 from colmap_ihe.pages import write_page
 from colmap_ihe.per_image import LeftOut
 from colmap_ihe.pipeline import ROAD, Reconstruction, reconstruct, switched_off
-from colmap_ihe.preprocess import survey
+from colmap_ihe.preprocess import Surveyed, survey
 from colmap_ihe.progress import SILENT, Audience
-from colmap_ihe.project import Project, read_json, write_bytes
+from colmap_ihe.project import Project, read_json
 from colmap_ihe.project_yaml import load_options
 from colmap_ihe.recipes import prepared_set
 from colmap_ihe.report.summary import summarise
 from colmap_ihe.run import Record, Run
+from colmap_ihe.stored import SUFFIX, Stored, write_stored
 from colmap_ihe.version import __version__
+from colmap_ihe.weights_file import write_weights
 
 
 def project_options(project: Path, assignments: list[str]) -> Options:
@@ -65,81 +63,72 @@ def fit_files(
     options: FitOptions | None = None,
     *,
     output: Path | None = None,
+    histogram: Path | None = None,
+    weights: Grey | None = None,
     develop: DevelopOptions | None = None,
     calibration: Path | None = None,
     strict: bool = False,
     audience: Audience = SILENT,
 ) -> tuple[Grey, LeftOut]:
-    """The weights of a set of folders and files, written to `output` if given; of the larger part where the
-    set mixes RAW and gamma-coded photographs. Returns them and what was left out. Raises `KnownError`s."""
-    if output is not None and output.suffix.lower() not in (".yaml", ".yml"):
-        raise WeightsError(f"{output}: wanted a name that ends in .yaml", hint="as in -o weights.yaml")
-    captures = captures_of_files(p for p in paths if not p.is_dir())
-    discoveries = [discover(path) for path in paths if path.is_dir()]
-    captures += [capture for found in discoveries for capture in found.captures]
+    """The weights of a set of projects, histograms, folders and files, written to `output` if given; of the larger
+    part where the set mixes RAW and gamma-coded photographs. What was counted is written to `histogram`, which is
+    one to name in a later fit. With `weights` nothing is fitted: the owner is told whether they fit the set. Returns
+    them and what was left out. Raises `KnownError`s."""
+    _require_suffix(output, (".yaml", ".yml"), "-o weights.yaml")
+    _require_suffix(histogram, (SUFFIX,), f"--histogram all{SUFFIX}")
+    options, develop = options or FitOptions(), develop or DevelopOptions()
+    found = campaigns_of(paths, develop, calibration)
+    for text in found.notes:
+        audience.warn(text)
+    surveyed: list[Surveyed] = []
+    unreadable: LeftOut = {}
     with local_executor() as executor, ExitStack() as stack:
-        prepared = stack.enter_context(
-            prepared_set(captures, develop, calibration, executor, audience, strict=strict)
-        )
-        surveyed, unreadable = prepared.surveyed, prepared.left_out
-        ignored = tuple(name for found in discoveries for name in found.ignored)
-        for text in oddities.warnings_of(surveyed, ignored):
+        for source in found.sources:
+            how = (source.captures, source.develop, source.calibration, executor, audience)
+            prepared = stack.enter_context(prepared_set(*how, strict=strict))
+            surveyed += prepared.surveyed
+            unreadable |= prepared.left_out
+        ignored = tuple(name for source in found.sources for name in source.ignored)
+        for text in oddities.warnings_of(surveyed, ignored) if surveyed else ():
             audience.warn(text)
         usable = [s.capture for s in surveyed]
         with audience.stage("fit") as watch:
-            found = fit_captures(usable, options or FitOptions(), executor, watch, strict=strict)
-    if len(found.weights) > 1:
-        audience.warn(
+            fit = fit_captures(
+                usable, options, executor, watch, strict=strict, stored=found.stored, given=weights
+            )
+    developments: list[tuple[str, Mapping[str, Any]]] = [(s.source, s.development) for s in found.stored]
+    developments += [
+        (str(s.captures[0].path.parent), s.develop.model_dump(mode="json")) for s in found.sources
+    ]
+    for text in _warnings_of(fit, usable, weights, options, developments):
+        audience.warn(text)
+    if histogram is not None:
+        write_stored(histogram, Stored(fit.gathered, options.sample, developments[0][1]))
+    if output is not None:
+        write_weights(output, fit.main)
+    return fit.main, unreadable | fit.left_out
+
+
+def _require_suffix(file: Path | None, suffixes: Sequence[str], example: str) -> None:
+    if file is not None and file.suffix.lower() not in suffixes:
+        raise WeightsError(f"{file}: wanted a name that ends in {suffixes[0]}", hint=f"as in {example}")
+
+
+def _warnings_of(
+    fit: Fit,
+    usable: Sequence[Capture],
+    given: Grey | None,
+    options: FitOptions,
+    developments: Sequence[tuple[str, Mapping[str, Any]]],
+) -> list[str]:
+    words = campaigns.warnings_of(fit.gathered.values(), developments)
+    if len(fit.weights) > 1:
+        words.append(
             "the set mixes RAW and gamma-coded photographs: these are the weights of the larger part"
         )
-    for text in oddities.fit_warnings(usable, found.weights.values()):
-        audience.warn(text)
-    if output is not None:
-        write_bytes(
-            output, yaml.safe_dump(found.main.as_dict(), sort_keys=False, default_flow_style=None).encode()
-        )
-    return found.main, unreadable | found.left_out
-
-
-def read_weights(file: Path) -> Grey:
-    """A weights file, as `fit -o` writes it. Raises `WeightsError`."""
-    hint = "write one with `colmap-ihe fit IMAGES -o weights.yaml`"
-    try:
-        values = yaml.safe_load(file.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
-        reason = error.strerror if isinstance(error, OSError) else str(error).splitlines()[0]
-        raise WeightsError(f"{file}: cannot be read ({reason})", hint=hint) from error
-    if isinstance(values, dict) and values.get("weights") is None and "parameters" in values:
-        return _read_formula(file, values)
-    triplet = values.get("weights") if isinstance(values, dict) else None
-    if not isinstance(triplet, list) or len(triplet) != 3 or {type(w) for w in triplet} - {int, float}:
-        came = triplet if isinstance(values, dict) else values
-        raise WeightsError(
-            f"{file}: not a weights file, it holds {came!r:.60}; wanted `weights: [r, g, b]`, three numbers",
-            hint=hint,
-        )
-    try:
-        return grey_from_dict(values, str(file))
-    except WeightsError as error:
-        if str(file) in str(error):
-            raise
-        raise WeightsError(f"{file}: {error}", hint=error.hint) from error
-
-
-def _read_formula(file: Path, values: dict[str, Any]) -> Grey:
-    """The conversion that is no triplet, tried on a few pixels."""
-    grey = grey_from_dict(values, str(file))
-    dark: NDArray[np.uint8] | NDArray[np.uint16] = np.zeros((8, 8, 3), np.uint8)
-    if grey.encoding == "linear":
-        dark = np.zeros((8, 8, 3), np.uint16)
-    try:
-        to_grey(dark, grey)
-    except (ValueError, TypeError, KeyError, IndexError) as error:
-        raise WeightsError(
-            f"{file}: {grey.method!r} with {values['parameters']!r:.60} is no conversion of a set",
-            hint="write one with `colmap-ihe fit IMAGES --method NAME -o weights.yaml`",
-        ) from error
-    return grey
+    if isinstance(given, Weights):
+        return words + misfit.warnings_of(given, fit.gathered[given.encoding], options)
+    return words + (oddities.fit_warnings(usable, fit.weights.values()) if usable else [])
 
 
 def report(

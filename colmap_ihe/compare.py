@@ -161,7 +161,7 @@ def _share(own: Project, one: Project) -> None:
 def _fit_of(method: str, options: FitOptions) -> FitOptions:
     guard = {"ihe": "noise", PAPER: "none"}.get(method, options.guard)
     name = "ihe" if method == PAPER else method
-    return options.model_copy(update={"method": name, "guard": guard, "measure": False})
+    return options.model_copy(update={"method": name, "guard": guard, "measure": False, "weights": None})
 
 
 def _seed_folder(done: Reconstruction, seed: int) -> Path:

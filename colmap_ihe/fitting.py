@@ -14,24 +14,23 @@ from numpy.typing import NDArray
 from colmap_ihe.captures.decode import encoding_of, read_photograph
 from colmap_ihe.captures.discover import Capture
 from colmap_ihe.captures.tally import sampled
-from colmap_ihe.errors import DiskFullError, KnownError
+from colmap_ihe.errors import DiskFullError, KnownError, WeightsError
 from colmap_ihe.executor import in_order
 from colmap_ihe.gathering import Counting, Gathered, gather
 from colmap_ihe.grey.boxes import Triplet
+from colmap_ihe.grey.conversions import CONVERSIONS
 from colmap_ihe.grey.convert import Tone
 from colmap_ihe.grey.equalise import curve_of
-from colmap_ihe.grey.histogram import mass_of
-from colmap_ihe.grey.ihe import count_levels, fit_histogram, likely_winner, white_point
+from colmap_ihe.grey.histogram import Histogram, mass_of
+from colmap_ihe.grey.ihe import count_levels, fit_cells, fit_histogram, likely_winner, white_point
 from colmap_ihe.grey.sums import Weighting
 from colmap_ihe.grey.weights import FIXED, Encoding, Formula, Grey, Weights, triplets
 from colmap_ihe.measured import REFERENCE, SAME, Measured, choose, in_words
 from colmap_ihe.options import FitOptions
 from colmap_ihe.per_image import LeftOut
 from colmap_ihe.progress import Watch
+from colmap_ihe.stored import Stored
 from colmap_ihe.trial import coarse_grid, measure
-
-_CONTRAST_OF = 64
-"""Photographs in which contrast is measured, which costs more than counting colours: a thousand tiles are enough."""
 
 
 @dataclass(frozen=True)
@@ -58,12 +57,13 @@ class Tried:
 class Fit:
     """The grey of the set, one for each encoding in it; `colour_white` is the white point of a linear
     set's colour twins, as a share of saturation. `tried`: what was measured on pairs of its photographs, if
-    anything."""
+    anything. `gathered`: what it was fitted to."""
 
     weights: Mapping[Encoding, Grey]
     colour_white: float = 1.0
     left_out: LeftOut = field(default_factory=dict)
     tried: Mapping[Encoding, Tried] = field(default_factory=dict)
+    gathered: Mapping[Encoding, Gathered] = field(default_factory=dict, compare=False, repr=False)
 
     @property
     def main(self) -> Grey:
@@ -79,27 +79,42 @@ def fit_captures(
     *,
     strict: bool,
     trial: Trial | None = None,
+    stored: Sequence[Stored] = (),
+    given: Grey | None = None,
 ) -> Fit:
     """One grey for the whole set, from every pixel of every capture, one image in memory a worker.
 
     A set that mixes gamma-coded and linear photographs gets one for each: a sensor's red is not
     sRGB's red, so one triplet for both would mean two different greys. With `trial` the grey is tried against
-    Rec.709 on a few pairs; method "auto" always tries, and takes the best. Raises `PhotographError` if
-    strict, `ProjectError` if no photograph can be used.
+    Rec.709 on a few pairs; method "auto" always tries, and takes the best. What is `stored` of other photographs
+    counts as if they were among the captures, of which there need then be none. `given` weights are taken instead of
+    fitted ones. Raises `PhotographError` if strict, `ProjectError` if no photograph can be used, `WeightsError` if
+    `stored` is of another kind or `given` of another encoding.
     """
     left_out: LeftOut = {}
+    for encoding in sorted({encoding_of(c) for c in captures}) if given is not None else ():
+        if given is not None and encoding != given.encoding:
+            raise WeightsError(
+                f"the weights are for {given.encoding} photographs, and some here are {encoding}",
+                hint="RAW is linear, JPEG is gamma-coded: use weights of the same kind, or another folder",
+            )
     wants_contrast = options.method in ("snr", "auto") or (options.method, options.guard) == ("ihe", "noise")
-    measured_in = frozenset(c.name for c in _spread(captures)) if wants_contrast else frozenset()
-    counting = Counting(options.method, options.weighting, options.sample, measured_in, strict)
-    gathered = gather(captures, counting, executor, watch, left_out)
+    counting = Counting(options.method, options.weighting, options.sample, wants_contrast, strict)
+    gathered = gather(captures, counting, executor, watch, left_out) if captures or not stored else {}
+    unseen = _pooled(gathered, stored, options, wants_contrast)
     usable = [c for c in captures if c.name not in left_out]
     weights: dict[Encoding, Grey] = {}
     tried: dict[Encoding, Tried] = {}
     colour_white = 1.0
-    for encoding in sorted({encoding_of(c) for c in usable}):
+    for encoding in sorted(gathered):
         members = [c for c in usable if encoding_of(c) == encoding]
-        one = _SetFit(gathered[encoding], members, options, executor, watch)
-        if options.method == "auto":
+        recount = options.recount and encoding not in unseen
+        one = _SetFit(gathered[encoding], members, options, executor, watch, recount)
+        if given is not None:
+            weights[encoding] = given
+            if trial is not None:
+                tried[encoding] = one.against_rec709(given, trial)
+        elif options.method == "auto":
             weights[encoding], tried[encoding] = one.tried(trial or Trial())
             weights[encoding] = one.with_curve(weights[encoding])
         else:
@@ -108,7 +123,42 @@ def fit_captures(
                 tried[encoding] = one.against_rec709(weights[encoding], trial)
         if encoding == "linear":
             colour_white = one.white_of(FIXED["green"])
-    return Fit(weights, colour_white, left_out, tried)
+    return Fit(weights, colour_white, left_out, tried, gathered)
+
+
+def _pooled(
+    gathered: dict[Encoding, Gathered], stored: Sequence[Stored], options: FitOptions, contrast: bool
+) -> set[Encoding]:
+    """Adds what is stored to what was gathered. Returns the encodings of photographs that were not read now."""
+    unseen: set[Encoding] = set()
+    for one in stored:
+        if CONVERSIONS[options.method].new_fit is not None or options.method == "auto":
+            raise WeightsError(
+                f"{one.source}: {options.method} looks at the photographs, and a histogram does not hold them",
+                hint="name their folder, or use --method ihe, snr or a fixed one",
+            )
+        for encoding, other in one.gathered.items():
+            found = {"sample": one.sample, "weighting": other.histogram.weighting}
+            wanted = {"sample": options.sample, "weighting": options.weighting}
+            if found != wanted:
+                raise WeightsError(
+                    f"{one.source}: was counted with {_said(found)}; wanted {_said(wanted)}, as for the others",
+                    hint="fit with these options, or count its photographs again",
+                )
+            if contrast and not other.measured:
+                raise WeightsError(
+                    f"{one.source}: holds no contrast, which the guard goes by",
+                    hint="use --guard none, or count its photographs again with the guard",
+                )
+            if encoding not in gathered:
+                gathered[encoding] = Gathered(Histogram(encoding, options.weighting))
+            gathered[encoding].pool(other)
+            unseen.add(encoding)
+    return unseen
+
+
+def _said(values: Mapping[str, Any]) -> str:
+    return " and ".join(f"{name} {value}" for name, value in values.items())
 
 
 @dataclass(frozen=True)
@@ -120,6 +170,7 @@ class _SetFit:
     options: FitOptions
     executor: Executor
     watch: Watch
+    recount: bool
 
     @property
     def encoding(self) -> Encoding:
@@ -179,8 +230,11 @@ class _SetFit:
             return total
 
         self.watch.start(len(grid), "triplets")
-        linear = self.encoding == "linear"
-        found = fit_histogram(self.gathered.histogram, grid, recount if linear else None, self.watch.advance)
+        if self.encoding == "linear" and not self.recount:
+            found = fit_cells(self.gathered.histogram, grid)
+        else:
+            again = recount if self.encoding == "linear" else None
+            found = fit_histogram(self.gathered.histogram, grid, again, self.watch.advance)
         return replace(found, contrast=self.gathered.contrast.share_of(found.triplet))
 
     def tried(self, trial: Trial) -> tuple[Grey, Tried]:
@@ -230,15 +284,6 @@ def _levels_of(
 ) -> NDArray[np.int64]:
     rgb = np.asarray(sampled(read_photograph(capture).rgb, sample), np.uint16)
     return count_levels(rgb, chosen, whites) * mass_of(rgb, weighting)
-
-
-def _spread(captures: Sequence[Capture]) -> list[Capture]:
-    """Those in which contrast is measured: all of a small set, and of each encoding a few spread over a large one."""
-    chosen = []
-    for encoding in {encoding_of(c) for c in captures}:
-        members = sorted((c for c in captures if encoding_of(c) == encoding), key=lambda c: c.name)
-        chosen += members[:: -(-len(members) // _CONTRAST_OF)]
-    return chosen
 
 
 def _shares(triplet: Triplet) -> tuple[float, float, float]:

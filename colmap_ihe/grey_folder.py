@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor
 from contextlib import ExitStack, suppress
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -185,6 +185,7 @@ def _fitted(
     with audience.stage("fit") as watch:
         captures = [s.capture for s in surveyed]
         found = fit_captures(captures, options, executor, watch, strict=strict, trial=trial)
+        found = replace(found, gathered={})  # which takes memory
     ledger.notes["fit"] = {
         "fingerprint": key,
         "weights": [w.as_dict() for w in found.weights.values()],

@@ -103,6 +103,11 @@ class FitOptions(_Section):
     sample: Annotated[float, Field(gt=0, le=1)] = 1.0
     """Of each side of a photograph, nearest neighbour; 0.25 reproduces the paper."""
     weighting: Literal["pixel", "image"] = "pixel"
+    recount: bool = True
+    """Of RAW: count the likely winners again at full depth, which reads every photograph twice; without it the
+    histogram alone decides, as where photographs were counted before and are not read again."""
+    weights: str | None = None
+    """A weights file of another campaign, from the project folder or absolute: nothing is fitted then."""
     measure: bool = True
     """Tell what the grey brings against COLMAP's default, from three pairs of the photographs."""
 
@@ -112,6 +117,12 @@ class FitOptions(_Section):
         if method not in CONVERSIONS:
             raise ValueError(f"wanted one of {', '.join(CONVERSIONS)}")
         return method
+
+    @model_validator(mode="after")
+    def _weights_or_method(self) -> FitOptions:
+        if self.weights is not None and "method" in self.model_fields_set:
+            raise ValueError("wanted weights or a method: weights of a file are not fitted")
+        return self
 
     @field_validator("step")
     @classmethod

@@ -19,7 +19,9 @@ from colmap_ihe.project import Project
 
 def remove(stage: str, project: Project) -> None:
     """Removes what `stage` has made, and what is left of unfinished work."""
-    if stage == "convert":
+    if stage == "fit":
+        project.histogram_file.unlink(missing_ok=True)
+    elif stage == "convert":
         shutil.rmtree(project.grey, ignore_errors=True)
         shutil.rmtree(project.colour, ignore_errors=True)
     elif stage == "features":

@@ -29,7 +29,7 @@ from colmap_ihe.expected import expected
 from colmap_ihe.options import Options
 from colmap_ihe.pages import page_of
 from colmap_ihe.progress import SILENT, Audience, Watch
-from colmap_ihe.project import Project, fingerprint_of, room_on_disk, write_json
+from colmap_ihe.project import Project, digest_file, fingerprint_of, room_on_disk, write_json
 from colmap_ihe.report.summary import summarise
 from colmap_ihe.run import Record, Run
 from colmap_ihe.version import __version__, library_versions
@@ -255,6 +255,8 @@ def _run_stage(stage: Stage, run: Run, fingerprint: str, forced: bool, audience:
 
 def _options_of(options: Options, stage: Stage) -> dict[str, Any]:
     chosen = {name: getattr(options, name).model_dump(mode="json") for name in stage.options}
+    if stage.name == "fit":
+        chosen["fit"]["weights"] = options.fit.weights is not None  # their content counts, not where they lie
     if stage.name == "fit" and options.fit.method == "auto":
         chosen["trial"] = asdict(stages.trial_of(options))
     if stage.name == "dense":
@@ -281,8 +283,17 @@ def _fingerprints(
     for stage in ROAD:
         chosen = _options_of(options, stage)
         besides = content_of(project.masks) if stage.name == "features" else []
+        if stage.name == "fit" and options.fit.weights is not None:
+            besides = _content_of_weights(project.root / options.fit.weights)
         if stage.name == "captures":
             besides = [[name, found[-1]] for name, found in digests.items() if name.startswith(FRAMES)]
         before = fingerprint_of(stage.name, chosen, _versions_of(stage), besides, before)
         prints[stage.name] = before
     return prints
+
+
+def _content_of_weights(file: Path) -> list[list[str]]:
+    try:
+        return [["weights", digest_file(file)]]
+    except OSError:  # the stage says so
+        return [["weights", ""]]

@@ -141,6 +141,11 @@ class Project:
         return self.root / "records"
 
     @property
+    def histogram_file(self) -> Path:
+        """What the fit counted, for fits over several campaigns."""
+        return self.records / "fit.histogram"
+
+    @property
     def native_log(self) -> Path:
         return self.records / "colmap.log"
 

@@ -12,9 +12,7 @@ from dataclasses import asdict, replace
 from functools import partial
 from pathlib import Path
 
-import yaml
-
-from colmap_ihe import oddities, outputs
+from colmap_ihe import misfit, oddities, outputs, weights_file
 from colmap_ihe.captures import decoders
 from colmap_ihe.colmap import mesh as surface
 from colmap_ihe.colmap import textured
@@ -25,13 +23,14 @@ from colmap_ihe.colmap.matching import match_features
 from colmap_ihe.colmap.workspace import database_is_sound, remove_database
 from colmap_ihe.errors import MappingError
 from colmap_ihe.fitting import Fit, Trial, fit_captures
-from colmap_ihe.grey.weights import grey_from_dict
+from colmap_ihe.grey.weights import Weights, grey_from_dict
 from colmap_ihe.options import Options
 from colmap_ihe.preprocess import convert_captures, survey, write_masks
 from colmap_ihe.progress import Watch
-from colmap_ihe.project import require_room, write_bytes
+from colmap_ihe.project import require_room
 from colmap_ihe.recipes import recipe_notes, with_recipes
 from colmap_ihe.run import Record, Run
+from colmap_ihe.stored import Stored, write_stored
 
 _DATABASE_BYTES = 4_000_000  # features and matches of one image, roughly
 _CLOUD_BYTES = 27  # of a point
@@ -80,7 +79,12 @@ def captures(run: Run, watch: Watch) -> Record:
 def fit(run: Run, watch: Watch) -> Record:
     options = run.options.fit
     trial = trial_of(run.options) if options.measure or options.method == "auto" else None
-    found = fit_captures(run.captures(), options, run.executor, watch, strict=run.strict, trial=trial)
+    given = None if options.weights is None else weights_file.read_weights(run.project.root / options.weights)
+    found = fit_captures(
+        run.captures(), options, run.executor, watch, strict=run.strict, trial=trial, given=given
+    )
+    develop = run.options.develop.model_dump(mode="json")
+    write_stored(run.project.histogram_file, Stored(found.gathered, options.sample, develop))
     warnings = []
     if len(found.weights) > 1:
         counts = " and ".join(f"{w.images} {encoding}" for encoding, w in found.weights.items())
@@ -88,6 +92,8 @@ def fit(run: Run, watch: Watch) -> Record:
             f"the set mixes {counts} photographs (RAW is linear, JPEG is coded): each kind has weights of its own,"
             " and a colour is not the same grey in both; for one grey use one kind"
         )
+    if isinstance(given, Weights):
+        warnings += misfit.warnings_of(given, found.gathered[given.encoding], options)
     return {
         "weights": {encoding: w.as_dict() for encoding, w in found.weights.items()},
         "colour_white": found.colour_white,
@@ -258,6 +264,4 @@ def fit_of(record: Record) -> Fit:
 
 def write_weights(run: Run) -> None:
     """report/weights.yaml, which `convert --weights` reads."""
-    main = fit_of(run.records["fit"]).main
-    text = yaml.safe_dump(main.as_dict(), sort_keys=False, default_flow_style=None)
-    write_bytes(run.project.weights_file, text.encode())
+    weights_file.write_weights(run.project.weights_file, fit_of(run.records["fit"]).main)

@@ -13,7 +13,7 @@ import pytest
 from numpy.typing import NDArray
 from PIL import Image
 
-from colmap_ihe import fitting
+from colmap_ihe import fitting, gathering
 from colmap_ihe.captures.discover import discover
 from colmap_ihe.errors import NativeError
 from colmap_ihe.fitting import Fit, Trial, fit_captures
@@ -108,7 +108,7 @@ def test_rec709_needs_no_trial_of_itself(photographs: Path) -> None:
 def test_contrast_of_a_large_set_is_measured_in_some_photographs(
     photographs: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(fitting, "_CONTRAST_OF", 2)
+    monkeypatch.setattr(gathering, "_CONTRAST_OF", 2)
     some = fitted(photographs, FitOptions(method="snr")).main
     (
         photographs / "1.png"

@@ -24,7 +24,7 @@ from colmap_ihe.captures.decoders import Kept
 from colmap_ihe.captures.discover import Capture
 from colmap_ihe.captures.tally import Tally
 from colmap_ihe.errors import Cancelled, PhotographError, ProjectError
-from colmap_ihe.gathering import Counting, Gathered, chunks, count, gather
+from colmap_ihe.gathering import Counted, Counting, Gathered, chunks, count, gather
 from colmap_ihe.grey.contrast import Contrast
 from colmap_ihe.grey.histogram import Histogram
 from colmap_ihe.grey.sums import Weighting
@@ -41,28 +41,37 @@ def photograph(folder: Path, number: int, does: str = "") -> Capture:
 
 
 def counting(
-    captures: Sequence[Capture],
     method: str = "ihe",
     weighting: Weighting = "pixel",
     sample: float = 1.0,
     strict: bool = False,
 ) -> Counting:
-    return Counting(method, weighting, sample, frozenset(c.name for c in captures[::2]), strict)
+    return Counting(method, weighting, sample, contrast=True, strict=strict)
 
 
 def expected(captures: Sequence[Capture], how: Counting) -> tuple[Histogram, Contrast]:
     """From pixels, in this process."""
-    tally = Tally("coded", how.weighting, how.sample)
+    tally, contrast = Tally("coded", how.weighting, how.sample), Contrast("coded")
     for capture in captures:
-        tally.add(read_photograph(capture).rgb, capture.name in how.contrast_in)
-    head, cells = tally.handed_over()
+        contrast += tally.add(read_photograph(capture).rgb, True) or Contrast("linear")
     histogram = Histogram("coded", how.weighting)
-    histogram.add_sums(gathering.Sums(**head["sums"], cells=cells))
-    return histogram, Contrast.from_dict(head["contrast"], "coded")
+    histogram.add_sums(tally.handed_over())
+    return histogram, contrast
 
 
-def same(found: Gathered, histogram: Histogram, contrast: Contrast) -> bool:
-    return found.histogram.sums() == histogram.sums() and found.contrast.as_dict() == contrast.as_dict()
+def counted(captures: Sequence[Capture], how: Counting) -> Counted:
+    return count(how, frozenset(c.name for c in captures), captures)
+
+
+def pooled(*found: Counted, weighting: Weighting = "pixel") -> tuple[Histogram, Contrast]:
+    total = Gathered(Histogram("coded", weighting))
+    for one in found:
+        total.add(one)
+    return total.histogram, reduce(add, (c for one in found for c in one.contrasts.values()))
+
+
+def same(found: tuple[Histogram, Contrast], wanted: tuple[Histogram, Contrast]) -> bool:
+    return found[0].sums() == wanted[0].sums() and found[1].as_dict() == wanted[1].as_dict()
 
 
 @given(
@@ -104,11 +113,11 @@ def test_any_executor_comes_to_the_same_sums(
     captures = [photograph(tmp_path, n) for n in range(5)]
     (tmp_path / "9.jpg").write_bytes(b"no photograph")
     broken = Capture("9.jpg", tmp_path / "9.jpg", "coded", "9")
-    how = counting(captures)
+    how = counting()
     monkeypatch.setattr(gathering, "local_workers", lambda: 3)
     left_out: dict[str, str] = {}
     found = gather([*captures, broken], how, executor, SILENT, left_out)
-    assert same(found["coded"], *expected(captures, how))
+    assert same((found["coded"].histogram, found["coded"].contrast), expected(captures, how))
     assert list(left_out) == ["9.jpg"]
     assert "copy it from the card again" in left_out["9.jpg"]
 
@@ -117,13 +126,11 @@ def test_any_executor_comes_to_the_same_sums(
 @pytest.mark.parametrize("sample", [1.0, 0.5])
 def test_grouping_changes_nothing(tmp_path: Path, weighting: Weighting, sample: float) -> None:
     captures = [photograph(tmp_path, n) for n in range(4)]
-    how = counting(captures, weighting=weighting, sample=sample)
+    how = counting(weighting=weighting, sample=sample)
     want = expected(captures, how)
     for groups in ([captures], [captures[2:], captures[:2]], [[c] for c in reversed(captures)]):
-        total = Gathered(Histogram("coded", weighting), Contrast("coded"))
-        for group in groups:
-            total.add(pickle.loads(pickle.dumps(count(how, group))))
-        assert same(total, *want)
+        found = [pickle.loads(pickle.dumps(counted(group, how))) for group in groups]
+        assert same(pooled(*found, weighting=weighting), want)
 
 
 @pytest.mark.parametrize(("does", "at"), [("crash", 0), ("exit", 1), ("late", 2)])
@@ -131,26 +138,22 @@ def test_grouping_changes_nothing(tmp_path: Path, weighting: Weighting, sample: 
 def test_a_photograph_that_kills_its_decoder_costs_itself_only(tmp_path: Path, does: str, at: int) -> None:
     captures = [photograph(tmp_path, n, does if n == at else "") for n in range(3)]
     sound = [c for n, c in enumerate(captures) if n != at]
-    how = counting(captures, "realtime-set")
-    found = count(how, captures)
-    total = Gathered(Histogram(), Contrast())
-    total.add(found)
+    how = counting("realtime-set")
+    found = counted(captures, how)
     assert list(found.errors) == [captures[at].name]
     assert "crashed on it" in str(found.errors[captures[at].name])
-    assert same(total, *expected(sound, how))
-    alone = [count(how, [c]).formula for c in sound]
-    assert total.formula is not None
-    assert total.formula.finish() == reduce(add, alone).finish()  # type: ignore[union-attr]
+    assert same(pooled(found), expected(sound, how))
+    alone = [counted([c], how).formula for c in sound]
+    assert found.formula is not None
+    assert found.formula.finish() == reduce(add, alone).finish()  # type: ignore[union-attr]
 
 
 @pytest.mark.usefixtures("faulty")
 def test_several_killers_in_one_chunk(tmp_path: Path) -> None:
     captures = [photograph(tmp_path, n, "crash" if n % 2 else "") for n in range(4)]
-    found = count(counting(captures), captures)
+    found = counted(captures, counting())
     assert set(found.errors) == {c.name for c in captures[1::2]}
-    total = Gathered(Histogram(), Contrast())
-    total.add(found)
-    assert same(total, *expected(captures[::2], counting(captures)))
+    assert same(pooled(found), expected(captures[::2], counting()))
 
 
 @pytest.mark.usefixtures("faulty")
@@ -160,9 +163,9 @@ def test_strict_stops_at_the_first_that_cannot_be_used(tmp_path: Path) -> None:
         ThreadPoolExecutor(2) as threads,
         pytest.raises(PhotographError, match=r"1crash\.jpg: the decoder crashed"),
     ):
-        gather(captures, counting(captures, strict=True), threads, SILENT, {})
+        gather(captures, counting(strict=True), threads, SILENT, {})
     with ThreadPoolExecutor(2) as threads, pytest.raises(ProjectError, match="none of the 1 photographs"):
-        gather([captures[1]], counting(captures), threads, SILENT, {})
+        gather([captures[1]], counting(), threads, SILENT, {})
 
 
 @pytest.mark.usefixtures("faulty")
@@ -177,7 +180,7 @@ def test_a_chunk_ends_soon_after_it_is_cancelled(tmp_path: Path) -> None:
     watch = Impatient()
     began = time.monotonic()
     with ThreadPoolExecutor(1) as threads, pytest.raises(Cancelled):
-        gather(captures, counting(captures), threads, watch, {})
+        gather(captures, counting(), threads, watch, {})
     assert time.monotonic() - began < 8
 
 
@@ -190,10 +193,10 @@ def test_what_a_decoder_says_is_checked(tmp_path: Path, lie: dict[str, Any]) -> 
 
     def lies(self: Kept, task: str, *more: Any, **named: Any) -> tuple[Any, Any]:
         answer, array = real(self, task, *more, **named)
-        return ({**answer, "sums": answer["sums"] | lie} if task == "tally" else answer), array
+        return (answer | lie if task == "tally" else answer), array
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(Kept, "ask", lies)
-        found = count(counting([capture]), [capture])
+        found = counted([capture], counting())
     assert not found.sums
     assert "the decoder lost its way on it" in str(found.errors[capture.name])

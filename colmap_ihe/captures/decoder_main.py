@@ -62,8 +62,8 @@ def _count(
     if first or desk.tally is None:
         desk.tally = Tally(**how)
     found = _read(desk, capture)
-    desk.tally.add(found.rgb, contrast)
-    return None, found.rgb if returned else None
+    measured = desk.tally.add(found.rgb, contrast)
+    return None if measured is None else measured.as_dict(), found.rgb if returned else None
 
 
 def _tally(desk: _Desk) -> _Answer:
@@ -71,8 +71,8 @@ def _tally(desk: _Desk) -> _Answer:
     tally, desk.tally = desk.tally, None
     if tally is None:
         raise ValueError("nothing was counted")
-    head, cells = tally.handed_over()
-    return head, np.frombuffer(cells, np.uint8)
+    sums = tally.handed_over()
+    return sums.head(), np.frombuffer(sums.cells, np.uint8)
 
 
 def _photograph(desk: _Desk, *, capture: Message) -> _Answer:

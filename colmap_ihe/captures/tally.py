@@ -12,39 +12,36 @@ from numpy.typing import NDArray
 
 from colmap_ihe.grey.contrast import Contrast
 from colmap_ihe.grey.histogram import Histogram
-from colmap_ihe.grey.sums import Weighting
+from colmap_ihe.grey.sums import Sums, Weighting
 from colmap_ihe.grey.weights import Encoding
 
 Pixels = NDArray[np.uint8] | NDArray[np.uint16]
 
 
 class Tally:
-    """Sums over some photographs of one encoding; `sample` of each side is counted, and contrast is measured in all
-    of their pixels."""
+    """The colours of some photographs of one encoding, `sample` of each side of them."""
 
     def __init__(self, encoding: Encoding, weighting: Weighting, sample: float) -> None:
         self._histogram = Histogram(encoding, weighting)
-        self._contrast = Contrast(encoding)
         self._sample = sample
 
-    def add(self, rgb: Pixels, contrast: bool) -> None:
-        """Counts one photograph, (H, W, 3) as `Histogram.add` takes it; `contrast`: measures it too. Raises before
-        anything of it is counted; ends the process rather than keep a part."""
-        measured = Contrast(self._histogram.encoding)
-        if contrast:
+    def add(self, rgb: Pixels, contrast: bool) -> Contrast | None:
+        """Counts one photograph, (H, W, 3) as `Histogram.add` takes it, and with `contrast` measures it, in all of
+        its pixels. Raises before anything of it is counted; ends the process rather than keep a part."""
+        measured = Contrast(self._histogram.encoding) if contrast else None
+        if measured is not None:
             measured.add(rgb, weighting=self._histogram.weighting)
         some = sampled(rgb, self._sample)
         try:
             self._histogram.add(some)
-            self._contrast = self._contrast + measured
         except BaseException as error:  # noqa: BLE001  nobody could tell which of its pixels were counted
             print(f"{type(error).__name__} while it counted: {error}", file=sys.stderr, flush=True)
             os._exit(1)
+        return measured
 
-    def handed_over(self) -> tuple[dict[str, Any], bytes]:
-        """The sums, in plain values, and their cells; nothing is left."""
-        sums = self._histogram.taken()
-        return {"sums": sums.head(), "contrast": self._contrast.as_dict()}, sums.cells
+    def handed_over(self) -> Sums:
+        """What was counted; nothing is left."""
+        return self._histogram.taken()
 
 
 def sampled(rgb: Pixels, sample: float) -> Pixels:

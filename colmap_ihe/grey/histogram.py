@@ -131,19 +131,18 @@ class Histogram:
 
     def taken(self) -> Sums:
         """What was counted; the histogram is then empty, and counts on in the same memory."""
-        if self._weighed is None:
-            found = self._sums(self.pixels, kernels.taken(self._counted))
-        else:
-            found = self.sums()
-            self._weighed[:] = 0
+        found = self.sums(emptied=True)
         self.images = self.pixels = 0
         return found
 
-    def sums(self) -> Sums:
+    def sums(self, *, emptied: bool = False) -> Sums:
         """What was counted."""
-        table = self.table()
-        place = np.flatnonzero(table)
-        mass = table[place]
+        if self._weighed is None:
+            return self._sums(self.pixels, kernels.held(self._counted, emptied=emptied))
+        place = np.flatnonzero(self._weighed)
+        mass = self._weighed[place]
+        if emptied:
+            self._weighed[place] = 0
         return self._sums(int(mass.sum()), kernels.packed(place.astype(np.uint32), mass))
 
     def _sums(self, mass: int, cells: bytes) -> Sums:

@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from colmap_ihe.grey import kernels
-from colmap_ihe.grey.boxes import NO_BOXES, Pyramid, Triplet, bounds_of, counts_of, whites_of
+from colmap_ihe.grey.boxes import NO_BOXES, WHITE_STEP, Pyramid, Triplet, bounds_of, counts_of, whites_of
 from colmap_ihe.grey.contrast import Contrast
 from colmap_ihe.grey.equalise import curve_of
 from colmap_ihe.grey.histogram import Histogram
@@ -153,16 +153,58 @@ def _survivors(alive: list[Triplet], bounds: NDArray[np.float64], counted: _Coun
 
 def likely_winner(histogram: Histogram, grid: Sequence[Triplet]) -> Triplet:
     """The winner among `grid`, of a linear set by estimate: quickly, and mostly right."""
+    red, green, blue = (round(100 * w) for w in fit_cells(histogram, grid).triplet)
+    return red, green, blue
+
+
+def fit_cells(histogram: Histogram, grid: Sequence[Triplet]) -> Weights:
+    """The IHE weights by the histogram alone: of a coded set those of `fit_histogram`, of a linear one by estimate,
+    the pixels of a cell spread evenly over the levels that it reaches; `tones` is then None."""
     if histogram.encoding == "coded":
-        red, green, blue = (round(100 * w) for w in fit_histogram(histogram, grid).triplet)
-        return red, green, blue
+        return fit_histogram(histogram, grid)
+    if not histogram.pixels:
+        raise ValueError("the histogram is empty, expected at least one pixel")
     pyramid = Pyramid(histogram)
     alive = list(grid)
     for bits, kept in ((2, 200), (0, 1)):
         whites = whites_of(pyramid.boxes(_WHITE_BITS), alive)
         _, estimates = bounds_of(NO_BOXES, pyramid.boxes(bits), kernels.linear_rules(alive, whites))
-        alive = [alive[i] for i in np.argsort(estimates, kind="stable")[:kept]]
-    return alive[0]
+        best = np.argsort(estimates, kind="stable")[:kept]
+        alive = [alive[i] for i in best]
+    red, green, blue = (w / 100 for w in alive[0])
+    mass = int(histogram.occupied()[1].sum())
+    return Weights(
+        red,
+        green,
+        blue,
+        encoding="linear",
+        score=float(estimates[best[0]]) / mass**2 - 1 / kernels.LEVELS,
+        white=_share(whites[best[0]]),
+        images=histogram.images,
+        pixels=histogram.pixels,
+    )
+
+
+def flatness(histogram: Histogram, weights: Weights) -> float:
+    """How many grey levels the weights would fill if they filled them evenly, 1 to 256: 1 / sum y^2, of a linear set
+    by estimate and with the white point of the weights. They are rounded to hundredths."""
+    red, green = round(100 * weights.red), round(100 * weights.green)
+    triplet = (red, green, 100 - red - green)
+    mass = int(histogram.occupied()[1].sum())
+    if histogram.encoding == "coded":
+        counts = histogram.levels(kernels.coded_rules([triplet]))[0].astype(np.float64)
+        return mass**2 / float((counts**2).sum())
+    steps = max(1, round(100 * _SATURATION * weights.white / WHITE_STEP))
+    rules = kernels.linear_rules([triplet], [steps * WHITE_STEP])
+    _, estimates = bounds_of(NO_BOXES, Pyramid(histogram).boxes(0), rules)
+    return mass**2 / float(estimates[0])
+
+
+def clipped(histogram: Histogram, weights: Weights) -> float:
+    """The share of pixels of a linear set that the weights' white point makes white."""
+    cells = histogram.cells()
+    grey = (cells.low + cells.high) / 2 @ np.array(weights.triplet)
+    return float(cells.mass[grey >= weights.white * _SATURATION].sum() / cells.mass.sum())
 
 
 def count_levels(

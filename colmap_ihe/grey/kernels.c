@@ -249,9 +249,10 @@ static size_t next_places(const uint16_t *low, uint32_t *start, uint32_t end, ui
     return found;
 }
 
-/* As `pack_cells`, of a table from `start` on, as much as `out` of `room` bytes holds; what is packed is then no longer
- * in the table. `start` moves behind it, and `passed` is how many places lie between it and the last one packed. */
-size_t pack_table(uint16_t *low, uint32_t *high, uint32_t *start, uint32_t *passed, uint8_t *out, size_t room)
+/* As `pack_cells`, of a table from `start` on, as much as `out` of `room` bytes holds; where it is to be emptied what is
+ * packed is then no longer in the table. `start` moves behind it, and `passed` is how many places lie between it and the last one packed. */
+size_t pack_table(uint16_t *low, uint32_t *high, int emptied, uint32_t *start, uint32_t *passed, uint8_t *out,
+                  size_t room)
 {
     uint32_t places[BLOCK], next = *start - *passed;
     uint8_t *at = out;
@@ -259,11 +260,13 @@ size_t pack_table(uint16_t *low, uint32_t *high, uint32_t *start, uint32_t *pass
         size_t n = next_places(low, start, CELLS, places, BLOCK);
         for (size_t i = 0; i < n; i++) {
             uint32_t place = places[i], gap = place - next, count = low[place];
-            low[place] = 0;
+            if (emptied)
+                low[place] = 0;
             next = place + 1;
             if (high[place]) {
                 at = put_number(put_number(at, gap), count + (uint64_t)FULL * high[place]);
-                high[place] = 0;
+                if (emptied)
+                    high[place] = 0;
             } else if ((gap | count) > 127)
                 at = put_number(put_number(at, gap), count);
             else {

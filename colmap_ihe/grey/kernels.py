@@ -112,18 +112,12 @@ PACKED_BYTES = 14  # of a cell, at the most
 _PACKED_AT_ONCE = 1 << 20
 
 
-def taken(table: Table) -> bytes:
-    """What a table holds, in few bytes, see `packed`; the table is then empty."""
+def held(table: Table, *, emptied: bool = False) -> bytes:
+    """What a table holds, in few bytes, see `packed`; the table may then be empty."""
     start, passed = ctypes.c_uint32(), ctypes.c_uint32()
     room = np.empty(_PACKED_AT_ONCE, np.uint8)
-    of = (
-        _at(table.low),
-        _at(table.high),
-        ctypes.byref(start),
-        ctypes.byref(passed),
-        _at(room),
-        _size(len(room)),
-    )
+    into = (ctypes.c_int(emptied), ctypes.byref(start), ctypes.byref(passed), _at(room), _size(len(room)))
+    of = (_at(table.low), _at(table.high), *into)
     parts = []
     while start.value < CELLS:
         parts.append(room[: _C.pack_table(*of)].tobytes())
@@ -147,7 +141,7 @@ def check_packed(data: bytes, mass: int) -> None:
 
 
 def add_packed(data: bytes, mass: int, to: Table | NDArray[np.uint64]) -> None:
-    """Adds what `packed` or `taken` gave, counts of `mass` in sum, to a table or to sums (2^24,). Raises ValueError,
+    """Adds what `packed` or `held` gave, counts of `mass` in sum, to a table or to sums (2^24,). Raises ValueError,
     and adds nothing, for anything that they could not have given."""
     check_packed(data, mass)
     if isinstance(to, Table):
