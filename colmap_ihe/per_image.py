@@ -5,12 +5,13 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import Executor
-from typing import TypeVar
+from functools import partial
+from typing import Protocol, TypeVar
 
 from colmap_ihe import memory
 from colmap_ihe.captures.discover import Capture
 from colmap_ihe.errors import PhotographError, ProjectError
-from colmap_ihe.executor import in_order, local_workers
+from colmap_ihe.executor import in_order, local_workers, shares_memory
 from colmap_ihe.progress import Watch
 
 logger = logging.getLogger(__name__)
@@ -18,34 +19,41 @@ logger = logging.getLogger(__name__)
 LeftOut = dict[str, str]
 """Captures that cannot be used, by name, each with the reason and what to do."""
 
+
+
+class _Photograph(Protocol):
+    @property
+    def capture(self) -> Capture: ...
+
+
+_One = TypeVar("_One", bound="Capture | _Photograph")
 _Result = TypeVar("_Result")
 
 
 def each_usable(
-    function: Callable[[Capture], _Result],
-    captures: Sequence[Capture],
+    function: Callable[[_One], _Result],
+    photographs: Sequence[_One],
     executor: Executor,
     watch: Watch,
     strict: bool,
     left_out: LeftOut,
 ) -> Iterable[_Result]:
-    """`function` of every capture that can be used; the others go to `left_out`, or end the run if strict.
+    """`function` of every capture, or what has one, that can be used; the others go to `left_out`, or end the run
+    if strict.
 
-    As many at a time as there are workers, or fewer if memory has no room for so many of the largest.
+    As many at a time as there are workers, or fewer if memory has no room for so many of the largest; on other
+    machines as many as they have workers, for their memory is theirs to know.
     """
-
-    def guarded(capture: Capture) -> _Result | PhotographError:
-        try:
-            return function(capture)
-        except PhotographError as error:
-            return error
-
+    captures = [one if isinstance(one, Capture) else one.capture for one in photographs]
     watch.start(len(captures))
     usable = 0
-    at_once = memory.at_once(captures, local_workers())
-    logger.info("%s", memory.in_words(captures, at_once))
-    most = at_once if at_once < local_workers() else None
-    for capture, result in zip(captures, in_order(executor, guarded, captures, most, watch), strict=True):
+    most = None
+    if shares_memory(executor):
+        at_once = memory.at_once(captures, local_workers())
+        logger.info("%s", memory.in_words(captures, at_once))
+        most = at_once if at_once < local_workers() else None
+    guarded = partial(_guarded, function)
+    for capture, result in zip(captures, in_order(executor, guarded, photographs, most, watch), strict=True):
         watch.advance()
         if isinstance(result, PhotographError):
             if strict:
@@ -60,3 +68,10 @@ def each_usable(
             f"none of the {len(captures)} photographs can be used: {reasons}",
             hint="copy them from the card again",
         )
+
+
+def _guarded(function: Callable[[_One], _Result], one: _One) -> _Result | PhotographError:
+    try:
+        return function(one)
+    except PhotographError as error:
+        return error

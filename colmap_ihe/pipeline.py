@@ -118,7 +118,7 @@ def reconstruct(
         workers = executor or stack.enter_context(local_executor())
         run = Run(place, options, discovery, workers)
         with audience.stage("content") as watch:
-            digests = digests_of(place, run.discovery, watch)
+            digests = digests_of(place, run.discovery, workers, watch)
             write_json(place.digests_file, digests)
         prints = _fingerprints(place, options, run.discovery, digests)
         ran = []
@@ -173,7 +173,8 @@ def status(
     options = options or Options()
     place = Project.at(Path(project), Path(images) if images else None)
     discovery = discover(place.images)
-    prints = _fingerprints(place, options, discovery, digests_of(place, discovery, SILENT))
+    with local_executor() as threads:
+        prints = _fingerprints(place, options, discovery, digests_of(place, discovery, threads, SILENT))
     states: list[StageState] = []
     stale_before = ""
     for stage in ROAD:

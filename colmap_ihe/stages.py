@@ -24,6 +24,7 @@ from colmap_ihe.colmap.mapping import map_images
 from colmap_ihe.colmap.matching import match_features
 from colmap_ihe.colmap.workspace import database_is_sound, remove_database
 from colmap_ihe.errors import MappingError
+from colmap_ihe.executor import threads_of
 from colmap_ihe.fitting import Fit, Trial, fit_captures
 from colmap_ihe.grey.weights import grey_from_dict
 from colmap_ihe.options import Options
@@ -80,7 +81,8 @@ def captures(run: Run, watch: Watch) -> Record:
 def fit(run: Run, watch: Watch) -> Record:
     options = run.options.fit
     trial = trial_of(run.options) if options.measure or options.method == "auto" else None
-    found = fit_captures(run.captures(), options, run.executor, watch, strict=run.strict, trial=trial)
+    with threads_of(run.executor) as threads:  # they sum in shared memory
+        found = fit_captures(run.captures(), options, threads, watch, strict=run.strict, trial=trial)
     warnings = []
     if len(found.weights) > 1:
         counts = " and ".join(f"{w.images} {encoding}" for encoding, w in found.weights.items())
@@ -228,9 +230,10 @@ def mesh(run: Run, watch: Watch) -> Record:
     if options.texture == "auto" and not textured.is_possible():
         note = "the mesh has vertex colours and no texture: pip install 'colmap-ihe[mesh]' for that"
         return {**record, "warnings": [note]}
-    texture = textured.texture_mesh(
-        project.dense, project.mesh, options.texture_size, executor=run.executor, watch=watch
-    )
+    with threads_of(run.executor) as threads:  # each looks at all of the mesh
+        texture = textured.texture_mesh(
+            project.dense, project.mesh, options.texture_size, executor=threads, watch=watch
+        )
     return {**record, "texture": asdict(texture), "files": [project.mesh.name, *textured.FILES]}
 
 

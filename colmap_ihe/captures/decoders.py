@@ -20,7 +20,7 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from contextvars import ContextVar
-from typing import Any
+from typing import Any, Protocol
 
 from numpy.typing import NDArray
 
@@ -43,17 +43,31 @@ _ONE_THREAD = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}  # photograp
 _KNOWN = {kind.__name__: kind for kind in (PhotographError, CapabilityError)}
 _BROKEN = "copy it from the card again, or take it out of the folder"
 
-_stop: ContextVar[threading.Event | None] = ContextVar("stop", default=None)
+
+
+class Stop(Protocol):
+    """What says that work is no longer wanted: an Event, or what a task on another machine looks at."""
+
+    def is_set(self) -> bool: ...
+
+
+_stop: ContextVar[Stop | None] = ContextVar("stop", default=None)
 
 
 @contextmanager
-def stoppable(event: threading.Event) -> Iterator[None]:
+def stoppable(event: Stop) -> Iterator[None]:
     """Reads of this thread within end with `Cancelled` soon after `event` is set, however slow the decoder is."""
     token = _stop.set(event)
     try:
         yield
     finally:
         _stop.reset(token)
+
+
+def stopped() -> bool:
+    """Whether what this thread works on, within `stoppable`, is no longer wanted."""
+    event = _stop.get()
+    return event is not None and event.is_set()
 
 
 def ask(
@@ -144,10 +158,10 @@ class _Decoder:
         self._ready = True
 
     def _answer(self, seconds: float) -> tuple[Message, int | None]:
-        end, stop, poll = time.monotonic() + seconds, _stop.get(), select.poll()
+        end, poll = time.monotonic() + seconds, select.poll()
         poll.register(self._socket, select.POLLIN)
         while not poll.poll(_TICK_MS):
-            if stop is not None and stop.is_set():
+            if stopped():
                 raise Cancelled
             if time.monotonic() > end:
                 raise TimeoutError
