@@ -131,6 +131,12 @@ def _add_reconstruct(command: _Command) -> None:
     _add_project(parser)
     parser.add_argument("--from", dest="start", choices=NAMES, help="run this stage and all after it again")
     parser.add_argument("--until", choices=NAMES, help="end after this stage")
+    parser.add_argument(
+        "--cluster",
+        metavar="ADDRESS",
+        help="work on the workers of this Dask scheduler, as tcp://login1:8786, or on N worker processes here,"
+        " local:N; see docs/cluster.md",
+    )
     parser.add_argument("--no-dense", action="store_true", help="end with the sparse model")
     parser.add_argument("--no-mesh", action="store_true", help="end with the dense cloud")
     parser.add_argument("--strict", action="store_true", help="stop at a photograph that cannot be used")

@@ -47,7 +47,9 @@ def balance_gains(captures: Sequence[Capture], executor: Executor, watch: Watch)
     """
     watch.start(len(captures))
     means: dict[str, NDArray[np.float64]] = {}
-    for capture, mean in zip(captures, in_order(executor, _mean_if_readable, captures, watch=watch), strict=True):
+    for capture, mean in zip(
+        captures, in_order(executor, _mean_if_readable, captures, watch=watch), strict=True
+    ):
         watch.advance()
         if mean is not None:
             means[capture.name] = mean

@@ -103,6 +103,8 @@ def _reconstruct(parsed: argparse.Namespace, bars: Bars) -> None:
         assignments.append("mesh.enabled=false")
     if parsed.strict:
         assignments.append("captures.strict=true")
+    if parsed.cluster:
+        assignments.append(f"cluster.address={json.dumps(parsed.cluster)}")
     options = commands.project_options(parsed.project, assignments)
     done = reconstruct(
         parsed.project, options, images=parsed.images, start=parsed.start, until=parsed.until, audience=bars

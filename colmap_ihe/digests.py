@@ -32,7 +32,7 @@ def digests_of(
     for frame in sorted(p for p in project.calibration.rglob("*") if p.is_file()):
         files[FRAMES + frame.relative_to(project.calibration).as_posix()] = frame
     watch.start(len(files))
-    found: dict[str, list[Any]] = dict.fromkeys(files, [])
+    found: dict[str, list[Any]] = {name: [] for name in files}
     changed = []
     for name, path in files.items():
         old = known.get(name, [])

@@ -20,7 +20,6 @@ LeftOut = dict[str, str]
 """Captures that cannot be used, by name, each with the reason and what to do."""
 
 
-
 class _Photograph(Protocol):
     @property
     def capture(self) -> Capture: ...

@@ -18,6 +18,7 @@ from typing import Any
 
 from colmap_ihe import outputs, preflight, stages
 from colmap_ihe.captures.discover import Discovery, discover
+from colmap_ihe.cluster.connect import workers_for
 from colmap_ihe.colmap import textured
 from colmap_ihe.colmap.dense import pick_backend
 from colmap_ihe.colmap.native import logged_to
@@ -101,9 +102,9 @@ def reconstruct(
 ) -> Reconstruction:
     """Photographs in `project/images` to a model in `project/workspace`, going on from what is up to date.
 
-    `start` runs that stage and all after it again; `until` ends after a stage. `executor`: of threads,
-    for the fit sums in shared memory. Raises `KnownError`s, and
-    `Cancelled`; the records then say how far it came, and the same call goes on from there.
+    `start` runs that stage and all after it again; `until` ends after a stage. `executor`: of any kind, for
+    per-image work, instead of what `options.cluster` says. Raises `KnownError`s, and `Cancelled`; the records
+    then say how far it came, and the same call goes on from there.
     """
     options = options or Options()
     _check_range(start, until, options)
@@ -115,7 +116,9 @@ def reconstruct(
         place.claim()
         stack.enter_context(place.locked())
         stack.enter_context(logged_to(place.native_log))
-        workers = executor or stack.enter_context(local_executor())
+        workers = executor or stack.enter_context(
+            workers_for(options.cluster, place, [discovery.captures[0].path], audience)
+        )
         run = Run(place, options, discovery, workers)
         with audience.stage("content") as watch:
             digests = digests_of(place, run.discovery, workers, watch)

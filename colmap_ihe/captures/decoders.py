@@ -44,7 +44,6 @@ _KNOWN = {kind.__name__: kind for kind in (PhotographError, CapabilityError)}
 _BROKEN = "copy it from the card again, or take it out of the folder"
 
 
-
 class Stop(Protocol):
     """What says that work is no longer wanted: an Event, or what a task on another machine looks at."""
 

@@ -1,0 +1,67 @@
+"""Worker processes on this machine, for `local:N`: a scheduler in this process, and N workers of one thread."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import BinaryIO
+
+from distributed import LocalCluster
+
+_END_SECONDS = 10
+
+
+@contextmanager
+def local_workers(count: int, log: Path) -> Iterator[str]:
+    """The address of their scheduler. A worker that dies is started again; what they say goes into `log`.
+
+    They are fresh Pythons in a session of their own: none of `multiprocessing`, which would run the user's script
+    again, and Ctrl-C in the terminal is for us. They end with the scheduler, however this process ends.
+    """
+    with TemporaryDirectory(prefix="colmap-ihe-workers-", ignore_cleanup_errors=True) as scratch:
+        cluster = LocalCluster(n_workers=0, dashboard_address=None, silence_logs=50, host="127.0.0.1")
+        processes: list[subprocess.Popen[bytes]] = []
+        try:
+            log.parent.mkdir(parents=True, exist_ok=True)
+            with log.open("wb") as words:
+                address = cluster.scheduler_address
+                processes += [_started(address, f"local-{n}", scratch, words) for n in range(count)]
+            yield address
+        finally:
+            for process in processes:
+                process.terminate()
+            for process in processes:
+                try:
+                    process.wait(_END_SECONDS)
+                except subprocess.TimeoutExpired:
+                    with suppress(ProcessLookupError):
+                        os.killpg(process.pid, 9)
+                    process.wait()
+            cluster.close(timeout=_END_SECONDS)
+
+
+def _started(address: str, name: str, scratch: str, words: BinaryIO) -> subprocess.Popen[bytes]:
+    command = [
+        sys.executable,
+        "-m",
+        "distributed.cli.dask_worker",
+        address,
+        "--nthreads",
+        "1",
+        "--name",
+        name,
+    ]
+    limits = ["--memory-limit", "0", "--no-dashboard", "--local-directory", scratch, "--death-timeout", "60"]
+    return subprocess.Popen(
+        [*command, *limits],
+        stdin=subprocess.DEVNULL,
+        stdout=words,
+        stderr=subprocess.STDOUT,
+        start_new_session=True,
+        env=os.environ | {"PYTHONPATH": os.pathsep.join(p for p in sys.path if p)},
+    )
