@@ -149,6 +149,8 @@ def features(run: Run, watch: Watch) -> Record:
         run.options.camera,
         run.options.features,
         run.records["captures"]["shared_by"],
+        project.workspace,
+        run.executor,
         watch,
     )
     by_grey = {grey: name for name, grey in run.records["convert"]["grey"].items()}
@@ -173,6 +175,7 @@ def matches(run: Run, watch: Watch) -> Record:
         run.options.matches,
         run.records["features"]["images"],
         run.records["captures"]["with_gps"],
+        run.executor,
         watch,
     )
     return {**asdict(counts), "warnings": []}

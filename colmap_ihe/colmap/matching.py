@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import math
+from concurrent.futures import Executor
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from colmap_ihe.colmap.match_blocks import match_in_blocks, verification_options
 from colmap_ihe.colmap.native import apply_options, called, pycolmap
 from colmap_ihe.colmap.workspace import counting_rows
 from colmap_ihe.errors import MappingError, ProjectError
+from colmap_ihe.executor import shares_memory
 from colmap_ihe.options import MatchesOptions
 from colmap_ihe.progress import Watch
 
@@ -27,6 +30,12 @@ _PAIRING: dict[str, Any] = {
     "sequential": pycolmap.SequentialPairingOptions,
     "spatial": pycolmap.SpatialPairingOptions,
     "vocabtree": pycolmap.VocabTreePairingOptions,
+}
+_GENERATOR: dict[str, Any] = {
+    "exhaustive": pycolmap.ExhaustivePairGenerator,
+    "sequential": pycolmap.SequentialPairGenerator,
+    "spatial": pycolmap.SpatialPairGenerator,
+    "vocabtree": pycolmap.VocabTreePairGenerator,
 }
 
 
@@ -53,11 +62,18 @@ def choose_strategy(requested: str, images: int, with_gps: int) -> str:
 
 
 def match_features(
-    database: Path, scratch: Path, options: MatchesOptions, images: int, with_gps: int, watch: Watch
+    database: Path,
+    scratch: Path,
+    options: MatchesOptions,
+    images: int,
+    with_gps: int,
+    executor: Executor,
+    watch: Watch,
 ) -> MatchCounts:
     """Matches and verifies pairs; pairs that are in the database already are left alone.
 
-    A vocabulary tree is built from the set's own features, in `scratch`: nothing is downloaded. Raises
+    COLMAP does it on threads here, or the workers of an executor of another kind do it in blocks, with the same
+    result. A vocabulary tree is built from the set's own features, in `scratch`: nothing is downloaded. Raises
     `OptionError`, `NativeError`, `MappingError` if nothing matches, `Cancelled`.
     """
     strategy = choose_strategy(options.strategy, images, with_gps)
@@ -67,17 +83,22 @@ def match_features(
         tree = scratch / "vocabulary.bin"
         build_vocabulary(database, tree, watch)
         pairing.vocab_tree_path = tree
-    watch.start(pairs, "pairs")
-    with counting_rows(database, "two_view_geometries") as rows:
-        called(
-            function,
-            database,
-            matching_options=matching,
-            pairing_options=pairing,
-            verification_options=verification,
-            watch=watch,
-            progress=lambda: min(pairs, rows()),
-        )
+    if shares_memory(executor):
+        watch.start(pairs, "pairs")
+        with counting_rows(database, "two_view_geometries") as rows:
+            called(
+                function,
+                database,
+                matching_options=matching,
+                pairing_options=pairing,
+                verification_options=verification,
+                watch=watch,
+                progress=lambda: min(pairs, rows()),
+            )
+    else:
+        chosen = called(_pairs, database, strategy, pairing, watch=watch, cancellable=False)
+        watch.start(len(chosen), "pairs")
+        match_in_blocks(database, chosen, options, scratch / "parts", executor, watch)
     with pycolmap.Database.open(database) as opened:
         # COLMAP keeps a row for a pair without an inlier too, and counts it as verified.
         inliers = np.array(opened.read_two_view_geometry_num_inliers()[1], np.int64)
@@ -100,9 +121,7 @@ def native_options(
     apply_options(matching, options.colmap, "matches.colmap")
     pairing = _PAIRING[strategy]()
     apply_options(pairing, options.pairing, "matches.pairing")
-    verification = pycolmap.TwoViewGeometryOptions()
-    apply_options(verification, options.verification, "matches.verification")
-    return matching, pairing, verification
+    return matching, pairing, verification_options(options)
 
 
 def forget_matches(database: Path) -> None:
@@ -128,6 +147,13 @@ def build_vocabulary(database: Path, tree: Path, watch: Watch) -> None:
     called(index.build, build, descriptors, watch=watch, cancellable=False)
     tree.parent.mkdir(parents=True, exist_ok=True)
     index.write(tree)
+
+
+def _pairs(database: Path, strategy: str, pairing: Any) -> list[tuple[int, int]]:
+    """The pairs that COLMAP would match, by id."""
+    with pycolmap.Database.open(database) as opened:
+        pairs: list[tuple[int, int]] = _GENERATOR[strategy](pairing, opened).all_pairs()
+    return pairs
 
 
 def _function(strategy: str, images: int) -> tuple[Any, int]:
