@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from colmap_ihe.colmap.native import apply_options, called, pycolmap
+from colmap_ihe.colmap.native import apply_options, called, hush, pycolmap
 from colmap_ihe.colmap.packs import in_batches, merge_pack, read_features, write_pack
 from colmap_ihe.executor import TaskWatch, in_order, width_of
 from colmap_ihe.options import FeaturesOptions
@@ -65,6 +65,7 @@ def extract_in_shards(
 def extract_shard(shard: _Shard) -> Path:
     """On a worker, with one thread, as it has several workers where it has several cores: writes the pack of a
     shard and returns its path. COLMAP leaves out images that it cannot read."""
+    hush()
     extraction = extraction_options(shard.options, threads=1)
     reader = pycolmap.ImageReaderOptions()
     if shard.masks is not None:

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from colmap_ihe.colmap.native import apply_options, called, pycolmap
+from colmap_ihe.colmap.native import apply_options, called, hush, pycolmap
 from colmap_ihe.colmap.packs import in_batches, read_features, read_pack, write_features, write_pack
 from colmap_ihe.executor import TaskWatch, in_order, width_of
 from colmap_ihe.options import MatchesOptions
@@ -122,6 +122,7 @@ def _block(
 def match_block(block: _Block) -> Path:
     """On a worker, with one thread, as it has several workers where it has several cores: writes a database with
     the matches of a block and their geometry, and returns its path."""
+    hush()
     matching = pycolmap.FeatureMatchingOptions(num_threads=1)
     verification = verification_options(block.options)
     apply_options(matching, block.options.colmap, "matches.colmap")
