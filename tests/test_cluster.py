@@ -93,9 +93,9 @@ def cluster(tmp_path: Path) -> Iterator[Cluster]:
 
 def run(project: Path, address: str, *more: str) -> subprocess.Popen[str]:
     settings = [part for a in (*QUICK, "cluster.patience=60") for part in ("--set", a)]
+    command = [sys.executable, "-m", "colmap_ihe.cli", "reconstruct"]
     return subprocess.Popen(
-        [sys.executable, "-m", "colmap_ihe.cli", "reconstruct", str(project), "--json", "--no-mesh"]
-        + ["--cluster", address, *settings, *more],
+        [*command, str(project), "--json", "--no-mesh", "--cluster", address, *settings, *more],
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
@@ -148,7 +148,7 @@ def test_a_worker_is_killed(new_project: Make, finished: Path, cluster: Cluster,
     project = new_project()
     victim, _ = cluster.worker("first"), cluster.worker("second")
     with run(project, cluster.address) as process:
-        wait_until_begun(process, project, stage)  # type: ignore[arg-type]
+        wait_until_begun(process, project, stage)
         time.sleep(0.1)
         kill(victim)
         assert_whole(project, result_of(process), finished)
@@ -161,7 +161,7 @@ def test_the_scheduler_is_started_again(
     project = new_project()
     cluster.worker("first")
     with run(project, cluster.address) as process:
-        wait_until_begun(process, project, stage)  # type: ignore[arg-type]
+        wait_until_begun(process, project, stage)
         time.sleep(0.1)
         kill(cluster.processes[0])
         time.sleep(1)
@@ -175,7 +175,7 @@ def test_no_worker_is_left(new_project: Make, finished: Path, cluster: Cluster) 
     project = new_project()
     only = cluster.worker("only")
     with run(project, cluster.address, "--set", "cluster.patience=3") as process:
-        wait_until_begun(process, project, "features")  # type: ignore[arg-type]
+        wait_until_begun(process, project, "features")
         kill(only)
         line = last_line_of(process)
     assert "no worker was there for 3 s" in line
@@ -204,7 +204,7 @@ def test_stopped_by_hand(new_project: Make, finished: Path, cluster: Cluster) ->
     project = new_project()
     cluster.worker("first")
     with run(project, cluster.address) as process:
-        wait_until_begun(process, project, "features")  # type: ignore[arg-type]
+        wait_until_begun(process, project, "features")
         time.sleep(0.2)
         os.killpg(process.pid, signal.SIGINT)
         _, errors = process.communicate(timeout=LONG)
@@ -223,7 +223,7 @@ def test_the_command_is_killed(new_project: Make, finished: Path, cluster: Clust
     project = new_project()
     cluster.worker("first")
     with run(project, cluster.address) as process:
-        wait_until_begun(process, project, "dense")  # type: ignore[arg-type]
+        wait_until_begun(process, project, "dense")
         time.sleep(0.3)
         process.kill()
     assert len(list((project / "records").glob("*.lease"))) == 1
@@ -234,7 +234,7 @@ def test_the_command_is_killed(new_project: Make, finished: Path, cluster: Clust
 def test_local_workers_end_with_the_command(new_project: Make) -> None:
     project = new_project()
     with run(project, "local:2") as process:
-        wait_until_begun(process, project, "convert")  # type: ignore[arg-type]
+        wait_until_begun(process, project, "convert")
         listed = subprocess.run(["ps", "-eo", "pid,args"], capture_output=True, text=True, check=True).stdout
         ours = [line for line in listed.splitlines() if "dask_worker" in line and "--name local-" in line]
         process.kill()

@@ -70,9 +70,7 @@ def test_processes_make_what_threads_make(
     assert not (project / "workspace/parts").exists()
 
 
-def test_raw_recipes_and_broken_photographs(
-    new_project: Make, processes: Executor, quick_options: Callable[..., Options], tmp_path: Path
-) -> None:
+def test_raw_recipes_and_broken_photographs(new_project: Make, processes: Executor, tmp_path: Path) -> None:
     project = new_project(4, (".dng",))
     (project / "images/broken.dng").write_bytes(b"II*\0nothing")
     captures = discover(project / "images").captures

@@ -6,7 +6,7 @@ import logging
 import re
 import time
 import warnings
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from concurrent.futures import Executor
 from contextlib import ExitStack, contextmanager
 from functools import partial
@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from colmap_ihe.cluster.lease import end_lease, end_old_leases, new_lease
-from colmap_ihe.cluster.task import Terms, environment
+from colmap_ihe.cluster.task import Terms, check_terms, environment
 from colmap_ihe.errors import CapabilityError, ClusterError, OptionError
 from colmap_ihe.executor import local_executor
 from colmap_ihe.options import ClusterOptions
@@ -130,8 +130,7 @@ def _await_workers(executor: ClusterExecutor, count: int, options: ClusterOption
 
 def _check_workers(client: Client, terms: Terms) -> None:
     """Raises `ClusterError` for the first worker that cannot keep the terms."""
-    check: Callable[[], None] = terms.check
-    for worker, found in client.run(check, on_error="return").items():
+    for worker, found in client.run(check_terms, terms, on_error="return").items():
         if isinstance(found, ClusterError):
             raise found
         if isinstance(found, BaseException):

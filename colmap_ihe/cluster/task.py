@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import os
 import platform
 import socket
 from collections.abc import Callable
@@ -58,13 +57,13 @@ class Terms:
     needs: tuple[Path, ...]
     environment: tuple[tuple[str, str], ...]
 
-    def check(self) -> None:
+    def check(self, worker: str) -> None:
         """Raises `ClusterError` that names this worker and what is not as it has to be."""
         here = dict(environment())
         for name, wanted in self.environment:
             if here.get(name) != wanted:
                 raise ClusterError(
-                    f"worker {this_worker()}: {name} is {here.get(name)} there, and {wanted} where it was asked from",
+                    f"worker {worker}: {name} is {here.get(name)} there, and {wanted} where it was asked from",
                     hint=_SAME,
                 )
         folder = self.lease.parent.parent
@@ -72,7 +71,7 @@ class Terms:
             if not path.exists():
                 seen = path if path != self.lease else f"{folder} of this run, only another of the same name,"
                 raise ClusterError(
-                    f"worker {this_worker()}: there is no {seen} there",
+                    f"worker {worker}: there is no {seen} there",
                     hint="workers need the project's folder and the photographs under the same paths as here",
                 )
 
@@ -107,15 +106,20 @@ class Task:
 
 @lru_cache(maxsize=64)
 def _checked(terms: Terms) -> None:
-    terms.check()
+    terms.check(this_worker())
+
+
+def check_terms(terms: Terms, dask_worker: Any = None) -> None:
+    """As `Terms.check`, for `Client.run`, which says in `dask_worker` where it is."""
+    terms.check(_named(dask_worker.name))
 
 
 def this_worker() -> str:
     """The name that Dask knows this worker by, and its machine."""
     from distributed import get_worker  # only workers have to have it
 
-    try:
-        name = str(get_worker().name)
-    except ValueError:
-        name = f"process {os.getpid()}"
+    return _named(get_worker().name)
+
+
+def _named(name: object) -> str:
     return f"{name} on {socket.gethostname()}"
