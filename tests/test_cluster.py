@@ -51,6 +51,7 @@ class Cluster:
                 command,
                 stdout=words,
                 stderr=words,
+                cwd=self.folder,  # which `-m` puts before PYTHONPATH
                 start_new_session=True,
                 env=os.environ | {"PYTHONPATH": str(SOURCE)} | (env or {}),
             )

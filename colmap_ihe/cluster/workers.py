@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import subprocess
 import sys
@@ -14,6 +15,10 @@ from typing import BinaryIO
 from distributed import LocalCluster
 
 _END_SECONDS = 10
+_START = (
+    "import json, sys; sys.path[:] = json.loads(sys.argv.pop(1));"  # the same modules as here
+    " from distributed.cli.dask_worker import main; main()"
+)
 
 
 @contextmanager
@@ -46,22 +51,12 @@ def local_workers(count: int, log: Path) -> Iterator[str]:
 
 
 def _started(address: str, name: str, scratch: str, words: BinaryIO) -> subprocess.Popen[bytes]:
-    command = [
-        sys.executable,
-        "-m",
-        "distributed.cli.dask_worker",
-        address,
-        "--nthreads",
-        "1",
-        "--name",
-        name,
-    ]
+    worker = [sys.executable, "-c", _START, json.dumps(sys.path), address, "--nthreads", "1", "--name", name]
     limits = ["--memory-limit", "0", "--no-dashboard", "--local-directory", scratch, "--death-timeout", "60"]
     return subprocess.Popen(
-        [*command, *limits],
+        [*worker, *limits],
         stdin=subprocess.DEVNULL,
         stdout=words,
         stderr=subprocess.STDOUT,
         start_new_session=True,
-        env=os.environ | {"PYTHONPATH": os.pathsep.join(p for p in sys.path if p)},
     )
