@@ -55,7 +55,9 @@ def match_in_blocks(
         images = sorted(opened.read_all_images(), key=lambda image: str(image.name))
         known = {camera.camera_id: camera for camera in opened.read_all_cameras()}
     cameras = {image.image_id: known[image.camera_id] for image in images}
-    wanted = [pair for pair in dict.fromkeys(map(_ordered, pairs)) if pair not in done]
+    # The first way round that a pair is named, as COLMAP has it: the other gives other matches.
+    unlike = {_ordered(pair): pair for pair in reversed(pairs)}
+    wanted = [pair for key, pair in reversed(unlike.items()) if key not in done]
     watch.advance(len(pairs) - len(wanted))
     size = max(2, min(_GROUP, len(cameras) // (_GROUPS_A_WORKER * width_of(executor))))
     packs = _packed(database, list(cameras), size, parts, watch)

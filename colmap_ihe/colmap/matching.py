@@ -21,6 +21,7 @@ from colmap_ihe.progress import Watch
 EXHAUSTIVE_UP_TO = 200
 """Photographs: 19,900 pairs, about an hour on two cores; past it time grows with the square."""
 _VOCABULARY_FEATURES = 400_000
+_VOCABULARY_IMAGES = 2000  # of which there are features in a vocabulary, spread over the set
 _GPS_SHARE = 0.9
 _WORDS_PER_FEATURE = 1 / 40  # its clustering wants 39 features a word
 
@@ -79,7 +80,8 @@ def match_features(
     strategy = choose_strategy(options.strategy, images, with_gps)
     matching, pairing, verification = native_options(options, strategy)
     function, pairs = _function(strategy, images)
-    if strategy == "vocabtree" and "vocab_tree_path" not in options.pairing:
+    wants_tree = strategy == "vocabtree" or options.pairing.get("loop_detection")
+    if wants_tree and "vocab_tree_path" not in options.pairing:
         tree = scratch / "vocabulary.bin"
         build_vocabulary(database, tree, watch)
         pairing.vocab_tree_path = tree
@@ -135,9 +137,11 @@ def build_vocabulary(database: Path, tree: Path, watch: Watch) -> None:
     """A vocabulary tree of the set's own descriptors, an even share of each image's strongest."""
     with pycolmap.Database.open(database) as opened:
         ids = [image.image_id for image in opened.read_all_images()]
-        share = max(1, _VOCABULARY_FEATURES // max(1, len(ids)))
-        kept = [opened.read_descriptors(i).data[:share] for i in ids]
-    data = np.concatenate(kept).astype(np.float32)
+        some = ids[:: -(-len(ids) // _VOCABULARY_IMAGES)]
+        share = max(1, _VOCABULARY_FEATURES // len(some))
+        # copied, for a part of an array keeps all of it in memory
+        kept = [opened.read_descriptors(i).data[:share].astype(np.float32) for i in some]
+    data = np.concatenate(kept)
     build = pycolmap.VisualIndex.BuildOptions()
     build.num_visual_words = int(np.clip(len(data) * _WORDS_PER_FEATURE, 64, 65536))
     descriptors = pycolmap.FeatureDescriptorsFloat()
@@ -153,6 +157,8 @@ def _pairs(database: Path, strategy: str, pairing: Any) -> list[tuple[int, int]]
     """The pairs that COLMAP would match, by id."""
     with pycolmap.Database.open(database) as opened:
         pairs: list[tuple[int, int]] = _GENERATOR[strategy](pairing, opened).all_pairs()
+    if strategy == "vocabtree":  # which come in the order that its threads end in
+        return sorted({(min(pair), max(pair)) for pair in pairs if pair[0] != pair[1]})
     return pairs
 
 

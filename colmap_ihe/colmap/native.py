@@ -20,7 +20,7 @@ import pycolmap
 from colmap_ihe.errors import Cancelled, KnownError, NativeError, OptionError
 from colmap_ihe.progress import Watch
 
-__all__ = ["apply_options", "called", "hush", "logged_to", "pycolmap"]
+__all__ = ["apply_options", "called", "hush", "log_file", "logged_to", "pycolmap"]
 
 _T = TypeVar("_T")
 _POLL_SECONDS = 0.25
@@ -66,6 +66,11 @@ def logged_to(file: Path) -> Iterator[None]:
     finally:
         _logs_to.pop()
         log.logtostderr, log.alsologtostderr, log.stderrthreshold = before
+
+
+def log_file() -> str:
+    """Where COLMAP's log goes now, empty for stderr."""
+    return str(_logs_to[-1]) if _logs_to else ""
 
 
 def hush() -> None:
