@@ -13,7 +13,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from colmap_ihe.cluster.lease import end_lease, end_old_leases, new_lease
+from colmap_ihe.cluster.lease import end_lease, end_old_leases, has_leases, new_lease
 from colmap_ihe.cluster.task import Terms, check_terms, environment
 from colmap_ihe.errors import CapabilityError, ClusterError, OptionError
 from colmap_ihe.executor import local_executor
@@ -40,7 +40,9 @@ def workers_for(
     `CapabilityError` without Dask, `OptionError` for an address that is none, `Cancelled`.
     """
     if options.address is None:
-        end_old_leases(project.records, SILENT)
+        if has_leases(project.records):
+            with audience.stage("cluster") as watch:
+                end_old_leases(project.records, watch)
         with local_executor() as threads:
             yield threads
         return

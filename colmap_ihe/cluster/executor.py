@@ -20,6 +20,7 @@ from colmap_ihe.cluster.task import Task, Terms
 from colmap_ihe.errors import Cancelled, ClusterError
 
 _TICK_SECONDS = 0.5
+_LEAVE_SECONDS = 5
 _GO_ON = "the same command goes on from here"
 
 
@@ -87,16 +88,19 @@ class ClusterExecutor(Executor):
                 with suppress(BaseException):
                     future.exception()
         self._closing.set()
-        self._keeper.join()
-        self._client.close(timeout=5)
+        self._keeper.join(_LEAVE_SECONDS)
+        self._client.close(timeout=_LEAVE_SECONDS)
 
     def _send(self, job: _Job) -> None:
+        client, job.lost = self._client, False
         try:
-            job.lost = False
-            job.remote = self._client.submit(job.task, pure=False)
+            job.remote = client.submit(job.task, pure=False)
             job.remote.add_done_callback(partial(self._ended, job))
-        except (OSError, RuntimeError, ValueError):  # what a client says whose scheduler is gone
-            job.lost = True
+        except Exception as error:  # noqa: BLE001  a client whose scheduler is gone says so in many ways
+            if client.status != "running":
+                job.lost = True
+            elif job.future.set_running_or_notify_cancel():  # as a function that cannot be pickled
+                job.future.set_exception(error)
 
     def _ended(self, job: _Job, remote: Any) -> None:
         """On a thread of Dask's: the scheduler says that a task is done, or that it knows nothing of it."""

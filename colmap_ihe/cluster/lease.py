@@ -56,6 +56,11 @@ def end_lease(path: Path, watch: Watch, seconds: float = END_SECONDS) -> None:
         path.unlink(missing_ok=True)
 
 
+def has_leases(records: Path) -> bool:
+    """Whether a run was killed whose tasks may go on."""
+    return any(records.glob(_PATTERN))
+
+
 def end_old_leases(records: Path, watch: Watch) -> None:
     """Ends what runs have left that were killed. Raises as `end_lease`."""
     for path in sorted(records.glob(_PATTERN)):

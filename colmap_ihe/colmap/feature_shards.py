@@ -49,7 +49,6 @@ def extract_in_shards(
         ]
         known = opened.num_images() - len(images)
     watch.advance(known)
-    shutil.rmtree(parts, ignore_errors=True)
     parts.mkdir(parents=True)
     size = max(1, min(_MOST, len(images) // (_SHARDS_A_WORKER * width_of(executor))))
     shards = [

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from collections.abc import Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass
@@ -62,6 +63,7 @@ def extract_features(
     if masks is not None:
         reader.mask_path = masks
     watch.start(len(names))
+    shutil.rmtree(parts := scratch / "parts", ignore_errors=True)  # of a run that was interrupted
     if not database.exists():
         _import_images(database, grey, names, camera, reader, watch)
     if shares_memory(executor):
@@ -78,7 +80,7 @@ def extract_features(
                 progress=rows,
             )
     else:
-        extract_in_shards(database, grey, masks, options, scratch / "parts", executor, watch)
+        extract_in_shards(database, grey, masks, options, parts, executor, watch)
     counts = count_features(database, names)
     if not counts.images:
         raise NativeError(

@@ -48,7 +48,6 @@ def match_in_blocks(
 ) -> None:
     """Verified matches of those of `pairs` that are not in the database yet. `parts`: a folder for what is under
     way, which goes afterwards. Raises as `match_features`."""
-    shutil.rmtree(parts, ignore_errors=True)
     parts.mkdir(parents=True)
     with pycolmap.Database.open(database) as opened:
         done = {pycolmap.pair_id_to_image_pair(i) for i in opened.read_two_view_geometry_num_inliers()[0]}

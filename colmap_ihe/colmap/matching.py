@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import shutil
 from concurrent.futures import Executor
 from dataclasses import dataclass
 from pathlib import Path
@@ -79,6 +80,7 @@ def match_features(
     """
     strategy = choose_strategy(options.strategy, images, with_gps)
     matching, pairing, verification = native_options(options, strategy)
+    shutil.rmtree(parts := scratch / "parts", ignore_errors=True)  # of a run that was interrupted
     function, pairs = _function(strategy, images)
     wants_tree = strategy == "vocabtree" or options.pairing.get("loop_detection")
     if wants_tree and "vocab_tree_path" not in options.pairing:
@@ -100,7 +102,7 @@ def match_features(
     else:
         chosen = called(_pairs, database, strategy, pairing, watch=watch, cancellable=False)
         watch.start(len(chosen), "pairs")
-        match_in_blocks(database, chosen, options, scratch / "parts", executor, watch)
+        match_in_blocks(database, chosen, options, parts, executor, watch)
     with pycolmap.Database.open(database) as opened:
         # COLMAP keeps a row for a pair without an inlier too, and counts it as verified.
         inliers = np.array(opened.read_two_view_geometry_num_inliers()[1], np.int64)
