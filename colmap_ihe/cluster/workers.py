@@ -29,7 +29,9 @@ def local_workers(count: int, log: Path) -> Iterator[str]:
     again, and Ctrl-C in the terminal is for us. They end with the scheduler, however this process ends.
     """
     with TemporaryDirectory(prefix="colmap-ihe-workers-", ignore_cleanup_errors=True) as scratch:
-        cluster = LocalCluster(n_workers=0, dashboard_address=None, silence_logs=50, host="127.0.0.1")
+        cluster = LocalCluster(
+            n_workers=0, dashboard_address="127.0.0.1:0", silence_logs=50, host="127.0.0.1"
+        )
         processes: list[subprocess.Popen[bytes]] = []
         try:
             log.parent.mkdir(parents=True, exist_ok=True)
