@@ -36,6 +36,7 @@ from colmap_ihe.colmap.mapping import map_images
 from colmap_ihe.colmap.matching import match_features
 from colmap_ihe.colmap.native import pycolmap
 from colmap_ihe.evaluate.truth import pose_errors, read_truth
+from colmap_ihe.executor import local_executor
 from colmap_ihe.exposure import exposure_gains
 from colmap_ihe.grey.convert import TONES, to_grey
 from colmap_ihe.grey.ihe import fit_weights
@@ -146,15 +147,26 @@ def solved(greys: dict[str, NDArray[np.uint8]]) -> tuple[str, ...]:
     params = tuple(float(v) / 4 for v in (k[0, 0], k[1, 1], k[0, 2] + 0.5, k[1, 2] + 0.5))
     camera = CameraOptions(mode="single", model="PINHOLE", params=params)
     found = []
-    with tempfile.TemporaryDirectory() as folder:
+    with tempfile.TemporaryDirectory() as folder, local_executor() as executor:
         root = Path(folder)
         (root / "grey").mkdir()
         for name, grey in greys.items():
             (root / "grey" / f"{name}.png").write_bytes(encode_png(grey))
         files = sorted(f"{name}.png" for name in greys)
         database = root / "database.db"
-        extract_features(database, root / "grey", files, None, camera, FeaturesOptions(), len(files), SILENT)
-        counts = match_features(database, root, MatchesOptions(), len(files), 0, SILENT)
+        extract_features(
+            database,
+            root / "grey",
+            files,
+            None,
+            camera,
+            FeaturesOptions(),
+            len(files),
+            root,
+            executor,
+            SILENT,
+        )
+        counts = match_features(database, root, MatchesOptions(), len(files), 0, executor, SILENT)
         for seed in SEEDS:
             shutil.rmtree(root / "sparse", ignore_errors=True)
             models = map_images(

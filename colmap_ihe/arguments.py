@@ -167,6 +167,12 @@ def _add_reconstruct(command: _Command) -> None:
 
 
 def _add_ends(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "--cluster",
+        metavar="ADDRESS",
+        help="work on the workers of this Dask scheduler, as tcp://login1:8786, or on N worker processes here,"
+        " local:N; see docs/cluster.md",
+    )
     parser.add_argument("--no-dense", action="store_true", help="end with the sparse model")
     parser.add_argument("--no-mesh", action="store_true", help="end with the dense cloud")
     parser.add_argument("--strict", action="store_true", help="stop at a photograph that cannot be used")
@@ -181,6 +187,8 @@ def road_assignments(parsed: argparse.Namespace) -> list[str]:
         assignments.append("mesh.enabled=false")
     if parsed.strict:
         assignments.append("captures.strict=true")
+    if parsed.cluster:
+        assignments.append(f"cluster.address={json.dumps(parsed.cluster)}")
     return assignments
 
 

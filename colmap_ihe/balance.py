@@ -45,16 +45,11 @@ def balance_gains(captures: Sequence[Capture], executor: Executor, watch: Watch)
     comes nearer to the same grey. Where it did not, and one photograph shows more sky or more brick, the same
     surface becomes another grey in it: colour consistency is then lost, which is why this is off by default.
     """
-
-    def mean_of(capture: Capture) -> NDArray[np.float64] | None:
-        try:
-            return _mean_colour(capture)
-        except PhotographError:
-            return None
-
     watch.start(len(captures))
     means: dict[str, NDArray[np.float64]] = {}
-    for capture, mean in zip(captures, in_order(executor, mean_of, captures), strict=True):
+    for capture, mean in zip(
+        captures, in_order(executor, _mean_if_readable, captures, watch=watch), strict=True
+    ):
         watch.advance()
         if mean is not None:
             means[capture.name] = mean
@@ -73,6 +68,13 @@ def balance_gains(captures: Sequence[Capture], executor: Executor, watch: Watch)
         for name, (red, green, blue) in zip(known, (common * factors).tolist(), strict=True):
             gains[name] = (red, green, blue)
     return gains
+
+
+def _mean_if_readable(capture: Capture) -> NDArray[np.float64] | None:
+    try:
+        return _mean_colour(capture)
+    except PhotographError:
+        return None
 
 
 def _mean_colour(capture: Capture) -> NDArray[np.float64] | None:

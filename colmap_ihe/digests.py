@@ -4,10 +4,12 @@ whether something changed. The digest of a file is read again where its size or 
 
 from __future__ import annotations
 
+from concurrent.futures import Executor
 from pathlib import Path
 from typing import Any
 
 from colmap_ihe.captures.discover import Discovery
+from colmap_ihe.executor import in_order
 from colmap_ihe.progress import Watch
 from colmap_ihe.project import Project, digest_file, read_json
 
@@ -20,22 +22,43 @@ def content_of(folder: Path) -> list[list[str]]:
     return [[p.relative_to(folder).as_posix(), digest_file(p)] for p in files]
 
 
-def digests_of(project: Project, discovery: Discovery, watch: Watch) -> dict[str, list[Any]]:
+def digests_of(
+    project: Project, discovery: Discovery, executor: Executor, watch: Watch
+) -> dict[str, list[Any]]:
     """Size, time and digest of the content of every photograph and calibration frame, read again where size or
     time have changed."""
     known = read_json(project.digests_file) or {}
-    found: dict[str, list[Any]] = {}
     files = {c.name: c.path for c in discovery.captures}
     for frame in sorted(p for p in project.calibration.rglob("*") if p.is_file()):
         files[FRAMES + frame.relative_to(project.calibration).as_posix()] = frame
     watch.start(len(files))
+    found: dict[str, list[Any]] = {name: [] for name in files}
+    changed = []
     for name, path in files.items():
-        try:
-            about = path.stat()
-            key = [about.st_size, about.st_mtime_ns]
-            old = known.get(name, [])
-            found[name] = [*key, old[2] if old[:2] == key else digest_file(path)]
-        except OSError as error:
-            found[name] = [0, 0, f"unreadable: {error.strerror}"]
+        old = known.get(name, [])
+        if old and old[:2] == _size_and_time(path):
+            found[name] = old
+            watch.advance()
+        else:
+            changed.append(name)
+    about = in_order(executor, _about, [files[name] for name in changed], watch=watch)
+    for name, values in zip(changed, about, strict=True):
+        found[name] = values
         watch.advance()
     return found
+
+
+def _size_and_time(path: Path) -> list[int]:
+    try:
+        about = path.stat()
+    except OSError:
+        return []
+    return [about.st_size, about.st_mtime_ns]
+
+
+def _about(path: Path) -> list[Any]:
+    try:
+        about = path.stat()
+        return [about.st_size, about.st_mtime_ns, digest_file(path)]
+    except OSError as error:
+        return [0, 0, f"unreadable: {error.strerror}"]

@@ -52,5 +52,9 @@ class CapabilityError(KnownError):
     """This machine or this installation cannot do what was asked for."""
 
 
+class ClusterError(KnownError):
+    """The cluster, or one of its workers, is not there or not fit for the work."""
+
+
 class Cancelled(Exception):
     """The user asked to stop. Not a failure: the command line exits with 130."""

@@ -1,4 +1,8 @@
-"""Work on one image at a time, on any `concurrent.futures.Executor`, with a bound on what is in flight."""
+"""Work on one image at a time, on any `concurrent.futures.Executor`, with a bound on what is in flight.
+
+Threads share our memory; the workers of any other executor may be anywhere: what they are given and return is
+pickled, so it is a function of a module, or `partial` of one, and plain values and paths.
+"""
 
 from __future__ import annotations
 
@@ -7,11 +11,12 @@ from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Executor, Future, ThreadPoolExecutor, wait
 from contextlib import contextmanager
-from functools import partial
+from threading import Event
 from typing import TypeVar
 
 from colmap_ihe.captures import decoders
-from colmap_ihe.progress import SILENT, Watch
+from colmap_ihe.errors import Cancelled
+from colmap_ihe.progress import SILENT, Silent, Watch
 
 _TICK_SECONDS = 0.2  # how long Ctrl-C may take to be noticed while a photograph is worked on
 
@@ -34,6 +39,35 @@ def local_executor() -> Iterator[ThreadPoolExecutor]:
         decoders.relax()
 
 
+def shares_memory(executor: Executor) -> bool:
+    """Whether its workers are threads of this process."""
+    return isinstance(executor, ThreadPoolExecutor)
+
+
+def width_of(executor: Executor) -> int:
+    """How many tasks an executor works on at a time; of those that do not say, as many as there are cores."""
+    width: int = getattr(executor, "width", 0)
+    return width or local_workers()
+
+
+@contextmanager
+def threads_of(executor: Executor) -> Iterator[Executor]:
+    """Threads of this process, for work whose results are too large to be sent: the executor's own if it has such."""
+    if shares_memory(executor):
+        yield executor
+    else:
+        with local_executor() as threads:
+            yield threads
+
+
+class TaskWatch(Silent):
+    """Follows what a worker does: `Cancelled` as soon as its result is no longer wanted."""
+
+    def check(self) -> None:
+        if decoders.stopped():
+            raise Cancelled
+
+
 def in_order(
     executor: Executor,
     function: Callable[[_Item], _Result],
@@ -44,16 +78,20 @@ def in_order(
     """`function` of every item, in order; no more results wait than there are workers and one, so memory does
     not grow with the set, and never more than `at_once` are begun and not yet fetched. What `function` raises
     is raised here, and so is `Cancelled` by `watch`, after what is in flight has ended; reads of photographs end
-    at once then, those of this process. For an executor of processes `function` has to be one that can be
-    pickled."""
-    most = at_once or local_workers() + 1
-    over = decoders.Stop()
-    run = partial(_run, function, over)
+    at once then. Where workers are not threads, two results a worker wait, for it takes time to send another."""
+    local, over = shares_memory(executor), Event()
+
+    def stoppable(item: _Item) -> _Result:
+        with decoders.stoppable(over):
+            return function(item)
+
+    work = stoppable if local else function
     waiting: deque[Future[_Result]] = deque()
     try:
         for item in items:
-            waiting.append(executor.submit(run, item))
-            if len(waiting) >= most:
+            waiting.append(executor.submit(work, item))
+            # asked each time: workers of a cluster come and go
+            if len(waiting) >= (at_once or (width_of(executor) + 1 if local else 2 * width_of(executor))):
                 yield _fetched(waiting, watch)
         while waiting:
             yield _fetched(waiting, watch)
@@ -64,11 +102,6 @@ def in_order(
         for future in waiting:
             if not future.cancelled():
                 future.exception()
-
-
-def _run(function: Callable[[_Item], _Result], over: decoders.Stop, item: _Item) -> _Result:
-    with decoders.stoppable(over):
-        return function(item)
 
 
 def _fetched(waiting: deque[Future[_Result]], watch: Watch) -> _Result:

@@ -22,7 +22,7 @@ from colmap_ihe.captures.decode import encoding_of, message_of
 from colmap_ihe.captures.discover import Capture
 from colmap_ihe.captures.tally import sampled
 from colmap_ihe.errors import PhotographError
-from colmap_ihe.executor import in_order, local_workers
+from colmap_ihe.executor import in_order, width_of
 from colmap_ihe.grey.contrast import Contrast
 from colmap_ihe.grey.conversions import CONVERSIONS, SetFit
 from colmap_ihe.grey.convert import coded_share
@@ -165,9 +165,11 @@ def gather(
         chosen |= {name for _, name in names[:_CONTRAST_OF]}
     gathered: dict[Encoding, Gathered] = {}
     contrasts: dict[str, Contrast] = {}
-    parts = list(chunks(captures, local_workers()))
+    parts = list(chunks(captures, width_of(executor)))
     work = partial(count, counting, frozenset(chosen))
-    for chunk, found in zip(parts, in_order(executor, work, parts, at_once(captures), watch), strict=True):
+    for chunk, found in zip(
+        parts, in_order(executor, work, parts, at_once(captures, executor), watch), strict=True
+    ):
         watch.advance(len(chunk))
         for name, error in found.errors.items():
             leave_out(name, error, counting.strict, left_out)

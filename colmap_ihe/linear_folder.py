@@ -5,13 +5,14 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor
 from contextlib import ExitStack
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 
 from colmap_ihe import oddities
 from colmap_ihe.captures.decode import read_photograph
-from colmap_ihe.captures.discover import Capture, discover
+from colmap_ihe.captures.discover import discover
 from colmap_ihe.captures.linear_tiff import encode_linear_tiff
 from colmap_ihe.errors import ProjectError
 from colmap_ihe.executor import local_executor
@@ -85,19 +86,21 @@ def _develop(
         for c in (s.capture for s in surveyed)
     }
     due = {wanted[tiff] for tiff in ledger.begin(wanted, prints)}
-    exif = {s.capture.name: s.metadata.exif for s in surveyed}
     left_out: LeftOut = {}
-
-    def develop(capture: Capture) -> None:
-        linear_rgb = np.asarray(read_photograph(capture).rgb, np.uint16)
-        write_bytes(ledger.folder / names[capture.name], encode_linear_tiff(linear_rgb, exif[capture.name]))
 
     if due:
         with audience.stage("develop") as watch:
-            captures = [s.capture for s in surveyed if s.capture.name in due]
-            for _ in each_usable(develop, captures, executor, watch, strict, left_out):
+            some = [s for s in surveyed if s.capture.name in due]
+            develop = partial(_develop_one, ledger.folder)
+            for _ in each_usable(develop, some, executor, watch, strict, left_out):
                 pass
     else:
         audience.kept("develop")
     ledger.end()
     return names, left_out
+
+
+def _develop_one(folder: Path, one: Surveyed) -> None:
+    linear_rgb = np.asarray(read_photograph(one.capture).rgb, np.uint16)
+    tiff = encode_linear_tiff(linear_rgb, one.metadata.exif)
+    write_bytes(folder / f"{one.capture.grey_stem}.tif", tiff)

@@ -152,7 +152,7 @@ def found_over_the_set(
         some = paths[:: -(-len(paths) // _LOOKED_AT)]
         watch.start(len(some), "images, for bad pixels")
         candidates = []
-        for pixels in in_order(executor, bad_pixel_candidates, some):
+        for pixels in in_order(executor, bad_pixel_candidates, some, watch=watch):
             candidates.append(pixels)
             watch.advance()
         places, counts = np.unique(np.concatenate(candidates), axis=0, return_counts=True)

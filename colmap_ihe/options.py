@@ -213,6 +213,15 @@ class MeshOptions(_Section):
     """For pycolmap.PoissonMeshingOptions."""
 
 
+class ClusterOptions(_Section):
+    """Where work runs, which affects no result."""
+
+    address: Annotated[str, Field(min_length=1)] | None = None
+    """Of a Dask scheduler, as tcp://login1:8786, or its scheduler file; `local:N` starts N workers here."""
+    patience: Annotated[float, Field(gt=0, le=1_000_000)] = 600.0
+    """Seconds without any worker, or without the scheduler, after which a run gives up."""
+
+
 class Options(_Section):
     """Every option of a project. `Options()` holds the defaults."""
 
@@ -227,6 +236,7 @@ class Options(_Section):
     sparse: SparseOptions = SparseOptions()
     dense: DenseOptions = DenseOptions()
     mesh: MeshOptions = MeshOptions()
+    cluster: ClusterOptions = ClusterOptions()
 
     @property
     def meshed(self) -> bool:

@@ -15,7 +15,7 @@ from colmap_ihe.colmap import shown
 from colmap_ihe.colmap.two_views import features_of, match, quiet, verified
 from colmap_ihe.colmap.undistort import read_colour, read_grey
 from colmap_ihe.errors import KnownError
-from colmap_ihe.executor import in_order
+from colmap_ihe.executor import in_order, threads_of
 from colmap_ihe.options import Options
 from colmap_ihe.progress import Audience, Watch
 from colmap_ihe.project import Project, write_bytes
@@ -72,9 +72,10 @@ def gather(run: Run, summary: Mapping[str, Any], watch: Watch) -> Contents:
     some = _spread(sorted(grey_of), _PICTURED)
     watch.start(len(some), "photographs looked at")
     looks: dict[str, _Look] = {}
-    for look in in_order(run.executor, lambda name: _look(project, name, grey_of[name]), some, watch=watch):
-        looks[look.name] = look
-        watch.advance()
+    with threads_of(run.executor) as threads:  # pictures are what comes of it
+        for look in in_order(threads, lambda name: _look(project, name, grey_of[name]), some, watch=watch):
+            looks[look.name] = look
+            watch.advance()
     model = shown.Model(project.sparse / "0") if "sparse" in records else None
     frame = model.frame() if model else None
     photographs = _photographs(summary, grey_of, looks, model)

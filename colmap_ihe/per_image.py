@@ -5,12 +5,13 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import Executor
-from typing import TypeVar
+from functools import partial
+from typing import Protocol, TypeVar
 
 from colmap_ihe import memory
 from colmap_ihe.captures.discover import Capture
 from colmap_ihe.errors import PhotographError, ProjectError
-from colmap_ihe.executor import in_order, local_workers
+from colmap_ihe.executor import in_order, local_workers, shares_memory
 from colmap_ihe.progress import Watch
 
 logger = logging.getLogger(__name__)
@@ -18,32 +19,36 @@ logger = logging.getLogger(__name__)
 LeftOut = dict[str, str]
 """Captures that cannot be used, by name, each with the reason and what to do."""
 
+
+class _Photograph(Protocol):
+    @property
+    def capture(self) -> Capture: ...
+
+
+_One = TypeVar("_One", bound="Capture | _Photograph")
 _Result = TypeVar("_Result")
 
 
 def each_usable(
-    function: Callable[[Capture], _Result],
-    captures: Sequence[Capture],
+    function: Callable[[_One], _Result],
+    photographs: Sequence[_One],
     executor: Executor,
     watch: Watch,
     strict: bool,
     left_out: LeftOut,
 ) -> Iterable[_Result]:
-    """`function` of every capture that can be used; the others go to `left_out`, or end the run if strict.
+    """`function` of every capture, or what has one, that can be used; the others go to `left_out`, or end the run
+    if strict.
 
-    As many at a time as there are workers, or fewer if memory has no room for so many of the largest.
+    As many at a time as there are workers, or fewer if memory has no room for so many of the largest; on other
+    machines as many as they have workers, for their memory is theirs to know.
     """
-
-    def guarded(capture: Capture) -> _Result | PhotographError:
-        try:
-            return function(capture)
-        except PhotographError as error:
-            return error
-
+    captures = [one if isinstance(one, Capture) else one.capture for one in photographs]
     watch.start(len(captures))
     usable = 0
-    results = in_order(executor, guarded, captures, at_once(captures), watch)
-    for capture, result in zip(captures, results, strict=True):
+    most = at_once(captures, executor)
+    guarded = partial(_guarded, function)
+    for capture, result in zip(captures, in_order(executor, guarded, photographs, most, watch), strict=True):
         watch.advance()
         if isinstance(result, PhotographError):
             leave_out(capture.name, result, strict, left_out)
@@ -54,8 +59,11 @@ def each_usable(
         raise none_usable(captures, left_out)
 
 
-def at_once(captures: Sequence[Capture]) -> int | None:
-    """As many photographs at a time as memory has room for, None if that is as many as there are workers."""
+def at_once(captures: Sequence[Capture], executor: Executor) -> int | None:
+    """As many photographs at a time as memory has room for, None if that is as many as there are workers; on other
+    machines None, for their memory is theirs to know."""
+    if not shares_memory(executor):
+        return None
     count = memory.at_once(captures, local_workers())
     logger.info("%s", memory.in_words(captures, count))
     return count if count < local_workers() else None
@@ -74,3 +82,10 @@ def none_usable(captures: Sequence[Capture], left_out: LeftOut) -> ProjectError:
         f"none of the {len(captures)} photographs can be used: {reasons}",
         hint="copy them from the card again",
     )
+
+
+def _guarded(function: Callable[[_One], _Result], one: _One) -> _Result | PhotographError:
+    try:
+        return function(one)
+    except PhotographError as error:
+        return error

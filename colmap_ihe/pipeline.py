@@ -19,6 +19,7 @@ from typing import Any
 from colmap_ihe import outputs, preflight, stages
 from colmap_ihe.again import Noted, note_run, unlike
 from colmap_ihe.captures.discover import Discovery, discover
+from colmap_ihe.cluster.connect import workers_for
 from colmap_ihe.colmap import textured
 from colmap_ihe.colmap.dense import pick_backend
 from colmap_ihe.colmap.native import logged_to
@@ -105,10 +106,11 @@ def reconstruct(
 ) -> Reconstruction:
     """Photographs in `project/images` to a model in `project/workspace`, going on from what is up to date.
 
-    `start` runs that stage and all after it again; `until` ends after a stage. `executor`: of threads; the fit alone
-    would run on one of processes too. Raises `KnownError`s, and `Cancelled`; the records then say how far it came, and
-    the same call goes on from there. `noted`: what another run noted, of which this one is a repetition; what is
-    unlike is told. `developed`: a folder where RAW photographs are kept developed, for other runs on them.
+    `start` runs that stage and all after it again; `until` ends after a stage. `executor`: of any kind, for
+    per-image work, instead of what `options.cluster` says. Raises `KnownError`s, and `Cancelled`; the records
+    then say how far it came, and the same call goes on from there. `noted`: what another run noted, of which this
+    one is a repetition; what is unlike is told. `developed`: a folder where RAW photographs are kept developed, for
+    other runs on them.
     """
     options = options or Options()
     _check_range(start, until, options)
@@ -120,10 +122,12 @@ def reconstruct(
         place.claim()
         stack.enter_context(place.locked())
         stack.enter_context(logged_to(place.native_log))
-        workers = executor or stack.enter_context(local_executor())
+        workers = executor or stack.enter_context(
+            workers_for(options.cluster, place, [discovery.captures[0].path], audience)
+        )
         run = Run(place, options, discovery, workers, developed=developed)
         with audience.stage("content") as watch:
-            digests = digests_of(place, run.discovery, watch)
+            digests = digests_of(place, run.discovery, workers, watch)
             write_json(place.digests_file, digests)
             note_run(place, options, digests)
         for text in unlike(noted, digests) if noted else ():
@@ -184,7 +188,8 @@ def status(
     options = options or Options()
     place = Project.at(Path(project), Path(images) if images else None)
     discovery = discover(place.images)
-    prints = _fingerprints(place, options, discovery, digests_of(place, discovery, SILENT))
+    with local_executor() as threads:
+        prints = _fingerprints(place, options, discovery, digests_of(place, discovery, threads, SILENT))
     states: list[StageState] = []
     stale_before = ""
     for stage in ROAD:

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -19,7 +20,7 @@ from colmap_ihe.captures.encode import SUFFIXES, encode_image
 from colmap_ihe.captures.metadata import Metadata, read_metadata, sized
 from colmap_ihe.captures.png import encode_png
 from colmap_ihe.errors import ProjectError, WeightsError
-from colmap_ihe.executor import local_workers
+from colmap_ihe.executor import local_workers, shares_memory
 from colmap_ihe.fitting import Fit
 from colmap_ihe.grey.convert import check_tone, to_colour, to_grey
 from colmap_ihe.grey.wallis import wallis
@@ -52,16 +53,16 @@ def survey(
 ) -> tuple[list[Surveyed], LeftOut]:
     """Sizes and EXIF of all captures, with what is known of their cameras. Raises `PhotographError` if strict,
     `ProjectError` if none is usable."""
-    known = cameras or CamerasOptions()
-
-    def look(capture: Capture) -> Surveyed:
-        width, height, sensor = read_size(capture)
-        seen = replace(capture, pixels=width * height)
-        metadata = sized(read_metadata(capture.path, capture.kind), width, height)
-        return Surveyed(seen, width, height, filled_in(metadata, known, capture.name, width, height), sensor)
-
     left_out: LeftOut = {}
+    look = partial(_survey_one, cameras or CamerasOptions())
     return list(each_usable(look, captures, executor, watch, strict, left_out)), left_out
+
+
+def _survey_one(known: CamerasOptions, capture: Capture) -> Surveyed:
+    width, height, sensor = read_size(capture)
+    seen = replace(capture, pixels=width * height)
+    metadata = sized(read_metadata(capture.path, capture.kind), width, height)
+    return Surveyed(seen, width, height, filled_in(metadata, known, capture.name, width, height), sensor)
 
 
 def convert_captures(
@@ -85,43 +86,64 @@ def convert_captures(
     for weights in fit.weights.values():
         check_tone(weights, options.tone)
     left_out: LeftOut = {}
-    by_name = {s.capture.name: s for s in surveyed}
+    convert = partial(_converted, fit, options, grey_folder, colour_folder, keep_finished)
+    names = {s.capture.name: s.capture.grey_stem + SUFFIXES[options.format] for s in surveyed}
+    if not shares_memory(executor):
+        converted = partial(_write_converted, convert)
+        done = list(each_usable(converted, surveyed, executor, watch, strict, left_out))
+        return {name: names[name] for name in done}, left_out
 
-    def convert(capture: Capture) -> tuple[str, str, list[Future[None]]]:
-        one = by_name[capture.name]
-        name = capture.grey_stem + SUFFIXES[options.format]
-        grey_file, colour_file = grey_folder / name, colour_folder / name if colour_folder else None
-        grey_due = not (keep_finished and grey_file.exists())
-        colour_due = colour_file is not None and not (keep_finished and colour_file.exists())
-        writes: list[Future[None]] = []
-        if not grey_due and not colour_due:
-            return capture.name, name, writes
-        photograph = read_photograph(capture)
-        exif, weights = one.metadata.exif, weights_for(capture, fit)
-        if grey_due:
-            grey = to_grey(photograph.rgb, weights, options.tone)
-            if options.wallis:
-                grey = wallis(grey)
-            writes.append(disk.submit(write_bytes, grey_file, encode_image(grey, exif, options.format)))
-        if colour_file is not None and colour_due:
-            colour = _colour_twin(photograph, fit.colour_white)
-            content = encode_image(colour, exif, options.format, photograph.profile)
-            writes.append(disk.submit(write_bytes, colour_file, content))
-        return capture.name, name, writes
+    def converted_here(one: Surveyed) -> tuple[str, list[Future[None]]]:
+        return one.capture.name, [disk.submit(write_bytes, file, content) for file, content in convert(one)]
 
-    names: dict[str, str] = {}
     waiting: deque[Future[None]] = deque()
+    finished = []
     # Threads of their own: to wait until the disk has a file takes no core.
     with ThreadPoolExecutor(local_workers(), thread_name_prefix="write") as disk:
-        captures = [s.capture for s in surveyed]
-        for capture, name, writes in each_usable(convert, captures, executor, watch, strict, left_out):
-            names[capture] = name
+        for name, writes in each_usable(converted_here, surveyed, executor, watch, strict, left_out):
+            finished.append(name)
             waiting += writes
             while len(waiting) > local_workers():
                 waiting.popleft().result()
         for write in waiting:
             write.result()
-    return names, left_out
+    return {name: names[name] for name in finished}, left_out
+
+
+_Convert = Callable[[Surveyed], Iterator[tuple[Path, bytes]]]
+
+
+def _write_converted(convert: _Convert, one: Surveyed) -> str:
+    for file, content in convert(one):
+        write_bytes(file, content)
+    return one.capture.name
+
+
+def _converted(
+    fit: Fit,
+    options: ConvertOptions,
+    grey_folder: Path,
+    colour_folder: Path | None,
+    keep_finished: bool,
+    one: Surveyed,
+) -> Iterator[tuple[Path, bytes]]:
+    """The files of one photograph that are due, with what is to be in them."""
+    name = one.capture.grey_stem + SUFFIXES[options.format]
+    grey_file, colour_file = grey_folder / name, colour_folder / name if colour_folder else None
+    grey_due = not (keep_finished and grey_file.exists())
+    colour_due = colour_file is not None and not (keep_finished and colour_file.exists())
+    if not grey_due and not colour_due:
+        return
+    photograph = read_photograph(one.capture)
+    exif, weights = one.metadata.exif, weights_for(one.capture, fit)
+    if grey_due:
+        grey = to_grey(photograph.rgb, weights, options.tone)
+        if options.wallis:
+            grey = wallis(grey)
+        yield grey_file, encode_image(grey, exif, options.format)
+    if colour_file is not None and colour_due:
+        colour = _colour_twin(photograph, fit.colour_white)
+        yield colour_file, encode_image(colour, exif, options.format, photograph.profile)
 
 
 def write_masks(masks: Path, grey_names: Mapping[str, str], grey_folder: Path, out: Path) -> set[str]:

@@ -10,6 +10,7 @@ import errno
 import hashlib
 import json
 import os
+import secrets
 import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -245,7 +246,8 @@ def require_room(folder: Path, needed: int) -> None:
 
 def write_bytes(path: Path, content: bytes) -> None:
     """Writes a file that is whole under its name or not there: temporary file, flush, rename."""
-    temporary = path.with_name(f".{fingerprint_of(path.name)}.{os.getpid()}.tmp")  # of a length that fits
+    # of a length that fits, and no other process's, on no other machine either
+    temporary = path.with_name(f".{fingerprint_of(path.name)}.{secrets.token_hex(4)}.tmp")
     try:
         with room_on_disk(path):
             path.parent.mkdir(parents=True, exist_ok=True)

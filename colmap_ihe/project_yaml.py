@@ -47,6 +47,8 @@ def _read_yaml(path: Path) -> dict[str, Any]:
         raise OptionError(f"{path}: not readable as YAML: {problem}", hint=hint) from error
     if values is None:
         return {}
+    if isinstance(values, dict) and isinstance(values.get("cluster"), str):
+        values["cluster"] = {"address": values["cluster"]}
     if not isinstance(values, dict) or not all(isinstance(v, dict | None) for v in values.values()):
         raise OptionError(
             f"{path}: holds {type(values).__name__}, wanted sections such as `dense:` with options below them",

@@ -24,6 +24,7 @@ from colmap_ihe.captures.calibration import (
 from colmap_ihe.captures.discover import Capture
 from colmap_ihe.captures.recipe import Recipe
 from colmap_ihe.errors import ProjectError
+from colmap_ihe.executor import threads_of
 from colmap_ihe.exposure import exposure_gains
 from colmap_ihe.masters import camera_of, found_over_the_set, kept, masters_of, united
 from colmap_ihe.options import CamerasOptions, DevelopOptions
@@ -60,7 +61,10 @@ def with_recipes(
     masters: list[Master] = []
     listed = ""
     if calibration is not None and calibration.is_dir():
-        masters = masters_of(calibration, store, executor, watch, strict, lambda text: told[text].append(""))
+        with threads_of(executor) as threads:  # frames are summed here
+            masters = masters_of(
+                calibration, store, threads, watch, strict, lambda text: told[text].append("")
+            )
         if (calibration / BAD_PIXELS).is_file():
             listed = kept(store, read_bad_pixels(calibration / BAD_PIXELS))
     plain = Recipe(

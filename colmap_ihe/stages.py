@@ -22,6 +22,7 @@ from colmap_ihe.colmap.mapping import map_images
 from colmap_ihe.colmap.matching import match_features
 from colmap_ihe.colmap.workspace import database_is_sound, remove_database
 from colmap_ihe.errors import MappingError
+from colmap_ihe.executor import threads_of
 from colmap_ihe.fitting import Fit, Trial, fit_captures
 from colmap_ihe.grey.weights import Weights, grey_from_dict
 from colmap_ihe.options import Options
@@ -153,6 +154,8 @@ def features(run: Run, watch: Watch) -> Record:
         run.options.camera,
         run.options.features,
         run.records["captures"]["shared_by"],
+        project.workspace,
+        run.executor,
         watch,
     )
     by_grey = {grey: name for name, grey in run.records["convert"]["grey"].items()}
@@ -177,6 +180,7 @@ def matches(run: Run, watch: Watch) -> Record:
         run.options.matches,
         run.records["features"]["images"],
         run.records["captures"]["with_gps"],
+        run.executor,
         watch,
     )
     return {**asdict(counts), "warnings": []}
@@ -234,9 +238,10 @@ def mesh(run: Run, watch: Watch) -> Record:
     if options.texture == "auto" and not textured.is_possible():
         note = "the mesh has vertex colours and no texture: pip install 'colmap-ihe[mesh]' for that"
         return {**record, "warnings": [note]}
-    texture = textured.texture_mesh(
-        project.dense, project.mesh, options.texture_size, executor=run.executor, watch=watch
-    )
+    with threads_of(run.executor) as threads:  # each looks at all of the mesh
+        texture = textured.texture_mesh(
+            project.dense, project.mesh, options.texture_size, executor=threads, watch=watch
+        )
     return {**record, "texture": asdict(texture), "files": [project.mesh.name, *textured.FILES]}
 
 

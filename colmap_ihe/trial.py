@@ -20,7 +20,7 @@ from colmap_ihe.captures.decode import encoding_of, read_photograph
 from colmap_ihe.captures.discover import Capture
 from colmap_ihe.colmap.two_views import Features, features_of, match, quiet, verified
 from colmap_ihe.errors import PhotographError
-from colmap_ihe.executor import in_order
+from colmap_ihe.executor import in_order, threads_of
 from colmap_ihe.grey.conversions import CONVERSIONS
 from colmap_ihe.grey.convert import Tone, to_grey
 from colmap_ihe.grey.weights import Encoding, Formula, Grey, Weights, triplets
@@ -86,9 +86,9 @@ def measure(
     members = [c for c in captures if encoding_of(c) in encodings]
     if len(members) < 2:
         return Measured(reason=f"a pair takes two photographs, and there are {len(members)} of this kind")
-    with quiet():
-        overlaps, reason = find_overlaps(members, PAIRS + bool(screen), executor, watch)
-        bench = _Bench(executor, watch, tone, max_image_size, greys[REFERENCE])
+    with quiet(), threads_of(executor) as threads:
+        overlaps, reason = find_overlaps(members, PAIRS + bool(screen), threads, watch)
+        bench = _Bench(threads, watch, tone, max_image_size, greys[REFERENCE])
         return _measure(overlaps, reason, greys, screen or {}, bench)
 
 

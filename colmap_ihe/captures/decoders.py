@@ -20,7 +20,7 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from contextvars import ContextVar
-from typing import Any
+from typing import Any, Protocol
 
 from numpy.typing import NDArray
 
@@ -43,6 +43,13 @@ _ONE_THREAD = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}  # photograp
 _KNOWN = {kind.__name__: kind for kind in (PhotographError, CapabilityError)}
 BROKEN = "copy it from the card again, or take it out of the folder"
 
+
+class Stop(Protocol):
+    """What says that work is no longer wanted: an Event, or what a task on another machine looks at."""
+
+    def is_set(self) -> bool: ...
+
+
 _stop: ContextVar[Stop | None] = ContextVar("stop", default=None)
 
 
@@ -56,20 +63,10 @@ def stoppable(stop: Stop) -> Iterator[None]:
         _stop.reset(token)
 
 
-class Stop:
-    """Set, it ends the reads of photographs `stoppable` by it. Sent to another process, it is never set there."""
-
-    def __init__(self) -> None:
-        self._event = threading.Event()
-
-    def set(self) -> None:
-        self._event.set()
-
-    def is_set(self) -> bool:
-        return self._event.is_set()
-
-    def __reduce__(self) -> tuple[type[Stop], tuple[()]]:
-        return Stop, ()
+def stopped() -> bool:
+    """Whether what this thread works on, within `stoppable`, is no longer wanted."""
+    event = _stop.get()
+    return event is not None and event.is_set()
 
 
 def ask(
@@ -183,10 +180,10 @@ class _Decoder:
         self._ready = True
 
     def _answer(self, seconds: float) -> tuple[Message, int | None]:
-        end, stop, poll = time.monotonic() + seconds, _stop.get(), select.poll()
+        end, poll = time.monotonic() + seconds, select.poll()
         poll.register(self._socket, select.POLLIN)
         while not poll.poll(_TICK_MS):
-            if stop is not None and stop.is_set():
+            if stopped():
                 raise Cancelled
             if time.monotonic() > end:
                 raise TimeoutError

@@ -15,7 +15,7 @@ from colmap_ihe.colmap.depth_maps import sgm_depth_maps
 from colmap_ihe.colmap.fusion import FUSION_BYTES, fuse
 from colmap_ihe.colmap.undistort import sizes_of, undistort
 from colmap_ihe.errors import MappingError
-from colmap_ihe.executor import local_workers
+from colmap_ihe.executor import local_workers, shares_memory, width_of
 from colmap_ihe.options import DenseOptions
 from colmap_ihe.progress import Watch
 
@@ -52,7 +52,8 @@ def dense_cloud(
     undistort(sparse_model, grey, colour, dense_dir, masks_dir=masks, max_image_size=size, watch=watch)
     record: dict[str, Any] = {"backend": cost.backend, "warnings": []}
     if cost.backend == "sgm":
-        counts = sgm_depth_maps(dense_dir, executor=executor, at_once=cost.at_once, watch=watch)
+        at_once = cost.at_once if shares_memory(executor) else 2 * width_of(executor)
+        counts = sgm_depth_maps(dense_dir, executor=executor, at_once=at_once, watch=watch)
         record |= {
             "pixels": counts.pixels,
             "pixels_with_depth": counts.pixels_with_depth,

@@ -6,6 +6,7 @@ Every image is one job that knows nothing of the others, so any `concurrent.futu
 from __future__ import annotations
 
 import os
+import secrets
 from collections import deque
 from collections.abc import Mapping
 from concurrent.futures import FIRST_COMPLETED, Executor, Future, ThreadPoolExecutor, wait
@@ -17,6 +18,7 @@ import numpy as np
 from colmap_ihe.colmap.native import pycolmap
 from colmap_ihe.colmap.undistort import read_grey, read_mask
 from colmap_ihe.errors import Cancelled, ProjectError
+from colmap_ihe.executor import TaskWatch
 from colmap_ihe.progress import SILENT, Watch
 from colmap_ihe.stereo.depth import StereoOptions, depth_and_normals
 from colmap_ihe.stereo.sources import Sources, choose_sources
@@ -80,6 +82,8 @@ def sgm_depth_maps(
         counts.pairs_used += len(sources.chosen)
         for image_id, reason in sources.left_out.items():
             counts.pairs_left_out[f"{job.names[0]} | {model.images[image_id].name}"] = reason
+    for unfinished in (dense_dir / "stereo").rglob("*.part"):
+        unfinished.unlink()
     watch.start(len(jobs), "depth maps")
     if executor is None:
         with ThreadPoolExecutor(os.cpu_count()) as own:
@@ -161,6 +165,7 @@ def _make_maps(job: _Job) -> _Made:
     stop_file = _stop_file(job.dense_dir)
 
     def check() -> None:
+        TaskWatch().check()
         if stop_file.exists():
             raise Cancelled
 
@@ -229,7 +234,7 @@ def write_map(values: Array, path: Path) -> None:
     planes = np.atleast_3d(values).transpose(2, 0, 1).astype("<f4")
     channels, height, width = planes.shape
     path.parent.mkdir(parents=True, exist_ok=True)
-    part = path.with_name(path.name + ".part")
+    part = path.with_name(f"{path.name}.{secrets.token_hex(4)}.part")  # no other worker's
     part.write_bytes(f"{width}&{height}&{channels}&".encode() + planes.tobytes())
     part.replace(path)
 

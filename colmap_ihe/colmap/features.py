@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import shutil
 from collections.abc import Sequence
+from concurrent.futures import Executor
 from dataclasses import dataclass
 from pathlib import Path
 
-from colmap_ihe.colmap.native import apply_options, called, pycolmap
+from colmap_ihe.colmap.feature_shards import extract_in_shards, extraction_options
+from colmap_ihe.colmap.native import called, pycolmap
 from colmap_ihe.colmap.workspace import counting_rows, remove_database
 from colmap_ihe.errors import NativeError, OptionError
+from colmap_ihe.executor import shares_memory
 from colmap_ihe.options import CameraOptions, FeaturesOptions
 from colmap_ihe.progress import Watch
 
@@ -46,32 +50,39 @@ def extract_features(
     camera: CameraOptions,
     options: FeaturesOptions,
     shared_by: int,
+    scratch: Path,
+    executor: Executor,
     watch: Watch,
 ) -> FeatureCounts:
     """SIFT features of the named images below `grey`; those that are in the database already are left alone.
 
-    `shared_by` is the least number of photographs that one camera took. Names are given one by one: COLMAP
-    would else read whatever lies in the folder, RAW thumbnails included. Raises `OptionError`,
-    `NativeError`, `Cancelled`.
+    COLMAP finds them on threads here, or the workers of an executor of another kind do, with the same result; what
+    is under way lies in `scratch`. `shared_by` is the least number of photographs that one camera took. Names are
+    given one by one: COLMAP would else read whatever lies in the folder, RAW thumbnails included. Raises
+    `OptionError`, `NativeError`, `Cancelled`.
     """
     reader, extraction = native_options(camera, options, choose_model(camera, len(names), shared_by))
     if masks is not None:
         reader.mask_path = masks
     watch.start(len(names))
+    shutil.rmtree(parts := scratch / "parts", ignore_errors=True)  # of a run that was interrupted
     if not database.exists():
         _import_images(database, grey, names, camera, reader, watch)
-    with counting_rows(database, "keypoints") as rows:
-        called(
-            pycolmap.extract_features,
-            database,
-            grey,
-            image_names=list(names),
-            camera_mode=_MODES[camera.mode],
-            reader_options=reader,
-            extraction_options=extraction,
-            watch=watch,
-            progress=rows,
-        )
+    if shares_memory(executor):
+        with counting_rows(database, "keypoints") as rows:
+            called(
+                pycolmap.extract_features,
+                database,
+                grey,
+                image_names=list(names),
+                camera_mode=_MODES[camera.mode],
+                reader_options=reader,
+                extraction_options=extraction,
+                watch=watch,
+                progress=rows,
+            )
+    else:
+        extract_in_shards(database, grey, masks, options, parts, executor, watch)
     counts = count_features(database, names)
     if not counts.images:
         raise NativeError(
@@ -145,17 +156,13 @@ def native_options(
         if len(camera.params) != wanted:
             raise OptionError(f"camera.params: {len(camera.params)} numbers, {model} has {wanted}")
         reader.camera_params = ", ".join(repr(p) for p in camera.params)
-    extraction = pycolmap.FeatureExtractionOptions()
-    if options.max_image_size is not None:
-        extraction.max_image_size = options.max_image_size
-    apply_options(extraction, options.colmap, "features.colmap")
-    return reader, extraction
+    return reader, extraction_options(options)
 
 
 def features_bytes(sizes: Sequence[tuple[int, int]], options: FeaturesOptions, workers: int) -> int:
     """What features of images of these sizes (width, height) take of memory, by `workers` threads unless the options
     say how many. Raises `OptionError`."""
-    _, extraction = native_options(CameraOptions(), options, "SIMPLE_RADIAL")
+    extraction = extraction_options(options)
     most = extraction.eff_max_image_size()
     pixels = max((w * h * min(1.0, most / max(w, h)) ** 2 for w, h in sizes), default=0.0)
     threads = extraction.num_threads if extraction.num_threads > 0 else workers

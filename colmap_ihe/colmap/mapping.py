@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from colmap_ihe.colmap.mapping_apart import MAPPERS, map_apart
 from colmap_ihe.colmap.native import apply_options, called, pycolmap
 from colmap_ihe.errors import MappingError
 from colmap_ihe.options import SparseOptions
@@ -81,11 +82,7 @@ def _run(
             watch=watch,
             progress=lambda: min(registered[0], images),
         )
-    function: Any = pycolmap.global_mapping if options.mapper == "global" else pycolmap.hierarchical_mapping
-    models: dict[int, pycolmap.Reconstruction] = called(
-        function, database, grey, work, options=settings, watch=watch, cancellable=False
-    )
-    return models
+    return map_apart(options.mapper, database, grey, work, options.colmap, options.seed, watch)
 
 
 def native_options(options: SparseOptions) -> Any:
@@ -93,10 +90,8 @@ def native_options(options: SparseOptions) -> Any:
     settings: Any
     if options.mapper == "incremental":
         settings = pycolmap.IncrementalPipelineOptions(random_seed=options.seed)
-    elif options.mapper == "global":
-        settings = pycolmap.GlobalPipelineOptions()
     else:
-        settings = pycolmap.HierarchicalPipelineOptions()
+        settings = MAPPERS[options.mapper][1]()
     apply_options(settings, options.colmap, "sparse.colmap")
     return settings
 

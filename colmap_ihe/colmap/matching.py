@@ -3,21 +3,26 @@
 from __future__ import annotations
 
 import math
+import shutil
+from concurrent.futures import Executor
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from colmap_ihe.colmap.match_blocks import match_in_blocks, verification_options
 from colmap_ihe.colmap.native import apply_options, called, pycolmap
 from colmap_ihe.colmap.workspace import counting_rows
 from colmap_ihe.errors import MappingError, ProjectError
+from colmap_ihe.executor import shares_memory
 from colmap_ihe.options import MatchesOptions
 from colmap_ihe.progress import Watch
 
 EXHAUSTIVE_UP_TO = 200
 """Photographs: 19,900 pairs, about an hour on two cores; past it time grows with the square."""
 _VOCABULARY_FEATURES = 400_000
+_VOCABULARY_IMAGES = 2000  # of which there are features in a vocabulary, spread over the set
 _GPS_SHARE = 0.9
 _WORDS_PER_FEATURE = 1 / 40  # its clustering wants 39 features a word
 
@@ -27,6 +32,12 @@ _PAIRING: dict[str, Any] = {
     "sequential": pycolmap.SequentialPairingOptions,
     "spatial": pycolmap.SpatialPairingOptions,
     "vocabtree": pycolmap.VocabTreePairingOptions,
+}
+_GENERATOR: dict[str, Any] = {
+    "exhaustive": pycolmap.ExhaustivePairGenerator,
+    "sequential": pycolmap.SequentialPairGenerator,
+    "spatial": pycolmap.SpatialPairGenerator,
+    "vocabtree": pycolmap.VocabTreePairGenerator,
 }
 
 
@@ -58,31 +69,45 @@ def pairs_of(strategy: str, images: int) -> int:
 
 
 def match_features(
-    database: Path, scratch: Path, options: MatchesOptions, images: int, with_gps: int, watch: Watch
+    database: Path,
+    scratch: Path,
+    options: MatchesOptions,
+    images: int,
+    with_gps: int,
+    executor: Executor,
+    watch: Watch,
 ) -> MatchCounts:
     """Matches and verifies pairs; pairs that are in the database already are left alone.
 
-    A vocabulary tree is built from the set's own features, in `scratch`: nothing is downloaded. Raises
+    COLMAP does it on threads here, or the workers of an executor of another kind do it in blocks, with the same
+    result. A vocabulary tree is built from the set's own features, in `scratch`: nothing is downloaded. Raises
     `OptionError`, `NativeError`, `MappingError` if nothing matches, `Cancelled`.
     """
     strategy = choose_strategy(options.strategy, images, with_gps)
     matching, pairing, verification = native_options(options, strategy)
+    shutil.rmtree(parts := scratch / "parts", ignore_errors=True)  # of a run that was interrupted
     function, pairs = _function(strategy, images)
-    if strategy == "vocabtree" and "vocab_tree_path" not in options.pairing:
+    wants_tree = strategy == "vocabtree" or options.pairing.get("loop_detection")
+    if wants_tree and "vocab_tree_path" not in options.pairing:
         tree = scratch / "vocabulary.bin"
         build_vocabulary(database, tree, watch)
         pairing.vocab_tree_path = tree
-    watch.start(pairs, "pairs")
-    with counting_rows(database, "two_view_geometries") as rows:
-        called(
-            function,
-            database,
-            matching_options=matching,
-            pairing_options=pairing,
-            verification_options=verification,
-            watch=watch,
-            progress=lambda: min(pairs, rows()),
-        )
+    if shares_memory(executor):
+        watch.start(pairs, "pairs")
+        with counting_rows(database, "two_view_geometries") as rows:
+            called(
+                function,
+                database,
+                matching_options=matching,
+                pairing_options=pairing,
+                verification_options=verification,
+                watch=watch,
+                progress=lambda: min(pairs, rows()),
+            )
+    else:
+        chosen = called(_pairs, database, strategy, pairing, watch=watch, cancellable=False)
+        watch.start(len(chosen), "pairs")
+        match_in_blocks(database, chosen, options, parts, executor, watch)
     with pycolmap.Database.open(database) as opened:
         # COLMAP keeps a row for a pair without an inlier too, and counts it as verified.
         inliers = np.array(opened.read_two_view_geometry_num_inliers()[1], np.int64)
@@ -105,9 +130,7 @@ def native_options(
     apply_options(matching, options.colmap, "matches.colmap")
     pairing = _PAIRING[strategy]()
     apply_options(pairing, options.pairing, "matches.pairing")
-    verification = pycolmap.TwoViewGeometryOptions()
-    apply_options(verification, options.verification, "matches.verification")
-    return matching, pairing, verification
+    return matching, pairing, verification_options(options)
 
 
 def forget_matches(database: Path) -> None:
@@ -121,9 +144,11 @@ def build_vocabulary(database: Path, tree: Path, watch: Watch) -> None:
     """A vocabulary tree of the set's own descriptors, an even share of each image's strongest."""
     with pycolmap.Database.open(database) as opened:
         ids = [image.image_id for image in opened.read_all_images()]
-        share = max(1, _VOCABULARY_FEATURES // max(1, len(ids)))
-        kept = [opened.read_descriptors(i).data[:share] for i in ids]
-    data = np.concatenate(kept).astype(np.float32)
+        some = ids[:: -(-len(ids) // _VOCABULARY_IMAGES)]
+        share = max(1, _VOCABULARY_FEATURES // len(some))
+        # copied, for a part of an array keeps all of it in memory
+        kept = [opened.read_descriptors(i).data[:share].astype(np.float32) for i in some]
+    data = np.concatenate(kept)
     build = pycolmap.VisualIndex.BuildOptions()
     build.num_visual_words = int(np.clip(len(data) * _WORDS_PER_FEATURE, 64, 65536))
     descriptors = pycolmap.FeatureDescriptorsFloat()
@@ -133,6 +158,15 @@ def build_vocabulary(database: Path, tree: Path, watch: Watch) -> None:
     called(index.build, build, descriptors, watch=watch, cancellable=False)
     tree.parent.mkdir(parents=True, exist_ok=True)
     index.write(tree)
+
+
+def _pairs(database: Path, strategy: str, pairing: Any) -> list[tuple[int, int]]:
+    """The pairs that COLMAP would match, by id."""
+    with pycolmap.Database.open(database) as opened:
+        pairs: list[tuple[int, int]] = _GENERATOR[strategy](pairing, opened).all_pairs()
+    if strategy == "vocabtree":  # which come in the order that its threads end in
+        return sorted({(min(pair), max(pair)) for pair in pairs if pair[0] != pair[1]})
+    return pairs
 
 
 def _function(strategy: str, images: int) -> tuple[Any, int]:

@@ -20,11 +20,12 @@ import pycolmap
 from colmap_ihe.errors import Cancelled, KnownError, NativeError, OptionError
 from colmap_ihe.progress import Watch
 
-__all__ = ["apply_options", "called", "hear_colmap", "logged_to", "pycolmap"]
+__all__ = ["apply_options", "called", "hear_colmap", "hush", "log_file", "logged_to", "pycolmap"]
 
 _T = TypeVar("_T")
 _POLL_SECONDS = 0.25
 _LOGS_KEPT = 4
+_logs_to: list[Path] = []
 pycolmap.logging.alsologtostderr = False
 
 
@@ -58,6 +59,7 @@ def logged_to(file: Path) -> Iterator[None]:
     for old in sorted(file.parent.glob(f"{file.name}.*"))[:-_LOGS_KEPT]:
         old.unlink(missing_ok=True)
     log = pycolmap.logging
+    _logs_to.append(file)
     before = (log.logtostderr, log.stderrthreshold)
     log.set_log_destination(log.INFO, f"{file}.")  # glog writes what is graver there too
     for level in (log.WARNING, log.ERROR, log.FATAL):
@@ -67,7 +69,19 @@ def logged_to(file: Path) -> Iterator[None]:
     try:
         yield
     finally:
+        _logs_to.pop()
         log.logtostderr, log.stderrthreshold = before
+
+
+def log_file() -> str:
+    """Where COLMAP's log goes now, empty for stderr."""
+    return str(_logs_to[-1]) if _logs_to else ""
+
+
+def hush() -> None:
+    """In a worker, which has no log file: COLMAP says on stderr what is an error, and nothing else."""
+    if not _logs_to:
+        pycolmap.logging.minloglevel = int(pycolmap.logging.ERROR)
 
 
 def called(

@@ -1,0 +1,190 @@
+"""Matching on the workers of a cluster: blocks of pairs, each in a database of just the images that it needs."""
+
+from __future__ import annotations
+
+import shutil
+from collections import defaultdict
+from collections.abc import Iterator, Mapping, Sequence
+from concurrent.futures import Executor
+from dataclasses import dataclass
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+from colmap_ihe.colmap.native import apply_options, called, hush, pycolmap
+from colmap_ihe.colmap.packs import in_batches, read_features, read_pack, write_features, write_pack
+from colmap_ihe.executor import TaskWatch, in_order, width_of
+from colmap_ihe.options import MatchesOptions
+from colmap_ihe.progress import Watch
+from colmap_ihe.project import room_on_disk, write_bytes
+
+Pair = tuple[int, int]
+"""The ids of two images."""
+
+SEED = 0
+"""Of RANSAC, for every pair anew: so a pair gives the same matches wherever, and beside whatever, it is verified."""
+_GROUP = 16  # images; two groups have 256 pairs, a minute or so of work, which is lost with a worker
+_GROUPS_A_WORKER = 4
+_LEAST_PAIRS = 64  # of a block, if there are as many: to load its images has its price
+
+
+@dataclass(frozen=True)
+class _Block:
+    """`images`: the camera of each by its id; `packs`: the files that their features are in."""
+
+    pairs: tuple[Pair, ...]
+    images: Mapping[int, pycolmap.Camera]
+    packs: Mapping[Path, Sequence[int]]
+    options: MatchesOptions
+    result: Path
+
+
+def match_in_blocks(
+    database: Path,
+    pairs: Sequence[Pair],
+    options: MatchesOptions,
+    parts: Path,
+    executor: Executor,
+    watch: Watch,
+) -> None:
+    """Verified matches of those of `pairs` that are not in the database yet. `parts`: a folder for what is under
+    way, which goes afterwards. Raises as `match_features`."""
+    parts.mkdir(parents=True)
+    with pycolmap.Database.open(database) as opened:
+        done = {pycolmap.pair_id_to_image_pair(i) for i in opened.read_two_view_geometry_num_inliers()[0]}
+        images = sorted(opened.read_all_images(), key=lambda image: str(image.name))
+        known = {camera.camera_id: camera for camera in opened.read_all_cameras()}
+    cameras = {image.image_id: known[image.camera_id] for image in images}
+    # The first way round that a pair is named, as COLMAP has it: the other gives other matches.
+    unlike = {_ordered(pair): pair for pair in reversed(pairs)}
+    wanted = [pair for key, pair in reversed(unlike.items()) if key not in done]
+    watch.advance(len(pairs) - len(wanted))
+    size = max(2, min(_GROUP, len(cameras) // (_GROUPS_A_WORKER * width_of(executor))))
+    packs = _packed(database, list(cameras), size, parts, watch)
+    blocks = [
+        _block(some, cameras, packs, options, parts / f"matches-{number:06}.db")
+        for number, some in enumerate(_blocks(wanted, list(cameras), size))
+    ]
+    for block, result in zip(blocks, in_order(executor, match_block, blocks, watch=watch), strict=True):
+        _copy_matches(result, database)
+        result.unlink()
+        watch.advance(len(block.pairs))
+    shutil.rmtree(parts)
+
+
+def _ordered(pair: Pair) -> Pair:
+    return min(pair), max(pair)
+
+
+def _packed(database: Path, ids: Sequence[int], size: int, parts: Path, watch: Watch) -> dict[int, Path]:
+    """Writes the features of all images into packs of `size`; the pack of each image."""
+    packs: dict[int, Path] = {}
+    with pycolmap.Database.open(database) as opened:
+        for number, some in enumerate(in_batches(ids, size)):
+            watch.check()
+            path = parts / f"features-{number:06}.npz"
+            write_pack(path, {i: read_features(opened, i) for i in some if opened.exists_keypoints(i)})
+            packs |= dict.fromkeys(some, path)
+    return packs
+
+
+def _blocks(pairs: Sequence[Pair], ids: Sequence[int], size: int) -> Iterator[list[Pair]]:
+    """The pairs of two groups of `size` images each, neighbours by name; those of several groups with one where
+    there are few."""
+    group = {image_id: place // size for place, image_id in enumerate(ids)}
+    by_groups: dict[tuple[int, int], list[Pair]] = defaultdict(list)
+    for one, other in pairs:
+        by_groups[min(group[one], group[other]), max(group[one], group[other])].append((one, other))
+    least = min(_LEAST_PAIRS, size * size // 2)
+    gathered: list[Pair] = []
+    before = -1
+    for (first, _), some in sorted(by_groups.items()):
+        if gathered and (first != before or len(gathered) >= least):
+            yield gathered
+            gathered = []
+        gathered, before = gathered + some, first
+    if gathered:
+        yield gathered
+
+
+def _block(
+    pairs: Sequence[Pair],
+    cameras: Mapping[int, pycolmap.Camera],
+    packs: Mapping[int, Path],
+    options: MatchesOptions,
+    result: Path,
+) -> _Block:
+    ids = sorted({image_id for pair in pairs for image_id in pair})
+    by_pack: dict[Path, list[int]] = defaultdict(list)
+    for image_id in ids:
+        by_pack[packs[image_id]].append(image_id)
+    return _Block(tuple(pairs), {i: cameras[i] for i in ids}, dict(by_pack), options, result)
+
+
+def match_block(block: _Block) -> Path:
+    """On a worker, with one thread, as it has several workers where it has several cores: writes a database with
+    the matches of a block and their geometry, and returns its path."""
+    hush()
+    matching = pycolmap.FeatureMatchingOptions(num_threads=1)
+    verification = verification_options(block.options)
+    apply_options(matching, block.options.colmap, "matches.colmap")
+    with TemporaryDirectory(prefix="colmap-ihe-") as folder, room_on_disk(Path(folder)):
+        database, listed = Path(folder) / "block.db", Path(folder) / "pairs.txt"
+        _fill(database, block)
+        listed.write_text("".join(f"{one} {other}\n" for one, other in block.pairs), encoding="ascii")
+        called(
+            pycolmap.match_image_pairs,
+            database,
+            matching_options=matching,
+            pairing_options=pycolmap.ImportedPairingOptions(match_list_path=listed),
+            verification_options=verification,
+            watch=TaskWatch(),
+        )
+        matches = Path(folder) / "matches.db"
+        _copy_matches(database, matches)
+        write_bytes(block.result, matches.read_bytes())
+    return block.result
+
+
+def verification_options(options: MatchesOptions) -> pycolmap.TwoViewGeometryOptions:
+    """pycolmap's options for verification. Raises `OptionError`."""
+    verification = pycolmap.TwoViewGeometryOptions()
+    verification.ransac.random_seed = SEED
+    apply_options(verification, options.verification, "matches.verification")
+    return verification
+
+
+def _fill(database: Path, block: _Block) -> None:
+    """The images of a block, named after their ids since names in lists of pairs cannot hold spaces, each a frame
+    of its own as COLMAP imports them."""
+    with pycolmap.Database.open(database) as opened, pycolmap.DatabaseTransaction(opened):
+        for camera in {camera.camera_id: camera for camera in block.images.values()}.values():
+            opened.write_camera(camera, use_camera_id=True)
+            rig = pycolmap.Rig(rig_id=camera.camera_id)
+            rig.add_ref_sensor(camera.sensor_id)
+            opened.write_rig(rig, use_rig_id=True)
+        for image_id, camera in block.images.items():
+            image = pycolmap.Image(name=str(image_id), camera_id=camera.camera_id, image_id=image_id)
+            frame = pycolmap.Frame(frame_id=image_id, rig_id=camera.camera_id)
+            frame.add_data_id(image.data_id)
+            opened.write_frame(frame, use_frame_id=True)
+            image.frame_id = image_id
+            opened.write_image(image, use_image_id=True)
+        for pack, some in block.packs.items():
+            for image_id, features in read_pack(pack, some):
+                write_features(opened, image_id, features)
+
+
+def _copy_matches(source: Path, target: Path) -> None:
+    with (
+        pycolmap.Database.open(source) as one,
+        pycolmap.Database.open(target) as other,
+        pycolmap.DatabaseTransaction(other),
+    ):
+        for pair_id, matches in zip(*one.read_all_matches(), strict=True):
+            first, second = pycolmap.pair_id_to_image_pair(pair_id)
+            if not other.exists_matches(first, second):
+                other.write_matches(first, second, matches)
+        for pair_id, geometry in zip(*one.read_two_view_geometries(), strict=True):
+            first, second = pycolmap.pair_id_to_image_pair(pair_id)
+            if not other.exists_two_view_geometry(first, second):
+                other.write_two_view_geometry(first, second, geometry)

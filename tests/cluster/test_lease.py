@@ -1,0 +1,58 @@
+"""The lease of a run: tasks hold it, and its end waits for them."""
+
+from __future__ import annotations
+
+import threading
+import time
+from pathlib import Path
+
+import pytest
+
+from colmap_ihe.cluster.lease import end_lease, end_old_leases, has_leases, held, new_lease
+from colmap_ihe.errors import Cancelled, ClusterError
+from colmap_ihe.progress import SILENT, Silent
+
+
+def test_its_end_waits_for_the_tasks(tmp_path: Path) -> None:
+    lease = new_lease(tmp_path)
+    begun, done = threading.Event(), []
+
+    def work() -> None:
+        with held(lease) as over:
+            begun.set()
+            while not over.is_set():
+                time.sleep(0.01)
+            done.append(True)
+
+    task = threading.Thread(target=work)
+    task.start()
+    assert begun.wait(10)
+    assert done == []
+    end_lease(lease, SILENT, 10)
+    assert done == [True]
+    assert not lease.exists()
+    task.join()
+
+
+def test_a_task_that_comes_late_does_nothing(tmp_path: Path) -> None:
+    lease = new_lease(tmp_path)
+    with held(lease):
+        with pytest.raises(ClusterError, match="still works on what nobody wants"):
+            end_lease(lease, SILENT, 0.2)
+        with pytest.raises(Cancelled), held(lease):
+            pytest.fail("the run is over")
+    assert has_leases(tmp_path)  # for the next run to wait for
+    end_old_leases(tmp_path, SILENT)
+    assert list(tmp_path.iterdir()) == []
+    with pytest.raises(FileNotFoundError), held(lease):
+        pytest.fail("there is no such run")
+
+
+def test_who_waits_may_be_stopped(tmp_path: Path) -> None:
+    watch = Silent()
+    lease = new_lease(tmp_path)
+    with held(lease):
+        watch.cancelled = True
+        with pytest.raises(Cancelled):
+            end_lease(lease, watch)
+    assert has_leases(tmp_path)

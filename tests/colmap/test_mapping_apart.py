@@ -1,0 +1,73 @@
+"""Mappers in a process of their own: what they find, how they are stopped, and what is said when they fail."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import time
+from pathlib import Path
+
+import pytest
+
+from colmap_ihe.colmap.mapping_apart import map_apart
+from colmap_ihe.errors import Cancelled, NativeError
+from colmap_ihe.progress import SILENT, Silent
+
+
+def children() -> list[int]:
+    command = ["ps", "-o", "pid=", "--ppid", str(os.getpid())]
+    listed = subprocess.run(command, capture_output=True, text=True, check=False)
+    return [int(pid) for pid in listed.stdout.split() if "mapping_apart" in command_of(int(pid))]
+
+
+def command_of(pid: int) -> str:
+    try:
+        return Path(f"/proc/{pid}/cmdline").read_text()
+    except FileNotFoundError:
+        return ""
+
+
+class After(Silent):
+    """Does something when asked for the first time after `seconds`."""
+
+    def __init__(self, seconds: float) -> None:
+        super().__init__()
+        self.end = time.monotonic() + seconds
+
+    def check(self) -> None:
+        if time.monotonic() > self.end:
+            self.now()
+
+    def now(self) -> None:
+        raise Cancelled
+
+
+class Kills(After):
+    def now(self) -> None:
+        for pid in children():
+            os.kill(pid, signal.SIGKILL)
+
+
+@pytest.fixture
+def places(finished: Path, tmp_path: Path) -> tuple[Path, Path, Path]:
+    (tmp_path / "out").mkdir()
+    return finished / "workspace/database.db", finished / "workspace/images", tmp_path / "out"
+
+
+def test_stopped_at_once(places: tuple[Path, Path, Path]) -> None:
+    began = time.monotonic()
+    with pytest.raises(Cancelled):
+        map_apart("hierarchical", *places, {}, 0, After(0.3))
+    assert time.monotonic() - began < 10
+    assert children() == []
+
+
+def test_killed_by_the_system(places: tuple[Path, Path, Path]) -> None:
+    with pytest.raises(NativeError, match="SIGKILL, perhaps for want of memory"):
+        map_apart("hierarchical", *places, {}, 0, Kills(0.3))
+
+
+def test_what_colmap_refuses_is_told(places: tuple[Path, Path, Path]) -> None:
+    with pytest.raises(NativeError, match=r"sparse\.colmap: .*no_such_option"):
+        map_apart("hierarchical", *places, {"no_such_option": 1}, 0, SILENT)

@@ -1,0 +1,385 @@
+"""`reconstruct --cluster` on real schedulers and workers: what one machine makes, whatever is killed."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import signal
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from conftest import QUICK
+from test_interruptions import LONG, wait_until_begun
+from test_other_executors import contents, known_of
+
+import colmap_ihe
+from colmap_ihe.captures.discover import discover
+from colmap_ihe.errors import CapabilityError, ClusterError, OptionError
+from colmap_ihe.options import Options
+from colmap_ihe.pipeline import reconstruct
+
+pytestmark = pytest.mark.cluster
+
+Make = Callable[..., Path]
+MakeOptions = Callable[..., Options]
+SOURCE = Path(__file__).parents[1]
+SPREAD = ("convert", "features", "matches", "dense")  # the stages that workers take part in for long
+
+
+class Cluster:
+    """A scheduler and its workers, each in a process group of its own."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        with socket.socket() as free:
+            free.bind(("127.0.0.1", 0))
+            self.port = free.getsockname()[1]
+        self.address = f"tcp://127.0.0.1:{self.port}"
+        self.processes: list[subprocess.Popen[bytes]] = []
+
+    def start(self, *command: str, env: dict[str, str] | None = None) -> subprocess.Popen[bytes]:
+        words = (self.folder / f"{len(self.processes)}.log").open("wb")
+        with words:
+            started = subprocess.Popen(
+                command,
+                stdout=words,
+                stderr=words,
+                cwd=self.folder,  # which `-m` puts before PYTHONPATH
+                start_new_session=True,
+                env=os.environ | {"PYTHONPATH": str(SOURCE)} | (env or {}),
+            )
+        self.processes.append(started)
+        return started
+
+    def scheduler(self) -> subprocess.Popen[bytes]:
+        module = "distributed.cli.dask_scheduler"
+        where = ["--host", "127.0.0.1", "--port", str(self.port), "--no-dashboard"]
+        return self.start(sys.executable, "-m", module, *where)
+
+    def worker(
+        self, name: str, *, before: tuple[str, ...] = (), env: dict[str, str] | None = None
+    ) -> subprocess.Popen[bytes]:
+        module = "distributed.cli.dask_worker"
+        how = ["--nthreads", "1", "--name", name, "--no-dashboard", "--local-directory", str(self.folder)]
+        return self.start(*before, sys.executable, "-m", module, self.address, *how, env=env)
+
+
+def kill(process: subprocess.Popen[bytes]) -> None:
+    """It and all that it has started."""
+    try:
+        os.killpg(process.pid, signal.SIGKILL)
+    except ProcessLookupError:
+        return
+    process.wait()
+
+
+@pytest.fixture
+def cluster(tmp_path: Path) -> Iterator[Cluster]:
+    """A scheduler without workers."""
+    folder = tmp_path / "cluster"
+    folder.mkdir()
+    made = Cluster(folder)
+    made.scheduler()
+    yield made
+    for process in made.processes:
+        kill(process)
+
+
+def run(project: Path, address: str, *more: str) -> subprocess.Popen[str]:
+    settings = [part for a in (*QUICK, "cluster.patience=60") for part in ("--set", a)]
+    command = [sys.executable, "-m", "colmap_ihe.cli", "reconstruct"]
+    return subprocess.Popen(
+        [*command, str(project), "--json", "--no-mesh", "--cluster", address, *settings, *more],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+        env=os.environ | {"PYTHONPATH": str(SOURCE)},
+    )
+
+
+def result_of(process: subprocess.Popen[str]) -> dict[str, Any]:
+    output, errors = process.communicate(timeout=2 * LONG)
+    assert process.returncode == 0, errors
+    return dict(json.loads(output))
+
+
+def last_line_of(process: subprocess.Popen[str]) -> str:
+    """The one line that a run failed with."""
+    _, errors = process.communicate(timeout=LONG)
+    assert process.returncode == 1, errors
+    assert "Traceback" not in errors
+    return errors.strip().splitlines()[-1]
+
+
+def assert_whole(project: Path, summary: dict[str, Any], like: Path) -> None:
+    """The result of one machine in `like`, and nothing left over."""
+    assert summary["registered_images"] == 8
+    assert 0.05 < summary["mean_reprojection_error_px"] < 1
+    assert summary["dense_points"] > 15_000
+    for folder in ("workspace/images", "colour"):
+        assert contents(project / folder) == contents(like / folder)
+    assert known_of(project / "workspace/database.db") == known_of(like / "workspace/database.db")
+    assert_nothing_left(project)
+
+
+def assert_nothing_left(project: Path) -> None:
+    assert not list((project / "records").glob("*.lease"))
+    assert not list(project.rglob("*.part")) + list(project.rglob("*.tmp"))
+    assert not (project / "workspace/parts").exists()
+
+
+def test_workers_on_this_machine(new_project: Make, finished: Path, quick_options: MakeOptions) -> None:
+    project = new_project()
+    done = reconstruct(project, quick_options("cluster.address=local:2", "mesh.enabled=false"))
+    assert_whole(project, dict(done.summary), finished)
+    again = reconstruct(project, quick_options("mesh.enabled=false"))
+    assert again.stages_run == ()  # the same is up to date without the cluster
+
+
+@pytest.mark.parametrize("stage", SPREAD)
+def test_a_worker_is_killed(new_project: Make, finished: Path, cluster: Cluster, stage: str) -> None:
+    project = new_project()
+    victim, _ = cluster.worker("first"), cluster.worker("second")
+    with run(project, cluster.address) as process:
+        wait_until_begun(process, project, stage)
+        time.sleep(0.1)
+        kill(victim)
+        assert_whole(project, result_of(process), finished)
+
+
+@pytest.mark.parametrize("stage", SPREAD)
+def test_the_scheduler_is_started_again(
+    new_project: Make, finished: Path, cluster: Cluster, stage: str
+) -> None:
+    project = new_project()
+    cluster.worker("first")
+    with run(project, cluster.address) as process:
+        wait_until_begun(process, project, stage)
+        time.sleep(0.1)
+        kill(cluster.processes[0])
+        time.sleep(1)
+        cluster.scheduler()
+        cluster.worker("second")  # the first has ended with its scheduler, as Dask's do
+        assert_whole(project, result_of(process), finished)
+
+
+def test_no_worker_is_left(new_project: Make, finished: Path, cluster: Cluster) -> None:
+    """One line after some patience, and the same command goes on where there are workers again."""
+    project = new_project()
+    only = cluster.worker("only")
+    with run(project, cluster.address, "--set", "cluster.patience=3") as process:
+        wait_until_begun(process, project, "features")
+        kill(only)
+        line = last_line_of(process)
+    assert "no worker was there for 3 s" in line
+    assert "the same command goes on from here" in line
+    assert_nothing_left_but_parts(project)
+    times = (project / "records/convert.json").stat().st_mtime_ns
+    cluster.worker("another")
+    with run(project, cluster.address) as process:
+        assert_whole(project, result_of(process), finished)
+    assert (project / "records/convert.json").stat().st_mtime_ns == times
+
+
+def assert_nothing_left_but_parts(project: Path) -> None:
+    shutil.rmtree(project / "workspace/parts", ignore_errors=True)
+    assert_nothing_left(project)
+
+
+def test_no_scheduler_answers(new_project: Make) -> None:
+    with run(new_project(), "tcp://127.0.0.1:9", "--set", "cluster.patience=1") as process:
+        line = last_line_of(process)
+    assert "tcp://127.0.0.1:9: no scheduler answers there" in line
+
+
+def test_stopped_by_hand(new_project: Make, finished: Path, cluster: Cluster) -> None:
+    """When the command has ended, no worker writes into the project any more."""
+    project = new_project()
+    cluster.worker("first")
+    with run(project, cluster.address) as process:
+        wait_until_begun(process, project, "features")
+        time.sleep(0.2)
+        os.killpg(process.pid, signal.SIGINT)
+        _, errors = process.communicate(timeout=LONG)
+    assert process.returncode == 130
+    assert errors.splitlines()[-1] == "colmap-ihe: stopped; the same command goes on from here"
+    assert_nothing_left_but_parts(project)
+    before = {p: p.stat().st_mtime_ns for p in project.rglob("*")}
+    time.sleep(2)
+    assert {p: p.stat().st_mtime_ns for p in project.rglob("*")} == before
+    with run(project, cluster.address) as process:
+        assert_whole(project, result_of(process), finished)
+
+
+def test_the_command_is_killed(new_project: Make, finished: Path, cluster: Cluster) -> None:
+    """The next one waits for what the workers still do for the first, and goes on."""
+    project = new_project()
+    cluster.worker("first")
+    with run(project, cluster.address) as process:
+        wait_until_begun(process, project, "dense")
+        time.sleep(0.3)
+        process.kill()
+    assert len(list((project / "records").glob("*.lease"))) == 1
+    with run(project, cluster.address) as process:
+        assert_whole(project, result_of(process), finished)
+
+
+def test_local_workers_end_with_the_command(new_project: Make) -> None:
+    project = new_project()
+    with run(project, "local:2") as process:
+        wait_until_begun(process, project, "convert")
+        listed = subprocess.run(["ps", "-eo", "pid,args"], capture_output=True, text=True, check=True).stdout
+        ours = [line for line in listed.splitlines() if "dask_worker" in line and "--name local-" in line]
+        process.kill()
+    assert len(ours) >= 2
+    end = time.monotonic() + LONG
+    while any(Path(f"/proc/{line.split()[0]}").exists() for line in ours):
+        assert time.monotonic() < end
+        time.sleep(0.2)
+
+
+def in_a_room_of_its_own(mount: str) -> tuple[str, ...]:
+    """Runs a command with another file system mounted somewhere, which only it sees; skips where that cannot be."""
+    there = shutil.which("unshare")
+    if not there or subprocess.run([there, "-rm", "true"], check=False, capture_output=True).returncode:
+        pytest.skip("no mount of its own can be given to a process here")
+    return (there, "-rm", "sh", "-c", f'{mount} && exec "$@"', "sh")
+
+
+def test_a_worker_does_not_see_the_folder(new_project: Make, cluster: Cluster) -> None:
+    project = new_project()
+    cluster.worker("blind", before=in_a_room_of_its_own(f"mount -t tmpfs none {project.parent}"))
+    with run(project, cluster.address) as process:
+        line = last_line_of(process)
+    assert "worker blind on " in line
+    assert f"there is no {project} there" in line
+    assert "under the same paths" in line
+
+
+def test_a_worker_sees_another_folder_of_the_same_name(new_project: Make, cluster: Cluster) -> None:
+    project = new_project()
+    mount = f"mount -t tmpfs none {project.parent} && mkdir -p {project}/images"
+    cluster.worker("elsewhere", before=in_a_room_of_its_own(mount))
+    with run(project, cluster.address) as process:
+        line = last_line_of(process)
+    assert "worker elsewhere on " in line
+    assert f"there is no {project} of this run, only another of the same name" in line
+
+
+def test_the_photographs_are_out_of_sight(new_project: Make, cluster: Cluster, tmp_path: Path) -> None:
+    """Not left out one by one, as photographs that cannot be read are."""
+    images = new_project() / "images"
+    project = tmp_path / "elsewhere"
+    project.mkdir()
+    cluster.worker("half", before=in_a_room_of_its_own(f"mount -t tmpfs none {images}"))
+    with run(project, cluster.address, "--images", str(images)) as process:
+        line = last_line_of(process)
+    assert "worker half on " in line
+    assert str(discover(images).captures[0].path) in line
+
+
+@pytest.mark.parametrize("stage", ["features", "matches"])
+def test_a_full_disk_on_one_worker(new_project: Make, finished: Path, cluster: Cluster, stage: str) -> None:
+    project = new_project()
+    if stage == "matches":
+        whole = cluster.worker("whole")
+        with run(project, cluster.address, "--until", "features") as process:
+            result_of(process)
+        kill(whole)
+    room = project.parent / "room"
+    room.mkdir()
+    small = in_a_room_of_its_own(f"mount -t tmpfs -o size=100k none {room}")
+    full = cluster.worker("full", before=small, env={"TMPDIR": str(room)})
+    with run(project, cluster.address) as process:
+        line = last_line_of(process)
+    assert "worker full on " in line
+    assert "the same command goes on from here" in line
+    kill(full)
+    cluster.worker("roomy")
+    with run(project, cluster.address) as process:
+        assert_whole(project, result_of(process), finished)
+
+
+def test_another_version_of_the_package(new_project: Make, cluster: Cluster, tmp_path: Path) -> None:
+    package = Path(colmap_ihe.__file__).parent
+    shutil.copytree(package, tmp_path / "old" / "colmap_ihe", ignore=shutil.ignore_patterns("__pycache__"))
+    version = tmp_path / "old" / "colmap_ihe" / "version.py"
+    text = version.read_text()
+    version.write_text(text.replace(f'__version__ = "{colmap_ihe.__version__}"', '__version__ = "0.0.1"'))
+    cluster.worker("old", env={"PYTHONPATH": str(tmp_path / "old")})
+    with run(new_project(), cluster.address) as process:
+        line = last_line_of(process)
+    assert "worker old on " in line
+    assert f"colmap-ihe is 0.0.1 there, and {colmap_ihe.__version__} where it was asked from" in line
+    version.write_text(text + "\n# changed\n")
+    kill(cluster.processes[-1])
+    cluster.worker("edited", env={"PYTHONPATH": str(tmp_path / "old")})
+    with run(new_project(name="second"), cluster.address) as process:
+        line = last_line_of(process)
+    assert "worker edited on " in line
+    assert "the code of colmap-ihe is " in line
+
+
+def test_another_version_of_a_library(new_project: Make, cluster: Cluster, tmp_path: Path) -> None:
+    about = tmp_path / "old" / "tifffile-1.0.dist-info"
+    about.mkdir(parents=True)
+    (about / "METADATA").write_text("Metadata-Version: 2.1\nName: tifffile\nVersion: 1.0\n")
+    cluster.worker("old", env={"PYTHONPATH": f"{tmp_path / 'old'}{os.pathsep}{SOURCE}"})
+    with run(new_project(), cluster.address) as process:
+        line = last_line_of(process)
+    assert "worker old on " in line
+    assert "tifffile is 1.0 there" in line
+
+
+def test_a_worker_without_the_package(new_project: Make, cluster: Cluster, tmp_path: Path) -> None:
+    hidden = tmp_path / "without" / "colmap_ihe.py"
+    hidden.parent.mkdir()
+    hidden.write_text("raise ModuleNotFoundError(\"No module named 'colmap_ihe'\")\n")
+    cluster.worker("bare", env={"PYTHONPATH": str(hidden.parent)})
+    with run(new_project(), cluster.address) as process:
+        line = last_line_of(process)
+    assert "worker tcp://" in line
+    assert "No module named 'colmap_ihe'" in line
+
+
+@pytest.mark.parametrize("address", ["local", "local:0", "local:many"])
+def test_an_address_that_is_none(new_project: Make, quick_options: MakeOptions, address: str) -> None:
+    with pytest.raises(OptionError, match=r"wanted local:N") as failure:
+        reconstruct(new_project(), quick_options(f"cluster.address={address}"))
+    assert address in str(failure.value)
+
+
+def test_without_dask(new_project: Make, quick_options: MakeOptions, monkeypatch: pytest.MonkeyPatch) -> None:
+    for name in [name for name in sys.modules if name.partition(".")[0] == "distributed"]:
+        monkeypatch.delitem(sys.modules, name)
+    for name in ("colmap_ihe.cluster.workers", "colmap_ihe.cluster.executor"):
+        monkeypatch.delitem(sys.modules, name, raising=False)
+    monkeypatch.setitem(sys.modules, "distributed", None)
+    with pytest.raises(CapabilityError, match="needs Dask") as failure:
+        reconstruct(new_project(), quick_options("cluster.address=local:2"))
+    assert "colmap-ihe[cluster]" in failure.value.hint
+
+
+def test_errors_reach_the_caller_as_they_were(tmp_path: Path) -> None:
+    from colmap_ihe.cluster.connect import connected
+    from colmap_ihe.options import ClusterOptions
+    from colmap_ihe.progress import SILENT
+
+    with connected(ClusterOptions(address="local:1"), tmp_path / "records", (), SILENT) as executor:
+        assert executor.width == 1
+        assert list(executor.map(abs, range(-3, 3))) == [3, 2, 1, 0, 1, 2]
+        with pytest.raises(ZeroDivisionError):
+            executor.submit(divmod, 1, 0).result(LONG)
+        with pytest.raises(ClusterError, match=r"worker local-0 on .*no-such-file"):
+            executor.submit(Path("no-such-file").read_bytes).result(LONG)
+        left = executor.submit(time.sleep, 1)
+    assert left.cancelled()
+    assert [p.name for p in (tmp_path / "records").iterdir()] == ["workers.log"]
