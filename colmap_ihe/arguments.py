@@ -3,22 +3,26 @@
 from __future__ import annotations
 
 import argparse
-import json
-import re
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import get_args
 
+from colmap_ihe.argument_groups import (
+    Command,
+    add_camera,
+    add_development,
+    add_ends,
+    add_project,
+    add_set,
+    count,
+    duration,
+)
 from colmap_ihe.captures.encode import SUFFIXES
-from colmap_ihe.captures.recipe import Demosaic
 from colmap_ihe.compared import METHODS as COMPARED
 from colmap_ihe.compared import PAPER
 from colmap_ihe.following import Follower
 from colmap_ihe.grey.conversions import CONVERSIONS
 from colmap_ihe.grey.convert import TONES
-from colmap_ihe.options import DevelopOptions
 from colmap_ihe.pipeline import NAMES
-from colmap_ihe.project_yaml import load_options
 from colmap_ihe.version import __version__
 
 METHODS = tuple(CONVERSIONS)
@@ -62,65 +66,21 @@ def parser_of(runs: Mapping[str, Run]) -> argparse.ArgumentParser:
     _add_convert(command)
     _add_develop(command)
     one = command("status", "Where each stage of a project stands, and why it would run again.")
-    _add_project(one)
-    _add_camera(one)
+    add_project(one)
+    add_camera(one)
     _add_compare(command)
     page = command("report", "Writes the page of a project again: PROJECT/report/index.html, one file.")
-    _add_project(page)
+    add_project(page)
     doctor = command(
         "doctor",
         "What this installation and this machine can do; with a PROJECT also how its dense stereo will run, and what"
         " that takes in time, memory and disk.",
     )
-    _add_project(doctor, nargs="?")
+    add_project(doctor, nargs="?")
     return parser
 
 
-_Command = Callable[[str, str], argparse.ArgumentParser]
-
-
-def _add_project(parser: argparse.ArgumentParser, nargs: str | None = None) -> None:
-    parser.add_argument("project", type=Path, nargs=nargs, metavar="PROJECT", help="the project's folder")
-    parser.add_argument("--images", type=Path, metavar="DIR", help="photographs, if not in PROJECT/images")
-    _add_set(parser)
-
-
-def _add_set(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument(
-        "--set",
-        action="append",
-        default=[],
-        metavar="STAGE.OPTION=VALUE",
-        dest="assignments",
-        help="change an option, as in --set dense.max_image_size=2400; see docs/options.md",
-    )
-
-
-def _add_camera(parser: argparse.ArgumentParser) -> None:
-    group = parser.add_argument_group(
-        "photographs without EXIF",
-        "For scans, and for photographs by drones, old lenses and programs that leave their focal length out: the"
-        " grey images say what is given here, and COLMAP need not guess. What EXIF says is left as it is. For"
-        " several cameras write `cameras:` into project.yaml; see docs/options.md.",
-    )
-    group.add_argument(
-        "--focal-length", type=float, metavar="MM", help="as on the lens, not the 35 mm equivalent"
-    )
-    group.add_argument(
-        "--sensor-width",
-        type=float,
-        metavar="MM",
-        help="of the sensor along the longer side of the photographs, as 36 of full frame",
-    )
-
-
-def camera_assignments(parsed: argparse.Namespace) -> list[str]:
-    """What was said of the camera, as assignments of options."""
-    given = {"focal_length": parsed.focal_length, "sensor_width": parsed.sensor_width}
-    return [f"cameras.*.{name}={value}" for name, value in given.items() if value is not None]
-
-
-def _add_demo(command: _Command) -> None:
+def _add_demo(command: Command) -> None:
     demo = command(
         "demo",
         "Renders a small portico with known truth to RAW and JPEG photographs, reconstructs it like any other "
@@ -139,14 +99,14 @@ def _add_demo(command: _Command) -> None:
     )
 
 
-def _add_reconstruct(command: _Command) -> None:
+def _add_reconstruct(command: Command) -> None:
     parser = command(
         "reconstruct",
         "From the photographs in PROJECT/images to cameras, points, a coloured dense cloud and a mesh in "
         "PROJECT/workspace, a plain COLMAP workspace. The same command goes on after an interruption, and "
         "runs again only what a change makes stale.",
     )
-    _add_project(parser)
+    add_project(parser)
     parser.add_argument("--from", dest="start", choices=NAMES, help="run this stage and all after it again")
     parser.add_argument("--until", choices=NAMES, help="end after this stage")
     parser.add_argument(
@@ -155,7 +115,7 @@ def _add_reconstruct(command: _Command) -> None:
         metavar="FILE",
         help="weights of another campaign, instead of a fit to this one",
     )
-    _add_ends(parser)
+    add_ends(parser)
     parser.add_argument(
         "--from-record",
         type=Path,
@@ -163,36 +123,10 @@ def _add_reconstruct(command: _Command) -> None:
         help="with the options of the last run of another project, or of its records/run.json, instead of"
         " project.yaml; says what is unlike: photographs, versions",
     )
-    _add_camera(parser)
+    add_camera(parser)
 
 
-def _add_ends(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument(
-        "--cluster",
-        metavar="ADDRESS",
-        help="work on the workers of this Dask scheduler, as tcp://login1:8786, or on N worker processes here,"
-        " local:N; see docs/cluster.md",
-    )
-    parser.add_argument("--no-dense", action="store_true", help="end with the sparse model")
-    parser.add_argument("--no-mesh", action="store_true", help="end with the dense cloud")
-    parser.add_argument("--strict", action="store_true", help="stop at a photograph that cannot be used")
-
-
-def road_assignments(parsed: argparse.Namespace) -> list[str]:
-    """What was said of the road, as assignments of options."""
-    assignments = [*parsed.assignments, *camera_assignments(parsed)]
-    if parsed.no_dense:
-        assignments.append("dense.enabled=false")
-    if parsed.no_mesh:
-        assignments.append("mesh.enabled=false")
-    if parsed.strict:
-        assignments.append("captures.strict=true")
-    if parsed.cluster:
-        assignments.append(f"cluster.address={json.dumps(parsed.cluster)}")
-    return assignments
-
-
-def _add_batch(command: _Command) -> None:
+def _add_batch(command: Command) -> None:
     parser = command(
         "batch",
         "Every project below ROOT, a folder with photographs in images/ each, in a process of its own: one that fails"
@@ -202,11 +136,11 @@ def _add_batch(command: _Command) -> None:
     )
     parser.add_argument("root", type=Path, metavar="ROOT", help="the folder that holds the projects")
     parser.add_argument(
-        "--jobs", type=_count, metavar="N", help="projects at a time, if memory has room (one a core)"
+        "--jobs", type=count, metavar="N", help="projects at a time, if memory has room (one a core)"
     )
     parser.add_argument(
         "--time-limit",
-        type=_duration,
+        type=duration,
         metavar="TIME",
         help="for each project, as 90m or 2h; one that takes longer is stopped, and goes on from there next time",
     )
@@ -215,36 +149,23 @@ def _add_batch(command: _Command) -> None:
     )
     parser.add_argument(
         "--settle",
-        type=_duration,
+        type=duration,
         default=30.0,
         metavar="TIME",
         help="with --watch: for how long a project's files must not have changed before it begins (30s)",
     )
-    _add_set(parser)
-    _add_ends(parser)
-    _add_camera(parser)
+    add_set(parser)
+    add_ends(parser)
+    add_camera(parser)
 
 
-def _count(text: str) -> int:
-    if not text.isascii() or not text.isdigit() or not int(text):
-        raise argparse.ArgumentTypeError(f"{text!r}, wanted a number from 1 on")
-    return int(text)
-
-
-def _duration(text: str) -> float:
-    match = re.fullmatch(r"(\d+(?:\.\d+)?)([smh])", text.strip(), re.ASCII)
-    if match is None or not float(match[1]):
-        raise argparse.ArgumentTypeError(f"{text!r}, wanted a length of time such as 45s, 90m or 2h")
-    return float(match[1]) * {"s": 1, "m": 60, "h": 3600}[match[2]]
-
-
-def _add_compare(command: _Command) -> None:
+def _add_compare(command: Command) -> None:
     parser = command(
         "compare",
         "The paper's evaluation on your photographs: the same set in several greys, side by side. Tables as CSV, JSON"
         " and LaTeX go to PROJECT/compare. The same command goes on after an interruption.",
     )
-    _add_project(parser)
+    add_project(parser)
     parser.add_argument(
         "--methods",
         default=",".join(COMPARED),
@@ -259,7 +180,7 @@ def _add_compare(command: _Command) -> None:
         help="runs of the mapper without some of the matches, which tell the error (%(default)s)",
     )
     parser.add_argument(
-        "--jobs", type=_count, default=1, metavar="N", help="methods at a time as far as their matches (1)"
+        "--jobs", type=count, default=1, metavar="N", help="methods at a time as far as their matches (1)"
     )
     parser.add_argument("--no-dense", action="store_true", help="without dense clouds")
     parser.add_argument(
@@ -270,7 +191,7 @@ def _add_compare(command: _Command) -> None:
     )
 
 
-def _add_fit(command: _Command) -> None:
+def _add_fit(command: Command) -> None:
     parser = command(
         "fit",
         "The grey weights of a set of photographs, without COLMAP. IMAGES are folders or files; projects, and "
@@ -306,11 +227,11 @@ def _add_fit(command: _Command) -> None:
         default=True,
         help="of RAW: read the photographs a second time, to count the likely winners at full depth",
     )
-    _add_development(parser)
+    add_development(parser)
     parser.add_argument("--strict", action="store_true", help="stop at a photograph that cannot be used")
 
 
-def _add_convert(command: _Command) -> None:
+def _add_convert(command: Command) -> None:
     parser = command(
         "convert",
         "Grey images of a folder of photographs, with their EXIF, for any photogrammetry program. Subfolders "
@@ -335,12 +256,12 @@ def _add_convert(command: _Command) -> None:
     parser.add_argument(
         "--wallis", action="store_true", help="enhance local contrast; a colour is then not the same grey"
     )
-    _add_development(parser)
+    add_development(parser)
     parser.add_argument("--strict", action="store_true", help="stop at a photograph that cannot be used")
-    _add_camera(parser)
+    add_camera(parser)
 
 
-def _add_develop(command: _Command) -> None:
+def _add_develop(command: Command) -> None:
     parser = command(
         "develop",
         "The RAW photographs of a folder as linear TIFFs of 16 bit, developed as little as possible: black point, "
@@ -349,36 +270,5 @@ def _add_develop(command: _Command) -> None:
     )
     parser.add_argument("images", type=Path, metavar="IMAGES", help="a folder of photographs")
     parser.add_argument("out", type=Path, metavar="OUT", help="the folder for the TIFFs, 6 bytes a pixel")
-    _add_development(parser)
+    add_development(parser)
     parser.add_argument("--strict", action="store_true", help="stop at a photograph that cannot be used")
-
-
-def _add_development(parser: argparse.ArgumentParser) -> None:
-    group = parser.add_argument_group("development of RAW, as `develop` in docs/options.md")
-    group.add_argument(
-        "--calibration", type=Path, metavar="DIR", help="holds bias/, darks/, flats/ or bad-pixels.txt"
-    )
-    group.add_argument("--demosaic", choices=get_args(Demosaic), default="linear")
-    group.add_argument("--green-equilibrium", action=argparse.BooleanOptionalAction, default=True)
-    group.add_argument(
-        "--find-bad-pixels", action="store_true", help="look for them over the set, without dark frames"
-    )
-    group.add_argument(
-        "--exposure", choices=("as_shot", "normalise"), default="as_shot", help="normalise: by EXIF"
-    )
-    group.add_argument(
-        "--balance", action="store_true", help="colour balance across the set, of any photographs"
-    )
-    group.add_argument(
-        "--denoise",
-        type=float,
-        default=0.0,
-        metavar="N",
-        help="in deviations of the noise, of any photographs",
-    )
-
-
-def development(parsed: argparse.Namespace) -> DevelopOptions:
-    """What was said of development."""
-    names = DevelopOptions.model_fields
-    return load_options(None, [f"develop.{n}={json.dumps(getattr(parsed, n))}" for n in names]).develop

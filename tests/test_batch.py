@@ -20,7 +20,7 @@ import pytest
 from conftest import QUICK
 
 from colmap_ihe import batch as driver
-from colmap_ihe import cli, memory, ours
+from colmap_ihe import memory, ours
 from colmap_ihe.arguments import parser_of
 from colmap_ihe.batch import batch
 from colmap_ihe.batch_entry import Entry, remaining_of, share_of
@@ -36,6 +36,7 @@ from colmap_ihe.job import Job, Outcome, Progress
 from colmap_ihe.preprocess import Surveyed
 from colmap_ihe.project import Project, read_json, write_json
 from colmap_ihe.project_yaml import load_options
+from colmap_ihe.runs import RUNS
 
 GB = 10**9
 SETTINGS = [part for assignment in QUICK for part in ("--set", assignment)]
@@ -156,7 +157,7 @@ def test_other_lengths_and_counts_are_wrong_usage(
 
 
 def test_lengths_of_time_have_units() -> None:
-    parser = parser_of(cli._RUNS)
+    parser = parser_of(RUNS)
     for said, seconds in (("45s", 45), ("1.5m", 90), ("2h", 7200)):
         assert parser.parse_args(["batch", ".", "--time-limit", said]).time_limit == seconds
 

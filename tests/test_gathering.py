@@ -114,7 +114,7 @@ def test_any_executor_comes_to_the_same_sums(
     (tmp_path / "9.jpg").write_bytes(b"no photograph")
     broken = Capture("9.jpg", tmp_path / "9.jpg", "coded", "9")
     how = counting()
-    monkeypatch.setattr(gathering, "local_workers", lambda: 3)
+    monkeypatch.setattr(gathering, "width_of", lambda _: 3)
     left_out: dict[str, str] = {}
     found = gather([*captures, broken], how, executor, SILENT, left_out)
     assert same((found["coded"].histogram, found["coded"].contrast), expected(captures, how))
