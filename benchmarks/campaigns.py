@@ -80,7 +80,7 @@ def recount(campaigns: Sequence[Campaign]) -> None:
                 assert isinstance(full.main, Weights)
                 assert isinstance(cells.main, Weights)
                 histogram = cells.gathered["linear"].histogram
-                ratio = flatness(histogram, cells.main) / flatness(histogram, full.main)
+                ratio = flatness(histogram, cells.main.triplet) / flatness(histogram, full.main.triplet)
                 rows.append(
                     (campaign.name, guard, str(full.main.triplet), str(cells.main.triplet), f"{ratio:.4f}")
                 )

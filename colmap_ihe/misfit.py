@@ -18,8 +18,9 @@ MOST_CLIPPED, LEAST_RANGE = 0.01, 0.5
 @dataclass(frozen=True)
 class Misfit:
     """Shares of what weights fitted to the photographs give: `contrast` of detail over noise, None where none was
-    measured, and `levels` of grey that are filled. Of linear photographs: `clipped`, the share of pixels that the
-    white point makes white, and `range`, how much of the grey up to white is used."""
+    measured, and `levels` of grey that are filled, with the white point of the photographs. Of linear ones also
+    `clipped`, the share of pixels that the weights' white point makes white, and `range`, how much of the grey up to
+    it is used."""
 
     contrast: float | None
     levels: float
@@ -35,7 +36,7 @@ def misfit(weights: Weights, gathered: Gathered, options: FitOptions) -> Misfit:
     grid, contrast, histogram = triplets(options.step), gathered.contrast, gathered.histogram
     fitted = fit_cells(histogram, contrast.admitted(grid) if options.guard == "noise" else grid)
     own, best = contrast.snr_of(100 * np.array([weights.triplet, fitted.triplet]))
-    levels = flatness(histogram, weights) / flatness(histogram, fitted)
+    levels = flatness(histogram, weights.triplet) / flatness(histogram, fitted.triplet)
     share = float(own / best) if best > 0 else None
     if histogram.encoding == "coded":
         return Misfit(share, levels)

@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from colmap_ihe.grey import kernels
-from colmap_ihe.grey.boxes import NO_BOXES, WHITE_STEP, Pyramid, Triplet, bounds_of, counts_of, whites_of
+from colmap_ihe.grey.boxes import NO_BOXES, Pyramid, Triplet, bounds_of, counts_of, whites_of
 from colmap_ihe.grey.contrast import Contrast
 from colmap_ihe.grey.equalise import curve_of
 from colmap_ihe.grey.histogram import Histogram
@@ -185,19 +185,18 @@ def fit_cells(histogram: Histogram, grid: Sequence[Triplet]) -> Weights:
     )
 
 
-def flatness(histogram: Histogram, weights: Weights) -> float:
-    """How many grey levels the weights would fill if they filled them evenly, 1 to 256: 1 / sum y^2, of a linear set
-    by estimate and with the white point of the weights. They are rounded to hundredths."""
-    red, green = round(100 * weights.red), round(100 * weights.green)
-    triplet = (red, green, 100 - red - green)
+def flatness(histogram: Histogram, triplet: tuple[float, float, float]) -> float:
+    """How many grey levels weights would fill if they filled them evenly, 1 to 256: 1 / sum y^2, of a linear set by
+    estimate and with the set's own white point. The weights are rounded to hundredths."""
+    red, green = round(100 * triplet[0]), round(100 * triplet[1])
+    whole = [(red, green, 100 - red - green)]
     mass = int(histogram.occupied()[1].sum())
     if histogram.encoding == "coded":
-        counts = histogram.levels(kernels.coded_rules([triplet]))[0].astype(np.float64)
+        counts = histogram.levels(kernels.coded_rules(whole))[0].astype(np.float64)
         return mass**2 / float((counts**2).sum())
-    steps = max(1, round(100 * _SATURATION * weights.white / WHITE_STEP))
-    rules = kernels.linear_rules([triplet], [steps * WHITE_STEP])
-    _, estimates = bounds_of(NO_BOXES, Pyramid(histogram).boxes(0), rules)
-    return mass**2 / float(estimates[0])
+    pyramid = Pyramid(histogram)
+    rules = kernels.linear_rules(whole, whites_of(pyramid.boxes(_WHITE_BITS), whole))
+    return mass**2 / float(bounds_of(NO_BOXES, pyramid.boxes(0), rules)[1][0])
 
 
 def clipped(histogram: Histogram, weights: Weights) -> float:
