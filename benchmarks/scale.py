@@ -7,8 +7,9 @@
 `grow` takes photographs of 640x480 on a grid of flight strips over a made-up city (flat, with roofs at three heights,
 75 % overlap both ways, GPS and focal length in EXIF), and runs each stage by the command in a process of its own:
 core seconds and peak memory from the system, less the core seconds of a command with nothing left to do; sparse and
-dense with the page that is written after them. Core seconds, not seconds, for those change little with what else the machine does. Stages that grow faster than the set end
-at smaller ones. Exponents are slopes of log core seconds over log photographs, of 30 and more.
+dense with the page that is written after them. Core seconds, not seconds, for those change little with what else the
+machine does. Stages that grow faster than the set end at smaller ones. Exponents are slopes of log core seconds over
+log photographs.
 `paper` applies its figures, which it keeps in FOLDER, to a million. `workers` runs the per-image stages on
 `local:1` and `local:N` in turn, three times, and divides by the cores that were free in the same minute, which it
 measures with N busy loops.
@@ -180,10 +181,10 @@ def grow(most: int, out: Path) -> None:
         _note(costs, "captures", count, first, idle)
 
         def measured(
-            name: str, until: str, *more: str, project: Path = project, n: int = count, idle: float = idle
+            name: str, until: str, *more: str, at: Path = project, n: int = count, less: float = idle
         ) -> dict[str, Any]:
-            found = run(project, until, *more)
-            _note(costs, name, n, found, idle)
+            found = run(at, until, *more)
+            _note(costs, name, n, found, less)
             return found[0]
 
         for stage in ("fit", "convert", "features"):

@@ -20,7 +20,7 @@ import pycolmap
 from colmap_ihe.errors import Cancelled, KnownError, NativeError, OptionError
 from colmap_ihe.progress import Watch
 
-__all__ = ["apply_options", "called", "hush", "log_file", "logged_to", "pycolmap"]
+__all__ = ["apply_options", "called", "hush", "log_file", "logged_to", "pycolmap", "translated"]
 
 _T = TypeVar("_T")
 _POLL_SECONDS = 0.25
@@ -121,7 +121,7 @@ def called(
             _wait_for(thread)
         raise
     if failures:
-        raise _translated(failures[0]) from failures[0]
+        raise translated(failures[0]) from failures[0]
     return results[0]
 
 
@@ -131,7 +131,7 @@ def _wait_for(thread: threading.Thread, seconds: float = 60.0) -> None:
         thread.join(_POLL_SECONDS)
 
 
-def _translated(error: BaseException) -> BaseException:
+def translated(error: BaseException) -> BaseException:
     """What COLMAP throws, as one of our errors; our own pass through."""
     if isinstance(error, KnownError | Cancelled | KeyboardInterrupt):
         return error
