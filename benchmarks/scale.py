@@ -6,8 +6,10 @@
 
 `grow` takes photographs of 640x480 on a grid of flight strips over a made-up city (flat, with roofs at three heights,
 75 % overlap both ways, GPS and focal length in EXIF), and runs each stage by the command in a process of its own:
-seconds from its record, peak memory from the system. Stages that grow faster than the set end at smaller ones.
-Exponents are slopes of log seconds over log photographs from 100 on, without what a stage costs at any size.
+core seconds and peak memory from the system, less the core seconds of a command with nothing left to do; sparse and
+dense with the page that is written after them. Core seconds, not seconds, for those change little with what else the
+machine does. Stages that grow faster than the set end at smaller ones. Exponents are slopes of log core seconds over
+log photographs.
 `paper` applies its figures, which it keeps in FOLDER, to a million. `workers` runs the per-image stages on
 `local:1` and `local:N` in turn, three times, and divides by the cores that were free in the same minute, which it
 measures with N busy loops.
@@ -41,14 +43,14 @@ from colmap_ihe.terminal import print_table
 WIDTH, HEIGHT, STEP = 640, 480, (160, 120)  # pixels on the ground; a quarter of a photograph
 FOCAL, FLIGHT = 600.0, 600.0  # pixels, and pixels above the ground, so that there a pixel is a pixel
 ROOFS = (0.0, 60.0, 140.0)  # heights of the layers
-SIZES = (10, 30, 100, 300, 1000, 3000)
+SIZES = (30, 100, 300, 1000, 3000)
 UP_TO = {
     "exhaustive": 100,
     "spatial": 1000,
-    "vocabtree": 1000,
-    "sparse": 300,
+    "vocabtree": 300,
+    "sparse": 100,
     "hierarchical": 300,
-    "dense": 100,
+    "dense": 30,
 }
 """Photographs up to which a stage is run here; the others at all sizes."""
 QUICK = (
@@ -144,8 +146,8 @@ def _degrees(value: float) -> tuple[float, float, float]:
     return float(whole), float(minutes), rest * 60
 
 
-def run(project: Path, until: str, *more: str) -> tuple[dict[str, Any], float]:
-    """`reconstruct --until`: the summary, and the peak memory in MB of the largest of its processes."""
+def run(project: Path, until: str, *more: str) -> tuple[dict[str, Any], float, float]:
+    """`reconstruct --until`: the summary, its core seconds, and the peak memory in MB of its largest process."""
     settings = [part for assignment in (*QUICK, *more) for part in ("--set", assignment)]
     command = [
         sys.executable,
@@ -164,7 +166,7 @@ def run(project: Path, until: str, *more: str) -> tuple[dict[str, Any], float]:
         output.seek(0)
         if status:
             raise SystemExit(f"reconstruct --until {until} failed for {project}")
-        return json.loads(output.read()), usage.ru_maxrss / 1000
+        return json.loads(output.read()), usage.ru_utime + usage.ru_stime, usage.ru_maxrss / 1000
 
 
 def grow(most: int, out: Path) -> None:
@@ -174,42 +176,55 @@ def grow(most: int, out: Path) -> None:
         shutil.rmtree(project, ignore_errors=True)
         shoot(project, count)
 
-        def note(
-            name: str, until: str, *more: str, stage: str = "", project: Path = project, n: int = count
-        ) -> Any:
-            summary, memory = run(project, until, *more)
-            seconds = summary["stages"][stage or until]
-            costs.setdefault(name, {})[n] = (seconds, memory)
-            print(f"{n:>6} {name:<14} {seconds:>9.2f} s {memory:>7.0f} MB", flush=True)
-            return summary
+        first = run(project, "captures")
+        idle = run(project, "captures")[1]
+        _note(costs, "captures", count, first, idle)
 
-        for stage in ("captures", "fit", "convert", "features"):
-            note(stage, stage)
+        def measured(
+            name: str, until: str, *more: str, at: Path = project, n: int = count, less: float = idle
+        ) -> dict[str, Any]:
+            found = run(at, until, *more)
+            _note(costs, name, n, found, less)
+            return found[0]
+
+        for stage in ("fit", "convert", "features"):
+            measured(stage, stage)
         for strategy in ("exhaustive", "vocabtree", "spatial"):
             if count <= UP_TO[strategy]:
-                found = note(strategy, "matches", f"matches.strategy={strategy}", stage="matches")
+                found = measured(strategy, "matches", f"matches.strategy={strategy}")
                 print(f"{'':>6} {found['pairs_verified']} pairs verified", flush=True)
         chosen = f"matches.strategy={'spatial' if count <= UP_TO['spatial'] else 'sequential'}"
         for name, mapper in (("hierarchical", "hierarchical"), ("sparse", "incremental")):
             if count <= UP_TO[name]:
-                found = note(name, "sparse", chosen, f"sparse.mapper={mapper}", stage="sparse")
+                found = measured(name, "sparse", chosen, f"sparse.mapper={mapper}")
                 print(f"{'':>6} {found['registered_images']} of {count} registered", flush=True)
         if count <= UP_TO["dense"]:
-            note("dense", "dense", chosen)
+            measured("dense", "dense", chosen)
         shutil.rmtree(project)
         (out / "costs.json").write_text(json.dumps(costs))
     print(f"\n{local_workers()} cores\n")
     tables(json.loads((out / "costs.json").read_text()))
 
 
+def _note(
+    costs: dict[str, dict[int, tuple[float, float]]],
+    name: str,
+    count: int,
+    found: tuple[dict[str, Any], float, float],
+    idle: float,
+) -> None:
+    _, core, memory = found
+    costs.setdefault(name, {})[count] = (max(0.01, core - idle), memory)
+    print(f"{count:>6} {name:<14} {core - idle:>9.2f} core s {memory:>7.0f} MB", flush=True)
+
+
 def exponent(by_size: dict[int, float]) -> float | None:
-    """The slope of log seconds over log photographs, of at least two sizes of 100 and more, or of 30 and more."""
-    for least in (100, 30):
-        known = [(math.log(n), math.log(v)) for n, v in by_size.items() if n >= least and v > 0]
-        if len(known) >= 2:
-            x, y = np.array(known).T
-            return float(np.polyfit(x, y, 1)[0])
-    return None
+    """The slope of log core seconds over log photographs, of at least two sizes of 30 and more."""
+    known = [(math.log(n), math.log(v)) for n, v in by_size.items() if n >= 30]
+    if len(known) < 2:
+        return None
+    x, y = np.array(known).T
+    return float(np.polyfit(x, y, 1)[0])
 
 
 Costs = dict[str, dict[str, tuple[float, float]]]
@@ -217,7 +232,7 @@ Costs = dict[str, dict[str, tuple[float, float]]]
 
 def tables(costs: Costs) -> None:
     sizes = sorted({int(n) for found in costs.values() for n in found})
-    for title, column in (("seconds", 0), ("peak memory, MB", 1)):
+    for title, column in (("core seconds", 0), ("peak memory, MB", 1)):
         rows = []
         for name, found in costs.items():
             values = {int(n): cost[column] for n, cost in found.items()}
@@ -232,8 +247,7 @@ def on_paper(costs: Costs) -> None:
     rows = []
     for name, found in costs.items():
         largest = max(map(int, found))
-        seconds = found[str(largest)][0]
-        core = seconds * local_workers() / largest
+        core = found[str(largest)][0] / largest
         slope = exponent({int(n): cost[0] for n, cost in found.items()}) or 1.0
         spread = name in ("captures", "convert", "features", "exhaustive", "vocabtree", "spatial", "dense")
         power = max(1.0, slope)
@@ -276,7 +290,7 @@ def workers(photographs: int, most: int) -> None:
                 project.mkdir()
                 (project / "images").symlink_to(source / "images", target_is_directory=True)
                 free.append(free_cores(most))
-                summary, _ = run(project, "features", f"cluster.address=local:{count}")
+                summary, _, _ = run(project, "features", f"cluster.address=local:{count}")
                 found[count].append({name: summary["stages"][name] for name in names})
                 shutil.rmtree(project)
     rows = []

@@ -16,7 +16,7 @@ from colmap_ihe.campaigns import campaigns_of
 from colmap_ihe.captures.discover import Capture, discover
 from colmap_ihe.colmap.cost import dense_cost
 from colmap_ihe.colmap.dense import pick_backend
-from colmap_ihe.colmap.native import pycolmap
+from colmap_ihe.colmap.native import cuda_devices, pycolmap
 from colmap_ihe.demo.folder import render_demo
 from colmap_ihe.demo.truth import add_truth
 from colmap_ihe.errors import ProjectError, WeightsError
@@ -172,6 +172,7 @@ def doctor(
         "memory_gb": round(total / 1e9, 1),
         "free_disk_gb": round(shutil.disk_usage(Path.cwd()).free / 1e9, 1),
         "cuda": bool(pycolmap.has_cuda),
+        "cuda_devices": cuda_devices(),
         "dense_backend": pick_backend("auto"),
         **(_dense_cost(project, assignments, images) if project is not None else {}),
     }

@@ -236,7 +236,9 @@ def test_local_workers_end_with_the_command(new_project: Make) -> None:
     project = new_project()
     with run(project, "local:2") as process:
         wait_until_begun(process, project, "convert")
-        listed = subprocess.run(["ps", "-eo", "pid,args"], capture_output=True, text=True, check=True).stdout
+        listed = subprocess.run(
+            ["ps", "-ewwo", "pid,args"], capture_output=True, text=True, check=True
+        ).stdout
         ours = [line for line in listed.splitlines() if "dask_worker" in line and "--name local-" in line]
         process.kill()
     assert len(ours) >= 2

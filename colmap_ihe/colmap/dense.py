@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Literal
 
-from colmap_ihe.colmap.native import apply_options, called, pycolmap
+from colmap_ihe.colmap.native import apply_options, called, cuda_devices, pycolmap
 from colmap_ihe.errors import CapabilityError
 from colmap_ihe.progress import SILENT, Watch
 
@@ -16,10 +16,10 @@ Backend = Literal["patchmatch", "sgm"]
 def pick_backend(requested: Literal["auto", "patchmatch", "sgm"] = "auto") -> Backend:
     """The backend that will run. Raises `CapabilityError` if PatchMatch is asked for and there is no CUDA."""
     if requested == "auto":
-        return "patchmatch" if pycolmap.has_cuda else "sgm"
-    if requested == "patchmatch" and not pycolmap.has_cuda:
+        return "patchmatch" if cuda_devices() else "sgm"
+    if requested == "patchmatch" and not cuda_devices():
         raise CapabilityError(
-            "dense.backend is 'patchmatch', which needs CUDA, and pycolmap has none here",
+            "dense.backend is 'patchmatch', which needs CUDA, and pycolmap finds no device here",
             hint="install pycolmap-cuda12 on a machine with an NVIDIA GPU, or set dense.backend to 'sgm'",
         )
     return requested

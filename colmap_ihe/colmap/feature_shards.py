@@ -6,14 +6,12 @@ import shutil
 from concurrent.futures import Executor
 from dataclasses import dataclass
 from pathlib import Path
-from tempfile import TemporaryDirectory
 
 from colmap_ihe.colmap.native import apply_options, called, hush, pycolmap
-from colmap_ihe.colmap.packs import in_batches, merge_pack, read_features, write_pack
+from colmap_ihe.colmap.packs import in_batches, merge_pack, read_features, room_of_a_task, write_pack
 from colmap_ihe.executor import TaskWatch, in_order, width_of
 from colmap_ihe.options import FeaturesOptions
 from colmap_ihe.progress import Watch
-from colmap_ihe.project import room_on_disk
 
 _MOST = 16  # images a shard: what is lost with a worker
 _SHARDS_A_WORKER = 4
@@ -70,8 +68,8 @@ def extract_shard(shard: _Shard) -> Path:
     if shard.masks is not None:
         reader.mask_path = shard.masks
     ids = {name: image_id for image_id, name in shard.images}
-    with TemporaryDirectory(prefix="colmap-ihe-") as folder, room_on_disk(Path(folder)):
-        database = Path(folder) / "shard.db"
+    with room_of_a_task() as folder:
+        database = folder / "shard.db"
         pycolmap.Database.open(database).close()
         called(
             pycolmap.extract_features,

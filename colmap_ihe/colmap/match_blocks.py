@@ -8,14 +8,20 @@ from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass
 from pathlib import Path
-from tempfile import TemporaryDirectory
 
 from colmap_ihe.colmap.native import apply_options, called, hush, pycolmap
-from colmap_ihe.colmap.packs import in_batches, read_features, read_pack, write_features, write_pack
+from colmap_ihe.colmap.packs import (
+    in_batches,
+    read_features,
+    read_pack,
+    room_of_a_task,
+    write_features,
+    write_pack,
+)
 from colmap_ihe.executor import TaskWatch, in_order, width_of
 from colmap_ihe.options import MatchesOptions
 from colmap_ihe.progress import Watch
-from colmap_ihe.project import room_on_disk, write_bytes
+from colmap_ihe.project import write_bytes
 
 Pair = tuple[int, int]
 """The ids of two images."""
@@ -127,8 +133,8 @@ def match_block(block: _Block) -> Path:
     matching = pycolmap.FeatureMatchingOptions(num_threads=1)
     verification = verification_options(block.options)
     apply_options(matching, block.options.colmap, "matches.colmap")
-    with TemporaryDirectory(prefix="colmap-ihe-") as folder, room_on_disk(Path(folder)):
-        database, listed = Path(folder) / "block.db", Path(folder) / "pairs.txt"
+    with room_of_a_task() as folder:
+        database, listed = folder / "block.db", folder / "pairs.txt"
         _fill(database, block)
         listed.write_text("".join(f"{one} {other}\n" for one, other in block.pairs), encoding="ascii")
         called(
@@ -139,7 +145,7 @@ def match_block(block: _Block) -> Path:
             verification_options=verification,
             watch=TaskWatch(),
         )
-        matches = Path(folder) / "matches.db"
+        matches = folder / "matches.db"
         _copy_matches(database, matches)
         write_bytes(block.result, matches.read_bytes())
     return block.result

@@ -5,6 +5,7 @@ Every module that drives COLMAP imports pycolmap from here.
 
 from __future__ import annotations
 
+import ctypes
 import threading
 import time
 import zlib  # noqa: F401  before pycolmap, whose own zlib symbols would else be bound to the system's
@@ -20,7 +21,17 @@ import pycolmap
 from colmap_ihe.errors import Cancelled, KnownError, NativeError, OptionError
 from colmap_ihe.progress import Watch
 
-__all__ = ["apply_options", "called", "hear_colmap", "hush", "log_file", "logged_to", "pycolmap"]
+__all__ = [
+    "apply_options",
+    "called",
+    "cuda_devices",
+    "hear_colmap",
+    "hush",
+    "log_file",
+    "logged_to",
+    "pycolmap",
+    "translated",
+]
 
 _T = TypeVar("_T")
 _POLL_SECONDS = 0.25
@@ -32,6 +43,20 @@ pycolmap.logging.alsologtostderr = False
 def hear_colmap() -> None:
     """From now on COLMAP's log goes to stderr too."""
     pycolmap.logging.alsologtostderr = True
+
+
+def cuda_devices() -> int:
+    """How many CUDA devices COLMAP can work on: none for a pycolmap without CUDA, or where no driver finds one."""
+    if not pycolmap.has_cuda:
+        return 0
+    count = ctypes.c_int(0)
+    try:
+        driver = ctypes.CDLL("libcuda.so.1")
+        if driver.cuInit(0) or driver.cuDeviceGetCount(ctypes.byref(count)):
+            return 0
+    except (OSError, AttributeError):  # no driver, so no device
+        return 0
+    return count.value
 
 
 class _Mergeable(Protocol):
@@ -126,7 +151,7 @@ def called(
             _wait_for(thread)
         raise
     if failures:
-        raise _translated(failures[0]) from failures[0]
+        raise translated(failures[0]) from failures[0]
     return results[0]
 
 
@@ -136,7 +161,7 @@ def _wait_for(thread: threading.Thread, seconds: float = 60.0) -> None:
         thread.join(_POLL_SECONDS)
 
 
-def _translated(error: BaseException) -> BaseException:
+def translated(error: BaseException) -> BaseException:
     """What COLMAP throws, as one of our errors; our own pass through."""
     if isinstance(error, KnownError | Cancelled | KeyboardInterrupt):
         return error

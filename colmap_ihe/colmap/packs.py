@@ -6,19 +6,24 @@ lost; and COLMAP's own merging of databases makes a camera of each part's, where
 
 from __future__ import annotations
 
+import shutil
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from io import BytesIO
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from colmap_ihe.colmap.native import pycolmap
-from colmap_ihe.project import write_bytes
+from colmap_ihe.colmap.native import pycolmap, translated
+from colmap_ihe.errors import DiskFullError, NativeError
+from colmap_ihe.project import room_on_disk, write_bytes
 
 _Item = TypeVar("_Item")
+_LITTLE = 1 << 20  # bytes free with which nothing can be written: a database grows in steps
 
 
 @dataclass(frozen=True)
@@ -76,6 +81,23 @@ def merge_pack(database: Path, pack: Path) -> int:
                 write_features(opened, image_id, features)
             count += 1
     return count
+
+
+@contextmanager
+def room_of_a_task() -> Iterator[Path]:
+    """A folder on a disk of the worker's own, while a task lasts. Raises `DiskFullError` where that is full,
+    whatever COLMAP makes of it, else `NativeError`."""
+    with TemporaryDirectory(prefix="colmap-ihe-", ignore_cleanup_errors=True) as folder:
+        try:
+            with room_on_disk(Path(folder)):
+                yield Path(folder)
+        except (RuntimeError, NativeError) as error:
+            if shutil.disk_usage(folder).free < _LITTLE:
+                raise DiskFullError(
+                    f"{folder}: no room left on this disk",
+                    hint="make room there, or set TMPDIR where workers are started; the same command goes on from here",
+                ) from error
+            raise translated(error) from error
 
 
 def in_batches(items: Sequence[_Item], size: int) -> Iterator[Sequence[_Item]]:

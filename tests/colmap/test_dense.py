@@ -5,7 +5,9 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -16,7 +18,7 @@ from plane import COLOUR, NORMAL, SIZE, VIEWS, make_project, plane_depth
 from colmap_ihe.colmap import dense, depth_maps
 from colmap_ihe.colmap.depth_maps import DepthCounts, sgm_depth_maps, write_map
 from colmap_ihe.colmap.fusion import fuse
-from colmap_ihe.colmap.native import pycolmap
+from colmap_ihe.colmap.native import cuda_devices, pycolmap
 from colmap_ihe.colmap.undistort import undistort
 from colmap_ihe.errors import Cancelled, CapabilityError, OptionError, ProjectError
 from colmap_ihe.progress import Silent
@@ -229,9 +231,37 @@ def test_backends(monkeypatch: pytest.MonkeyPatch) -> None:
     with pytest.raises(CapabilityError, match="needs CUDA") as caught:
         dense.pick_backend("patchmatch")
     assert "pycolmap-cuda12" in caught.value.hint
-    monkeypatch.setattr(pycolmap, "has_cuda", True)
-    assert dense.pick_backend("auto") == "patchmatch"
+    monkeypatch.setattr(pycolmap, "has_cuda", True)  # the wheel with CUDA, where no driver finds a device
+    for driver, devices in (
+        (None, 0),
+        (Driver(error=100), 0),
+        (Driver(devices=0), 0),
+        (Driver(devices=2), 2),
+    ):
+        monkeypatch.setattr("ctypes.CDLL", partial(loaded, driver))
+        assert cuda_devices() == devices
+        assert dense.pick_backend("auto") == ("patchmatch" if devices else "sgm")
     assert dense.pick_backend("sgm") == "sgm"
+
+
+class Driver:
+    """What CUDA's driver answers."""
+
+    def __init__(self, error: int = 0, devices: int = 0) -> None:
+        self.error, self.devices = error, devices
+
+    def cuInit(self, _flags: int) -> int:  # noqa: N802  its name
+        return self.error
+
+    def cuDeviceGetCount(self, count: Any) -> int:  # noqa: N802
+        count._obj.value = self.devices
+        return 0
+
+
+def loaded(driver: Driver | None, _name: str) -> Driver:
+    if driver is None:
+        raise OSError("libcuda.so.1: cannot open shared object file")
+    return driver
 
 
 def test_an_unknown_fusion_option_is_refused(project: Path) -> None:
