@@ -21,6 +21,7 @@ from test_other_executors import contents, known_of
 
 import colmap_ihe
 from colmap_ihe.captures.discover import discover
+from colmap_ihe.cli import main
 from colmap_ihe.errors import CapabilityError, ClusterError, OptionError
 from colmap_ihe.options import Options
 from colmap_ihe.pipeline import reconstruct
@@ -385,3 +386,23 @@ def test_errors_reach_the_caller_as_they_were(tmp_path: Path) -> None:
         left = executor.submit(time.sleep, 1)
     assert left.cancelled()
     assert [p.name for p in (tmp_path / "records").iterdir()] == ["workers.log"]
+
+
+def test_whole_projects_of_a_batch_run_on_workers(
+    new_project: Make, capsys: pytest.CaptureFixture[str]
+) -> None:
+    first = new_project(8, name="batch-root/north")
+    new_project(8, name="batch-root/south")
+    root = first.parent
+    settings = [part for assignment in QUICK for part in ("--set", assignment)]
+    arguments = ["batch", str(root), "--cluster", "local:2", "--no-dense", "--json", *settings]
+    assert main(arguments) == 0
+    said = json.loads(capsys.readouterr().out)
+    assert [one["state"] for one in said["projects"]] == ["done", "done"]
+    for name in ("north", "south"):
+        summary = json.loads((root / name / "report/summary.json").read_text())
+        assert summary["registered_images"] == 8
+        assert (
+            "cluster" not in (root / name / "records/batch.log").read_text()
+        )  # each by itself, where it ran
+    assert main(arguments) == 0  # nothing is left to do
