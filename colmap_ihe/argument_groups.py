@@ -58,15 +58,19 @@ def camera_assignments(parsed: argparse.Namespace) -> list[str]:
 
 
 def add_ends(parser: argparse.ArgumentParser) -> None:
+    add_cluster(parser)
+    parser.add_argument("--no-dense", action="store_true", help="end with the sparse model")
+    parser.add_argument("--no-mesh", action="store_true", help="end with the dense cloud")
+    parser.add_argument("--strict", action="store_true", help="stop at a photograph that cannot be used")
+
+
+def add_cluster(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--cluster",
         metavar="ADDRESS",
         help="work on the workers of this Dask scheduler, as tcp://login1:8786, or on N worker processes here,"
         " local:N; see docs/cluster.md",
     )
-    parser.add_argument("--no-dense", action="store_true", help="end with the sparse model")
-    parser.add_argument("--no-mesh", action="store_true", help="end with the dense cloud")
-    parser.add_argument("--strict", action="store_true", help="stop at a photograph that cannot be used")
 
 
 def road_assignments(parsed: argparse.Namespace) -> list[str]:

@@ -9,6 +9,7 @@ from pathlib import Path
 from colmap_ihe.argument_groups import (
     Command,
     add_camera,
+    add_cluster,
     add_development,
     add_ends,
     add_project,
@@ -182,6 +183,7 @@ def _add_compare(command: Command) -> None:
     parser.add_argument(
         "--jobs", type=count, default=1, metavar="N", help="methods at a time as far as their matches (1)"
     )
+    add_cluster(parser)
     parser.add_argument("--no-dense", action="store_true", help="without dense clouds")
     parser.add_argument(
         "--pairs",

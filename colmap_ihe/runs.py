@@ -26,6 +26,7 @@ from colmap_ihe.grey_folder import convert_folder
 from colmap_ihe.linear_folder import develop_folder
 from colmap_ihe.options import ClusterOptions, ConvertOptions, FitOptions
 from colmap_ihe.pipeline import Reconstruction, reconstruct, status
+from colmap_ihe.project import Project
 from colmap_ihe.project_yaml import load_options
 from colmap_ihe.report.summary import weights_in_words
 from colmap_ihe.terminal import print_summary, print_table
@@ -185,16 +186,25 @@ def _status(parsed: argparse.Namespace, follower: Follower) -> None:
 
 def _compare(parsed: argparse.Namespace, follower: Follower) -> None:
     assignments = [*parsed.assignments, *(["dense.enabled=false"] if parsed.no_dense else [])]
-    found = compare(
-        parsed.project,
-        commands.project_options(parsed.project, assignments),
-        methods=[name.strip() for name in parsed.methods.split(",") if name.strip()],
-        seeds=parsed.seeds,
-        pairs=parsed.pairs,
-        jobs=parsed.jobs,
-        images=parsed.images,
-        audience=follower,
-    )
+    place = Project.at(parsed.project, parsed.images)
+    with ExitStack() as stack:
+        workers = None
+        if parsed.cluster:
+            where = ClusterOptions(address=parsed.cluster)
+            workers = stack.enter_context(
+                connected(where, place.comparison, [place.root, place.images], follower)
+            )
+        found = compare(
+            parsed.project,
+            commands.project_options(parsed.project, assignments),
+            methods=[name.strip() for name in parsed.methods.split(",") if name.strip()],
+            seeds=parsed.seeds,
+            pairs=parsed.pairs,
+            jobs=parsed.jobs,
+            images=parsed.images,
+            audience=follower,
+            executor=workers,
+        )
     if parsed.json:
         _result(follower, [asdict(one) for one in found])
         return
