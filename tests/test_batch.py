@@ -483,6 +483,7 @@ def crash_in(tmp_path: Path, stage: str, project: str) -> dict[str, str]:
         "import ctypes, os, sys, threading, time\n"
         "def wait(file):\n"
         "    while not os.path.exists(file): time.sleep(0.002)\n"
+        "    time.sleep(0.1)\n"  # it is told just after the file is there
         "    ctypes.string_at(0)\n"
         "said = ' '.join(sys.orig_argv)\n"
         f"if 'job_main' in said and '/{project}\"' in said:\n"
@@ -529,7 +530,7 @@ def test_one_good_one_broken_one_crashing(new_project: Callable[..., Path], tmp_
     (root / "broken/images").mkdir(parents=True)
     (root / "broken/images/a.jpg").write_bytes(b"no photograph")
     assert look_at(root / "good", QUICK).need_bytes > BASE_BYTES
-    with command(root, "--no-dense", env=crash_in(tmp_path, "fit", "crashing")) as process:
+    with command(root, "--no-dense", env=crash_in(tmp_path, "features", "crashing")) as process:
         status, found, errors = ended(process)
     assert status == 1
     by_name = {p["name"]: p for p in found["projects"]}
@@ -538,7 +539,7 @@ def test_one_good_one_broken_one_crashing(new_project: Callable[..., Path], tmp_
         "crashing": "crashed",
         "good": "done",
     }
-    assert by_name["crashing"]["reason"] == "crashed in fit (SIGSEGV)"
+    assert by_name["crashing"]["reason"] == "crashed in features (SIGSEGV)"
     assert "none of the 1 photographs can be used" in by_name["broken"]["reason"]
     assert by_name["good"]["registered_images"] == 8
     assert (root / "batch" / by_name["good"]["page"]).resolve() == root / "good/report/index.html"

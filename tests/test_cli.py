@@ -617,7 +617,7 @@ def test_convert_onto_a_full_disk(capsys: Captured, photos: Path, small_disk: Ca
     assert not list(disk.rglob("*.tmp"))
 
 
-@pytest.mark.parametrize("size", ["40k", "1m"])
+@pytest.mark.parametrize("size", [pytest.param("40k", marks=pytest.mark.slow), "1m"])
 def test_reconstruct_on_a_full_disk(
     capsys: Captured, new_project: Make, small_disk: Callable[[str], Path], size: str
 ) -> None:

@@ -52,6 +52,7 @@ def processes() -> Any:
         yield pool
 
 
+@pytest.mark.slow
 def test_processes_make_what_threads_make(
     new_project: Make, finished: Path, quick_options: Callable[..., Options], processes: Executor
 ) -> None:

@@ -70,8 +70,8 @@ def test_cameras_are_the_same_after_a_kill_amid_features(finished: Path, quick_o
 @pytest.mark.parametrize(
     ("gone", "stage"),
     [
-        ("workspace/images/portico_03.png", "convert"),
-        ("workspace/database.db", "features"),
+        pytest.param("workspace/images/portico_03.png", "convert", marks=pytest.mark.slow),
+        pytest.param("workspace/database.db", "features", marks=pytest.mark.slow),
         ("workspace/sparse/0/points3D.bin", "sparse"),
         ("workspace/dense/0/fused.ply", "dense"),
         ("workspace/dense/0/mesh.ply", "mesh"),

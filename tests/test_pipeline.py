@@ -675,6 +675,7 @@ def test_raw_only_registers_every_view(new_project: Make, quick_options: MakeOpt
     assert done.summary["warnings"] == []
 
 
+@pytest.mark.slow
 def test_a_set_mixing_raw_and_jpeg_runs_with_a_warning(new_project: Make, quick_options: MakeOptions) -> None:
     project, jpeg = new_project(8, (".dng",)), new_project(8, (".jpg",), name="jpeg")
     for number in (2, 4, 6):

@@ -30,6 +30,7 @@ def grey_of(project: Path) -> np.ndarray[tuple[int, ...], np.dtype[np.uint8]]:
         return np.asarray(image)
 
 
+@pytest.mark.slow
 def test_frames_of_a_project_change_its_grey_images(project: Path, quick_options: MakeOptions) -> None:
     options = quick_options()
     reconstruct(project, options, until="convert")

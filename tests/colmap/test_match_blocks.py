@@ -80,7 +80,9 @@ def matched(database: Path) -> dict[tuple[int, int], tuple[bytes, bytes]]:
         }
 
 
-@pytest.mark.parametrize("strategy", PAIRINGS)
+@pytest.mark.parametrize(
+    "strategy", [pytest.param(n, marks=pytest.mark.slow if n == "vocabtree" else ()) for n in PAIRINGS]
+)
 def test_as_colmap_does(database: Path, tmp_path: Path, executor: Executor, strategy: str) -> None:
     options = MatchesOptions.model_validate({"strategy": strategy, "pairing": PAIRINGS[strategy]})
     other = Path(shutil.copy(database, tmp_path / "other.db"))

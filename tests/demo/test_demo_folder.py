@@ -211,6 +211,7 @@ def test_a_finished_demo_is_not_rendered_again(demo: Path) -> None:
     assert sorted(p for p in demo.rglob("*") if p.is_file()) == files
 
 
+@pytest.mark.slow
 def test_the_same_seed_gives_the_same_files_and_another_does_not(tmp_path: Path) -> None:
     for name, seed in (("a", 3), ("b", 3), ("c", 4)):
         render_demo(tmp_path / name, views=2, size=(96, 64), seed=seed)
