@@ -1,9 +1,10 @@
 """What `compare` costs beside as many runs of `reconstruct`: wall-clock seconds, and their ratio.
 
-    python benchmarks/compare.py [--methods ihe,rec709,rgb2gray,green,photoshop,decolorize] [--seeds 0] [--work DIR]
+    python benchmarks/compare.py [--methods ihe,rec709,rgb2gray,green,photoshop,decolorize] [--seeds 0] [--size 1536]
 
-fountain-p11 at half resolution, from nothing to dense clouds, without meshes. `--seeds 0` is one run of the mapper a
-method, as `reconstruct` makes it; with more, `compare` does more, and separate runs would have to be as many more.
+fountain-p11, from nothing to dense clouds, without meshes; a run of its own and one method more of `compare` by turns,
+so that what else the machine does hits both. `--seeds 0` is one run of the mapper a method, as `reconstruct` makes it;
+with more, `compare` does more, and separate runs would have to be as many more.
 """
 
 from __future__ import annotations
@@ -17,10 +18,9 @@ from pathlib import Path
 from colmap_ihe.compare import compare
 from colmap_ihe.pipeline import reconstruct
 from colmap_ihe.project_yaml import load_options
-from colmap_ihe.terminal import Bars, print_table
+from colmap_ihe.terminal import print_table
 
 PHOTOGRAPHS = Path(__file__).resolve().parents[2] / "shared" / "data" / "fountain-p11"
-HALF = ("features.max_image_size=1536", "dense.max_image_size=1536", "mesh.enabled=false")
 
 
 def main() -> None:
@@ -29,29 +29,35 @@ def main() -> None:
     )
     parser.add_argument("--methods", default="ihe,rec709,rgb2gray,green,photoshop,decolorize")
     parser.add_argument("--seeds", type=int, default=0)
+    parser.add_argument("--size", type=int, default=1536, help="longer side for features and dense stereo")
     parser.add_argument("--work", type=Path, help="kept; a temporary folder if not given")
     parsed = parser.parse_args()
     methods = parsed.methods.split(",")
+    small = [f"{stage}.max_image_size={parsed.size}" for stage in ("features", "dense")] + [
+        "mesh.enabled=false"
+    ]
+    together = apart = 0.0
     with tempfile.TemporaryDirectory() as temporary:
         work = parsed.work or Path(temporary)
         shutil.rmtree(work / "together", ignore_errors=True)
         (work / "together").mkdir(parents=True)
-        began = time.monotonic()
-        compare(
-            work / "together",
-            load_options(None, HALF),
-            methods=methods,
-            seeds=parsed.seeds,
-            images=PHOTOGRAPHS,
-            audience=Bars(),
-        )
-        together = time.monotonic() - began
-        began = time.monotonic()
-        for method in methods:
-            options = load_options(None, [*HALF, f"fit.method={method}"])
+        for number, method in enumerate(methods, 1):
             shutil.rmtree(work / method, ignore_errors=True)
-            reconstruct(work / method, options, images=PHOTOGRAPHS, audience=Bars())
-        apart = time.monotonic() - began
+            began = time.monotonic()
+            reconstruct(
+                work / method, load_options(None, [*small, f"fit.method={method}"]), images=PHOTOGRAPHS
+            )
+            apart += time.monotonic() - began
+            began = time.monotonic()
+            compare(
+                work / "together",
+                load_options(None, small),
+                methods=methods[:number],
+                seeds=parsed.seeds,
+                images=PHOTOGRAPHS,
+            )
+            together += time.monotonic() - began
+            print(f"{method}: apart {apart:.0f} s, together {together:.0f} s so far", flush=True)
     rows = [
         (f"{len(methods)} runs of reconstruct", f"{apart:.0f} s", ""),
         (f"compare, {parsed.seeds} further runs a method", f"{together:.0f} s", f"{together / apart:.2f}"),
