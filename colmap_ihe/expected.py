@@ -19,16 +19,16 @@ def expected(options: Options, images: int, pixels: int, with_gps: int, until: s
     parts = [
         Part("fit", "images", 0.01 * megapixels),
         Part("convert", "images", 0.03 * megapixels),
-        Part("features", "images", 1.1 * megapixels),
-        Part("matches", "pairs", 0.15 * pairs),
-        Part("sparse", "images", 1.0 * images),
+        Part("features", "images", 0.55 * megapixels + 0.4 * images),
+        Part("matches", "pairs", 0.1 * pairs),
+        Part("sparse", "images", 0.7 * images),
     ]
     if options.dense.enabled:
         parts += _dense(options, images, megapixels)
     before = [n for n, part in enumerate(parts) if part.stage == until]
     parts = parts[: before[-1] + 1] if before else parts * (until != "captures")
     if any(part.stage == "sparse" for part in parts):
-        parts += [Part("page", "photographs looked at", 0.06 * megapixels), Part("page", "pairs drawn", 6.0)]
+        parts += [Part("page", "photographs looked at", 0.045 * megapixels), Part("page", "pairs drawn", 5.0)]
     return parts
 
 
@@ -37,18 +37,22 @@ def _dense(options: Options, images: int, megapixels: float) -> list[Part]:
     if pick_backend(options.dense.backend) == "patchmatch":
         depth = Part("dense", "runs of PatchMatch", 3.0 * seen)
     else:
-        depth = Part("dense", "depth maps", 3.0 * seen)
-    parts = [Part("dense", "undistorted sets", 0.2 * megapixels), depth, Part("dense", "fusions", 0.9 * seen)]
+        depth = Part("dense", "depth maps", 1.7 * seen)
+    parts = [
+        Part("dense", "undistorted sets", 0.1 * megapixels + 0.2 * images),
+        depth,
+        Part("dense", "fusions", 0.35 * seen),
+    ]
     if not options.mesh.enabled:
         return parts
-    parts.append(Part("mesh", "parts of the surface", 1.7 * seen))
+    parts.append(Part("mesh", "parts of the surface", 0.87 * seen))
     if options.mesh.texture is False or (options.mesh.texture == "auto" and not textured.is_possible()):
         return parts
     return [
         *parts,
-        Part("mesh", "photographs looked through", 1.0 * seen),
-        Part("mesh", "atlases", 2.0),
-        Part("mesh", "photographs compared at seams", 0.7 * seen),
-        Part("mesh", "photographs on the texture", 0.2 * seen),
-        Part("mesh", "sets of files", 2.0),
+        Part("mesh", "photographs looked through", 0.45 * seen),
+        Part("mesh", "atlases", 1.0),
+        Part("mesh", "photographs compared at seams", 0.45 * seen),
+        Part("mesh", "photographs on the texture", 0.15 * seen),
+        Part("mesh", "sets of files", 1.0),
     ]
