@@ -37,7 +37,7 @@ from colmap_ihe.evaluate.paired import LEFT_OUT
 from colmap_ihe.evaluate.truth import Truth
 from colmap_ihe.executor import local_executor
 from colmap_ihe.grey.conversions import CONVERSIONS
-from colmap_ihe.options import FitOptions, Options
+from colmap_ihe.options import ClusterOptions, FitOptions, Options
 from colmap_ihe.pipeline import Reconstruction, reconstruct
 from colmap_ihe.progress import SILENT, Audience
 from colmap_ihe.project import Project, fingerprint_of, read_json, require_room, write_bytes, write_json
@@ -127,7 +127,9 @@ def _project_of(place: Project, method: str, options: Options) -> Project:
         if (place.root / given).is_dir() and not (root / given).exists():
             (root / given).symlink_to((place.root / given).resolve(), target_is_directory=True)
     one = Project.at(root, place.images)
-    own = options.model_copy(update={"fit": _fit_of(method, options.fit)})
+    own = options.model_copy(  # it may itself run on a worker, which must not wait for workers
+        update={"fit": _fit_of(method, options.fit), "cluster": ClusterOptions()}
+    )
     write_bytes(one.options_file, yaml.safe_dump(own.as_yaml(), sort_keys=False).encode())
     _share(Project.at(place.comparison, place.images), one)
     return one

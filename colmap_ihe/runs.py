@@ -78,8 +78,9 @@ def _batch(parsed: argparse.Namespace, follower: Follower) -> None:
     cluster, parsed.cluster = parsed.cluster, None  # whole projects go there, and each runs where it comes to
     folder = BatchFolder.at(parsed.root)
     with ExitStack() as stack:
-        workers = None
+        workers, alone = None, []
         if cluster:
+            alone = ["cluster.address=null"]  # a worker must not wait for workers, whatever project.yaml says
             folder.make()
             where = ClusterOptions(address=cluster)
             workers = stack.enter_context(connected(where, folder.folder, [folder.root], follower))
@@ -87,7 +88,7 @@ def _batch(parsed: argparse.Namespace, follower: Follower) -> None:
         done = batch(
             parsed.root,
             executor=workers,
-            assignments=road_assignments(parsed),
+            assignments=[*road_assignments(parsed), *alone],
             jobs=parsed.jobs,
             time_limit_s=parsed.time_limit,
             watch=parsed.watch,

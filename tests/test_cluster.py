@@ -394,6 +394,7 @@ def test_whole_projects_of_a_batch_run_on_workers(
     first = new_project(8, name="batch-root/north")
     new_project(8, name="batch-root/south")
     root = first.parent
+    (first / "project.yaml").write_text("cluster: tcp://127.0.0.1:1\n")
     settings = [part for assignment in QUICK for part in ("--set", assignment)]
     arguments = ["batch", str(root), "--cluster", "local:2", "--no-dense", "--json", *settings]
     assert main(arguments) == 0
