@@ -10,8 +10,9 @@ from typing import Any
 
 from colmap_ihe.errors import OptionError
 from colmap_ihe.executor import local_workers
+from colmap_ihe.files import read_json, write_json
 from colmap_ihe.options import Options
-from colmap_ihe.project import Project, read_json, write_json
+from colmap_ihe.project import Project
 from colmap_ihe.project_yaml import options_of
 from colmap_ihe.version import __version__, library_versions
 

@@ -15,8 +15,9 @@ from colmap_ihe.batch_folder import BatchFolder, contents_of
 from colmap_ihe.batch_look import BASE_BYTES, Look
 from colmap_ihe.batched import FAILURES, Batched, State, batched, time_of
 from colmap_ihe.errors import KnownError
+from colmap_ihe.files import read_json, room_on_disk, write_json
 from colmap_ihe.job import GOES_ON, Outcome, Progress
-from colmap_ihe.project import Project, read_json, room_on_disk, write_json
+from colmap_ihe.project import Project
 
 _START_MEGAPIXELS = 2.0
 

@@ -10,7 +10,8 @@ from pathlib import Path
 
 from colmap_ihe import ours
 from colmap_ihe.errors import ProjectError
-from colmap_ihe.project import Project, fingerprint_of, room_on_disk
+from colmap_ihe.files import fingerprint_of, room_on_disk
+from colmap_ihe.project import Project
 
 _NAME = "batch"
 

@@ -14,8 +14,9 @@ from typing import Any, Literal
 from urllib.parse import quote
 
 from colmap_ihe.batch_folder import BatchFolder
+from colmap_ihe.files import read_json, write_bytes, write_json
 from colmap_ihe.job import Ending
-from colmap_ihe.project import Project, read_json, write_bytes, write_json
+from colmap_ihe.project import Project
 from colmap_ihe.report.charts import duration
 from colmap_ihe.report.contents import BatchContents, Picture, ProjectRow
 from colmap_ihe.report.page import render_batch

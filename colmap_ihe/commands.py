@@ -21,6 +21,7 @@ from colmap_ihe.demo.folder import render_demo
 from colmap_ihe.demo.truth import add_truth
 from colmap_ihe.errors import ProjectError, WeightsError
 from colmap_ihe.executor import local_executor, local_workers
+from colmap_ihe.files import read_json
 from colmap_ihe.fitting import Fit, fit_captures
 from colmap_ihe.grey.weights import Grey, Weights
 from colmap_ihe.options import DevelopOptions, FitOptions, Options
@@ -29,7 +30,7 @@ from colmap_ihe.per_image import LeftOut
 from colmap_ihe.pipeline import ROAD, Reconstruction, reconstruct, switched_off
 from colmap_ihe.preprocess import Surveyed, survey
 from colmap_ihe.progress import SILENT, Audience
-from colmap_ihe.project import Project, read_json
+from colmap_ihe.project import Project
 from colmap_ihe.project_yaml import load_options
 from colmap_ihe.recipes import prepared_set
 from colmap_ihe.report.summary import summarise

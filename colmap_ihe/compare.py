@@ -36,11 +36,12 @@ from colmap_ihe.evaluate.chosen import read_pairs
 from colmap_ihe.evaluate.paired import LEFT_OUT
 from colmap_ihe.evaluate.truth import Truth
 from colmap_ihe.executor import local_executor
+from colmap_ihe.files import fingerprint_of, read_json, require_room, write_bytes, write_json
 from colmap_ihe.grey.conversions import CONVERSIONS
 from colmap_ihe.options import ClusterOptions, FitOptions, Options
 from colmap_ihe.pipeline import Reconstruction, reconstruct
 from colmap_ihe.progress import SILENT, Audience
-from colmap_ihe.project import Project, fingerprint_of, read_json, require_room, write_bytes, write_json
+from colmap_ihe.project import Project
 from colmap_ihe.project_yaml import load_options
 from colmap_ihe.version import library_versions
 

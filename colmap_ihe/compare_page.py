@@ -10,8 +10,9 @@ import numpy as np
 from colmap_ihe.colmap import shown
 from colmap_ihe.colmap.undistort import read_colour, read_grey
 from colmap_ihe.compared import Compared, sentences, tables_of
+from colmap_ihe.files import write_bytes
 from colmap_ihe.pages import CITATION
-from colmap_ihe.project import Project, write_bytes
+from colmap_ihe.project import Project
 from colmap_ihe.report import pictures
 from colmap_ihe.report.contents import Comparison, MethodFigures, Picture
 from colmap_ihe.report.page import render_comparison

@@ -10,8 +10,9 @@ from typing import Any
 
 from colmap_ihe.captures.discover import Discovery
 from colmap_ihe.executor import in_order
+from colmap_ihe.files import digest_file, read_json
 from colmap_ihe.progress import Watch
-from colmap_ihe.project import Project, digest_file, read_json
+from colmap_ihe.project import Project
 
 FRAMES = "../calibration/"  # before the names of its files, which no photograph can have
 

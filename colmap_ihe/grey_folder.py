@@ -16,6 +16,7 @@ from colmap_ihe.captures.discover import discover
 from colmap_ihe.captures.encode import SUFFIXES
 from colmap_ihe.errors import KnownError, ProjectError, WeightsError
 from colmap_ihe.executor import in_order, local_executor
+from colmap_ihe.files import digest_file, fingerprint_of
 from colmap_ihe.fitting import Fit, Trial, fit_captures
 from colmap_ihe.grey.convert import Tone, check_tone
 from colmap_ihe.grey.weights import Grey, grey_from_dict
@@ -24,7 +25,6 @@ from colmap_ihe.options import CamerasOptions, ConvertOptions, DevelopOptions, F
 from colmap_ihe.per_image import LeftOut
 from colmap_ihe.preprocess import Surveyed, convert_captures, weights_for
 from colmap_ihe.progress import SILENT, Audience
-from colmap_ihe.project import digest_file, fingerprint_of
 from colmap_ihe.recipes import prepared_set
 from colmap_ihe.version import __version__, library_versions
 

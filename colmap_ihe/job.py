@@ -22,7 +22,8 @@ from typing import Any, Literal
 
 from colmap_ihe import memory
 from colmap_ihe.errors import KnownError
-from colmap_ihe.project import Project, room_on_disk
+from colmap_ihe.files import room_on_disk
+from colmap_ihe.project import Project
 
 Ending = Literal["done", "failed", "crashed", "out_of_memory", "timed_out", "busy", "stopped"]
 

@@ -17,7 +17,7 @@ from typing import Any
 
 from colmap_ihe.errors import ProjectError
 from colmap_ihe.executor import local_executor
-from colmap_ihe.project import digest_file, read_json, room_on_disk, write_json
+from colmap_ihe.files import digest_file, read_json, room_on_disk, write_json
 
 RECORD = ".colmap-ihe.json"
 _UNFINISHED = re.compile(r"\.[0-9a-f]{24}\.\d+\.tmp")  # of `write_bytes`, when it was killed

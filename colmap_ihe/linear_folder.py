@@ -16,13 +16,13 @@ from colmap_ihe.captures.discover import discover
 from colmap_ihe.captures.linear_tiff import encode_linear_tiff
 from colmap_ihe.errors import ProjectError
 from colmap_ihe.executor import local_executor
+from colmap_ihe.files import fingerprint_of, write_bytes
 from colmap_ihe.grey_folder import digests_of, require_apart
 from colmap_ihe.ledger import Ledger, opened
 from colmap_ihe.options import DevelopOptions
 from colmap_ihe.per_image import LeftOut, each_usable
 from colmap_ihe.preprocess import Surveyed
 from colmap_ihe.progress import SILENT, Audience
-from colmap_ihe.project import fingerprint_of, write_bytes
 from colmap_ihe.recipes import prepared_set
 from colmap_ihe.version import __version__, library_versions
 

@@ -31,9 +31,9 @@ from colmap_ihe.captures.raw import frames_of
 from colmap_ihe.captures.recipe import Recipe
 from colmap_ihe.errors import PhotographError
 from colmap_ihe.executor import in_order
+from colmap_ihe.files import digest_file, fingerprint_of, write_array
 from colmap_ihe.preprocess import Surveyed
 from colmap_ihe.progress import Watch
-from colmap_ihe.project import digest_file, fingerprint_of, write_array
 from colmap_ihe.version import library_versions
 
 _LOOKED_AT = 16  # photographs, for bad pixels that all of them have

@@ -16,9 +16,10 @@ from colmap_ihe.colmap.two_views import features_of, match, quiet, verified
 from colmap_ihe.colmap.undistort import read_colour, read_grey
 from colmap_ihe.errors import KnownError
 from colmap_ihe.executor import in_order, threads_of
+from colmap_ihe.files import write_bytes
 from colmap_ihe.options import Options
 from colmap_ihe.progress import Audience, Watch
-from colmap_ihe.project import Project, write_bytes
+from colmap_ihe.project import Project
 from colmap_ihe.report import pictures
 from colmap_ihe.report.contents import Camera, Cloud, Contents, Grey, Pair, Photograph, Picture, Slider
 from colmap_ihe.report.page import render_page

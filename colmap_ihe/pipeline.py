@@ -27,10 +27,11 @@ from colmap_ihe.digests import FRAMES, content_of, digests_of
 from colmap_ihe.errors import OptionError, PhotographError
 from colmap_ihe.executor import local_executor
 from colmap_ihe.expected import expected
+from colmap_ihe.files import digest_file, fingerprint_of, room_on_disk, write_json
 from colmap_ihe.options import Options
 from colmap_ihe.pages import page_of
 from colmap_ihe.progress import SILENT, Audience, Watch
-from colmap_ihe.project import Project, digest_file, fingerprint_of, room_on_disk, write_json
+from colmap_ihe.project import Project
 from colmap_ihe.report.summary import summarise
 from colmap_ihe.run import Record, Run
 from colmap_ihe.version import __version__, library_versions

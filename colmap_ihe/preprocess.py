@@ -21,6 +21,7 @@ from colmap_ihe.captures.metadata import Metadata, read_metadata, sized
 from colmap_ihe.captures.png import encode_png
 from colmap_ihe.errors import ProjectError, WeightsError
 from colmap_ihe.executor import local_workers, shares_memory
+from colmap_ihe.files import write_bytes
 from colmap_ihe.fitting import Fit
 from colmap_ihe.grey.convert import check_tone, to_colour, to_grey
 from colmap_ihe.grey.wallis import wallis
@@ -28,7 +29,6 @@ from colmap_ihe.grey.weights import Grey
 from colmap_ihe.options import CamerasOptions, ConvertOptions
 from colmap_ihe.per_image import LeftOut, each_usable
 from colmap_ihe.progress import Watch
-from colmap_ihe.project import write_bytes
 
 
 @dataclass(frozen=True)

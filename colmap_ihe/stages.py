@@ -23,12 +23,12 @@ from colmap_ihe.colmap.matching import match_features
 from colmap_ihe.colmap.workspace import database_is_sound, remove_database
 from colmap_ihe.errors import MappingError
 from colmap_ihe.executor import threads_of
+from colmap_ihe.files import require_room
 from colmap_ihe.fitting import Fit, Trial, fit_captures
 from colmap_ihe.grey.weights import Weights, grey_from_dict
 from colmap_ihe.options import Options
 from colmap_ihe.preprocess import convert_captures, survey, write_masks
 from colmap_ihe.progress import Watch
-from colmap_ihe.project import require_room
 from colmap_ihe.recipes import recipe_notes, with_recipes
 from colmap_ihe.run import Record, Run
 from colmap_ihe.stored import Stored, write_stored

@@ -17,12 +17,12 @@ from typing import Any
 from isal import isal_zlib
 
 from colmap_ihe.errors import WeightsError
+from colmap_ihe.files import write_bytes
 from colmap_ihe.gathering import Gathered
 from colmap_ihe.grey.contrast import Contrast
 from colmap_ihe.grey.histogram import Histogram, inflated
 from colmap_ihe.grey.sums import Sums
 from colmap_ihe.grey.weights import Encoding
-from colmap_ihe.project import write_bytes
 from colmap_ihe.version import __version__
 
 SUFFIX = ".histogram"

@@ -10,9 +10,9 @@ import yaml
 from numpy.typing import NDArray
 
 from colmap_ihe.errors import WeightsError
+from colmap_ihe.files import write_bytes
 from colmap_ihe.grey.convert import to_grey
 from colmap_ihe.grey.weights import Grey, grey_from_dict
-from colmap_ihe.project import write_bytes
 
 
 def write_weights(file: Path, grey: Grey) -> None:

@@ -32,9 +32,10 @@ from colmap_ihe.captures.metadata import Metadata
 from colmap_ihe.cli import main
 from colmap_ihe.errors import Cancelled, OptionError, ProjectError
 from colmap_ihe.executor import local_workers
+from colmap_ihe.files import read_json, write_json
 from colmap_ihe.job import Job, Outcome, Progress
 from colmap_ihe.preprocess import Surveyed
-from colmap_ihe.project import Project, read_json, write_json
+from colmap_ihe.project import Project
 from colmap_ihe.project_yaml import load_options
 from colmap_ihe.runs import RUNS
 

@@ -18,16 +18,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from colmap_ihe.errors import DiskFullError, ProjectError
+from colmap_ihe.files import digest_file, fingerprint_of, read_json, replace_folder, write_bytes, write_json
 from colmap_ihe.pipeline import reconstruct
-from colmap_ihe.project import (
-    Project,
-    digest_file,
-    fingerprint_of,
-    read_json,
-    replace_folder,
-    write_bytes,
-    write_json,
-)
+from colmap_ihe.project import Project
 
 
 def project(folder: Path) -> Project:

@@ -15,8 +15,8 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from colmap_ihe.errors import Cancelled, ClusterError
+from colmap_ihe.files import write_bytes
 from colmap_ihe.progress import Watch
-from colmap_ihe.project import write_bytes
 
 _PATTERN = "cluster-*.lease"
 _RUNNING, _OVER = b"running", b"is over"  # of one length: written in place, for the lock is on the file

@@ -11,9 +11,9 @@ from typing import Any
 from colmap_ihe.colmap.mapping_apart import MAPPERS, map_apart
 from colmap_ihe.colmap.native import apply_options, called, pycolmap
 from colmap_ihe.errors import MappingError
+from colmap_ihe.files import replace_folder
 from colmap_ihe.options import SparseOptions
 from colmap_ihe.progress import Watch
-from colmap_ihe.project import replace_folder
 
 _LONG_TRACK = 3
 

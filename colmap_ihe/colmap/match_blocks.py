@@ -19,9 +19,9 @@ from colmap_ihe.colmap.packs import (
     write_pack,
 )
 from colmap_ihe.executor import TaskWatch, in_order, width_of
+from colmap_ihe.files import write_bytes
 from colmap_ihe.options import MatchesOptions
 from colmap_ihe.progress import Watch
-from colmap_ihe.project import write_bytes
 
 Pair = tuple[int, int]
 """The ids of two images."""

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from colmap_ihe.colmap.native import pycolmap, translated
 from colmap_ihe.errors import DiskFullError, NativeError
-from colmap_ihe.project import room_on_disk, write_bytes
+from colmap_ihe.files import room_on_disk, write_bytes
 
 _Item = TypeVar("_Item")
 _LITTLE = 1 << 20  # bytes free with which nothing can be written: a database grows in steps

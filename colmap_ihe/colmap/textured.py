@@ -19,8 +19,8 @@ from colmap_ihe.colmap.ply import read_mesh
 from colmap_ihe.colmap.shown import upright
 from colmap_ihe.colmap.undistort import read_colour, read_mask
 from colmap_ihe.errors import CapabilityError
+from colmap_ihe.files import write_bytes
 from colmap_ihe.progress import SILENT, Watch
-from colmap_ihe.project import write_bytes
 from colmap_ihe.texture.atlas import Atlas, cut, pack
 from colmap_ihe.texture.bake import bake, corner_colours
 from colmap_ihe.texture.level import seam_offsets

@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 from colmap_ihe.captures.png import encode_png
 from colmap_ihe.colmap.native import called, pycolmap
 from colmap_ihe.errors import ProjectError
+from colmap_ihe.files import write_bytes
 from colmap_ihe.progress import SILENT, Watch
-from colmap_ihe.project import write_bytes
 
 _WHITE = 255
 _MADE = ("images", "sparse", "masks", "grey/images", "grey/sparse")

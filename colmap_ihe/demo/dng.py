@@ -11,7 +11,7 @@ from PIL import ExifTags, TiffTags
 from PIL.TiffImagePlugin import ImageFileDirectory_v2
 
 from colmap_ihe.demo.exif import PhotoExif, exif_tags, main_tags
-from colmap_ihe.project import write_bytes
+from colmap_ihe.files import write_bytes
 
 PATTERNS = ("RGGB", "BGGR", "GRBG", "GBRG")
 

@@ -31,8 +31,8 @@ from colmap_ihe.demo.photograph import take_photograph
 from colmap_ihe.demo.renderer import Surface, bake, render
 from colmap_ihe.demo.scene import portico
 from colmap_ihe.demo.views import View, arc_of_views
+from colmap_ihe.files import write_bytes, write_json
 from colmap_ihe.progress import SILENT, Watch
-from colmap_ihe.project import write_bytes, write_json
 
 _SCENE_VERSION = 1  # raise it whenever the same parameters give other pictures
 _TEXEL_M = 0.0075  # for pictures 1504 wide: about what a pixel sees of the facade

@@ -14,7 +14,7 @@ from colmap_ihe.demo.dng import write_dng
 from colmap_ihe.demo.exif import PhotoExif, jpeg_exif
 from colmap_ihe.demo.grid import F32
 from colmap_ihe.demo.views import FOCAL_LENGTH_35MM, View
-from colmap_ihe.project import write_bytes
+from colmap_ihe.files import write_bytes
 
 BLACK, WHITE = 512, 16383
 SENSOR_GAINS = (0.50, 1.00, 0.62)  # what a neutral surface gives in R, G, B, relative to green

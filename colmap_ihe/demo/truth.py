@@ -8,8 +8,8 @@ from pathlib import Path
 from colmap_ihe.colmap.native import pycolmap
 from colmap_ihe.evaluate.depth import DepthErrors, depth_errors, pooled, truth_summary
 from colmap_ihe.evaluate.truth import Truth, key_of, pose_errors, read_truth
+from colmap_ihe.files import write_json
 from colmap_ihe.pipeline import Reconstruction
-from colmap_ihe.project import write_json
 
 
 def add_truth(done: Reconstruction, truth_folder: Path) -> Reconstruction:
