@@ -20,8 +20,8 @@ import time
 from pathlib import Path
 from typing import Any
 
-from colmap_ihe.pipeline import NAMES
 from colmap_ihe.project import Project
+from colmap_ihe.road import NAMES
 from colmap_ihe.terminal import print_table
 
 SCEAUX = Path(__file__).resolve().parents[2] / "shared" / "data" / "sceaux"

@@ -34,7 +34,7 @@ from colmap_ihe.colmap.measures import poses_of
 from colmap_ihe.colmap.native import pycolmap
 from colmap_ihe.demo.folder import render_demo
 from colmap_ihe.evaluate.truth import Truth, pose_errors, read_truth
-from colmap_ihe.pipeline import NAMES
+from colmap_ihe.road import NAMES
 from colmap_ihe.terminal import print_table
 
 QUICK = (

@@ -13,8 +13,9 @@ if TYPE_CHECKING:
     from colmap_ihe.grey.weights import Weights
     from colmap_ihe.grey_folder import convert_folder
     from colmap_ihe.options import Options
-    from colmap_ihe.pipeline import Reconstruction, reconstruct, status
+    from colmap_ihe.pipeline import Reconstruction, reconstruct
     from colmap_ihe.project_yaml import load_options
+    from colmap_ihe.standing import status
     from colmap_ihe.version import __version__
 
 __all__ = [
@@ -43,7 +44,7 @@ _HOMES = {
     "fit_weights": "grey.ihe",
     "load_options": "project_yaml",
     "reconstruct": "pipeline",
-    "status": "pipeline",
+    "status": "standing",
     "to_grey": "grey.convert",
 }
 

@@ -23,7 +23,7 @@ from colmap_ihe.compared import PAPER
 from colmap_ihe.following import Follower
 from colmap_ihe.grey.conversions import CONVERSIONS
 from colmap_ihe.grey.convert import TONES
-from colmap_ihe.pipeline import NAMES
+from colmap_ihe.road import NAMES
 from colmap_ihe.version import __version__
 
 METHODS = tuple(CONVERSIONS)

@@ -19,12 +19,12 @@ from colmap_ihe.commands import project_options
 from colmap_ihe.errors import KnownError, PhotographError
 from colmap_ihe.executor import local_executor, local_workers
 from colmap_ihe.options import Options
-from colmap_ihe.pipeline import status
 from colmap_ihe.preprocess import Surveyed, survey
 from colmap_ihe.progress import SILENT
 from colmap_ihe.project import Project
 from colmap_ihe.report import pictures
 from colmap_ihe.report.contents import Picture
+from colmap_ihe.standing import status
 
 BASE_BYTES = 600_000_000
 """Of any run: the interpreter, the libraries, and COLMAP's caches of a small set. Measured; see docs/batch.md."""

@@ -11,9 +11,9 @@ from typing import Any
 from colmap_ihe.captures.discover import Capture, captures_of_files, discover
 from colmap_ihe.gathering import Gathered
 from colmap_ihe.options import DevelopOptions
-from colmap_ihe.pipeline import status
 from colmap_ihe.project import Project
 from colmap_ihe.project_yaml import load_options
+from colmap_ihe.standing import status
 from colmap_ihe.stored import SUFFIX, Stored, read_stored
 
 

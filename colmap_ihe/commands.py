@@ -27,13 +27,14 @@ from colmap_ihe.grey.weights import Grey, Weights
 from colmap_ihe.options import DevelopOptions, FitOptions, Options
 from colmap_ihe.pages import write_page
 from colmap_ihe.per_image import LeftOut
-from colmap_ihe.pipeline import ROAD, Reconstruction, reconstruct, switched_off
+from colmap_ihe.pipeline import Reconstruction, reconstruct
 from colmap_ihe.preprocess import Surveyed, survey
 from colmap_ihe.progress import SILENT, Audience
 from colmap_ihe.project import Project
 from colmap_ihe.project_yaml import load_options
 from colmap_ihe.recipes import prepared_set
 from colmap_ihe.report.summary import summarise
+from colmap_ihe.road import ROAD, switched_off
 from colmap_ihe.run import Record, Run
 from colmap_ihe.stored import SUFFIX, Stored, write_stored
 from colmap_ihe.version import __version__

@@ -69,12 +69,7 @@ def compare(
     there is not, `Cancelled`.
     """
     options = options or Options()
-    for method in methods:
-        if method not in (*CONVERSIONS, PAPER) or method == "auto":
-            raise OptionError(
-                f"no method is called {method!r}",
-                hint=f"the methods are {', '.join(m for m in CONVERSIONS if m != 'auto')}, {PAPER}",
-            )
+    _check_names(methods)
     place = Project.at(Path(project), Path(images) if images else None)
     truth = truth_of(place)
     chosen = read_pairs(Path(pairs), [c.name for c in discover(place.images).captures]) if pairs else None
@@ -112,12 +107,25 @@ def compare(
                 )
             )
         shutil.rmtree(place.comparison / _DEVELOPED, ignore_errors=True)
-        write_json(place.comparison / "compare.json", [asdict(one) for one in found])
-        for table in tables_of(found):
-            write_bytes(place.comparison / f"{table.name}.csv", table.as_csv().encode())
-            write_bytes(place.comparison / f"{table.name}.tex", table.as_latex().encode())
+        _write(place, found)
         write_comparison(place, found, [done.project for done in projects], cameras)
     return found
+
+
+def _check_names(methods: Sequence[str]) -> None:
+    for method in methods:
+        if method not in (*CONVERSIONS, PAPER) or method == "auto":
+            raise OptionError(
+                f"no method is called {method!r}",
+                hint=f"the methods are {', '.join(m for m in CONVERSIONS if m != 'auto')}, {PAPER}",
+            )
+
+
+def _write(place: Project, found: Sequence[Compared]) -> None:
+    write_json(place.comparison / "compare.json", [asdict(one) for one in found])
+    for table in tables_of(found):
+        write_bytes(place.comparison / f"{table.name}.csv", table.as_csv().encode())
+        write_bytes(place.comparison / f"{table.name}.tex", table.as_latex().encode())
 
 
 def _project_of(place: Project, method: str, options: Options) -> Project:

@@ -1,64 +1,40 @@
-"""The road from photographs to a coloured mesh: which stages there are, and how one is skipped,
-resumed, run and cancelled.
-
-A stage is up to date if its record carries the fingerprint that it would have now: of the options that
-affect its result, of the versions of what computes it, and of the stage before it. The first link of that
-chain is the content of the photographs. Never is anything skipped because a file is there.
-"""
+"""Down the road from photographs to a coloured mesh: how a stage is skipped, resumed, run and cancelled."""
 
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from concurrent.futures import Executor
 from contextlib import ExitStack
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from colmap_ihe import outputs, preflight, stages
 from colmap_ihe.again import Noted, note_run, unlike
-from colmap_ihe.captures.discover import Discovery, discover
+from colmap_ihe.captures.discover import discover
 from colmap_ihe.cluster.connect import workers_for
-from colmap_ihe.colmap import textured
-from colmap_ihe.colmap.dense import pick_backend
 from colmap_ihe.colmap.native import logged_to
-from colmap_ihe.digests import FRAMES, content_of, digests_of
+from colmap_ihe.digests import digests_of
 from colmap_ihe.errors import OptionError, PhotographError
-from colmap_ihe.executor import local_executor
 from colmap_ihe.expected import expected
-from colmap_ihe.files import digest_file, fingerprint_of, room_on_disk, write_json
+from colmap_ihe.files import room_on_disk, write_json
 from colmap_ihe.options import Options
 from colmap_ihe.pages import page_of
-from colmap_ihe.progress import SILENT, Audience, Watch
+from colmap_ihe.progress import SILENT, Audience
 from colmap_ihe.project import Project
 from colmap_ihe.report.summary import summarise
-from colmap_ihe.run import Record, Run
-from colmap_ihe.version import __version__, library_versions
-
-
-@dataclass(frozen=True)
-class Stage:
-    """One stop on the road. `options` names the sections, `libraries` the modules, that affect its result."""
-
-    name: str
-    run: Callable[[Run, Watch], Record]
-    options: tuple[str, ...] = ()
-    libraries: tuple[str, ...] = ()
-
-
-ROAD = (
-    Stage("captures", stages.captures, ("develop", "cameras"), ("rawpy", "libraw")),
-    Stage("fit", stages.fit, ("fit",), ("rawpy", "libraw")),
-    Stage("convert", stages.convert, ("convert",)),
-    Stage("features", stages.features, ("camera", "features"), ("pycolmap",)),
-    Stage("matches", stages.matches, ("matches",)),
-    Stage("sparse", stages.sparse, ("sparse",)),
-    Stage("dense", stages.dense, ("dense",), ("opencv",)),
-    Stage("mesh", stages.mesh, ("mesh",)),
+from colmap_ihe.road import (
+    NAMES,
+    ROAD,
+    Stage,
+    fingerprints,
+    options_of_stage,
+    switched_off,
+    versions_of,
+    why_stale,
 )
-NAMES = tuple(stage.name for stage in ROAD)
-_INPUT_CHANGED = "what it reads changed"
+from colmap_ihe.run import Record, Run
 
 
 @dataclass(frozen=True)
@@ -81,16 +57,6 @@ class Reconstruction:
     @property
     def mesh(self) -> Path:
         return self.project.mesh
-
-
-@dataclass(frozen=True)
-class StageState:
-    """Where one stage stands: "done", "stale" (and why), or "to do"."""
-
-    name: str
-    state: str
-    why: str
-    seconds: float | None
 
 
 def reconstruct(
@@ -133,28 +99,12 @@ def reconstruct(
             note_run(place, options, digests)
         for text in unlike(noted, digests) if noted else ():
             audience.warn(text)
-        prints = _fingerprints(place, options, run.discovery, digests)
-        ran = []
+        prints = fingerprints(place, options, run.discovery, digests)
         last = NAMES.index(until) if until else len(ROAD) - 1
-        for number, stage in enumerate(ROAD[: last + 1]):
-            if switched_off(stage.name, options):
-                continue
-            forced = start is not None and number >= NAMES.index(start)
-            record = None if forced else place.read_record(stage.name)
-            if record is not None and not _why_stale(place, stage, record, prints):
-                if options.captures.strict and record.get("left_out"):
-                    raise PhotographError(next(iter(record["left_out"].values())))
-                audience.kept(stage.name)
-            else:
-                record = _run_stage(stage, run, prints[stage.name], forced, audience)
-                ran.append(stage.name)
-            run.records[stage.name] = record
-            if stage.name == "captures":
-                counts = (record["images"], record["pixels"], record["with_gps"])
-                audience.foresee(expected(options, *counts, NAMES[last]))
+        ran = _up_to(last, run, prints, start, audience)
         for stage in ROAD[last + 1 :]:  # not asked for, but still true
             record = None if switched_off(stage.name, options) else place.read_record(stage.name)
-            if record is None or _why_stale(place, stage, record, prints):
+            if record is None or why_stale(place, stage, record, prints):
                 break
             run.records[stage.name] = record
         summary = summarise(run.records, options)
@@ -163,7 +113,32 @@ def reconstruct(
         write_json(place.summary_file, summary)
         if "sparse" in run.records and (ran or not place.page_file.exists()):
             page_of(run, summary, audience)
-    return Reconstruction(place, summary, tuple(ran))
+    return Reconstruction(place, summary, ran)
+
+
+def _up_to(
+    last: int, run: Run, prints: Mapping[str, str], start: str | None, audience: Audience
+) -> tuple[str, ...]:
+    """Runs what is not up to date, as far as the stage of that number, and returns the names of what ran."""
+    place, options = run.project, run.options
+    ran = []
+    for number, stage in enumerate(ROAD[: last + 1]):
+        if switched_off(stage.name, options):
+            continue
+        forced = start is not None and number >= NAMES.index(start)
+        record = None if forced else place.read_record(stage.name)
+        if record is not None and not why_stale(place, stage, record, prints):
+            if options.captures.strict and record.get("left_out"):
+                raise PhotographError(next(iter(record["left_out"].values())))
+            audience.kept(stage.name)
+        else:
+            record = _run_stage(stage, run, prints[stage.name], forced, audience)
+            ran.append(stage.name)
+        run.records[stage.name] = record
+        if stage.name == "captures":
+            counts = (record["images"], record["pixels"], record["with_gps"])
+            audience.foresee(expected(options, *counts, NAMES[last]))
+    return tuple(ran)
 
 
 def _check_range(start: str | None, until: str | None, options: Options) -> None:
@@ -174,57 +149,6 @@ def _check_range(start: str | None, until: str | None, options: Options) -> None
         raise OptionError(f"--from {start} comes after --until {until}", hint="name an earlier --from")
     if start is not None and (switch := switched_off(start, options)):
         raise OptionError(f"--from {start}, and {switch} is switched off", hint=f"leave out --no-{switch}")
-
-
-def switched_off(stage: str, options: Options) -> str:
-    """The section whose `enabled` switches the stage off, empty if none does."""
-    switches = {"dense": ("dense",), "mesh": ("dense", "mesh")}.get(stage, ())
-    return next((name for name in switches if not getattr(options, name).enabled), "")
-
-
-def status(
-    project: str | Path, options: Options | None = None, images: str | Path | None = None
-) -> list[StageState]:
-    """Where each stage of a project stands, without changing anything. Raises `ProjectError`."""
-    options = options or Options()
-    place = Project.at(Path(project), Path(images) if images else None)
-    discovery = discover(place.images)
-    with local_executor() as threads:
-        prints = _fingerprints(place, options, discovery, digests_of(place, discovery, threads, SILENT))
-    states: list[StageState] = []
-    stale_before = ""
-    for stage in ROAD:
-        record = place.read_record(stage.name)
-        if switch := switched_off(stage.name, options):
-            states.append(StageState(stage.name, "off", f"{switch}.enabled is false", None))
-        elif record is None:
-            why = "begun, not finished" if place.begun_file(stage.name).exists() else ""
-            states.append(StageState(stage.name, "to do", why, None))
-        elif why := _why_stale(place, stage, record, prints):
-            if why == _INPUT_CHANGED:
-                why = _what_changed(record, stage, options, stale_before)
-            states.append(StageState(stage.name, "stale", why, record["seconds"]))
-        else:
-            states.append(StageState(stage.name, "done", "", record["seconds"]))
-        if states[-1].state in ("stale", "to do") and not stale_before:
-            stale_before = stage.name
-    return states
-
-
-def _why_stale(project: Project, stage: Stage, record: Record, prints: Mapping[str, str]) -> str:
-    """Why a record does not count, empty if it does."""
-    if record.get("fingerprint") != prints[stage.name]:
-        return _INPUT_CHANGED
-    gone = outputs.missing(stage.name, project, record)
-    return f"{gone[0].name} is gone" if gone else ""
-
-
-def _what_changed(record: Record, stage: Stage, options: Options, before: str) -> str:
-    if record["options"] != _options_of(options, stage):
-        return "its options changed"
-    if record["versions"] != _versions_of(stage):
-        return "a library changed"
-    return f"{before} comes before it" if before else "the photographs changed"
 
 
 def _run_stage(stage: Stage, run: Run, fingerprint: str, forced: bool, audience: Audience) -> Record:
@@ -244,8 +168,8 @@ def _run_stage(stage: Stage, run: Run, fingerprint: str, forced: bool, audience:
     record = {
         "stage": stage.name,
         "fingerprint": fingerprint,
-        "options": _options_of(run.options, stage),
-        "versions": _versions_of(stage),
+        "options": options_of_stage(run.options, stage),
+        "versions": versions_of(stage),
         "seed": run.options.sparse.seed,
         "seconds": round(time.monotonic() - began, 2),
         "resumed": run.resumed,
@@ -257,49 +181,3 @@ def _run_stage(stage: Stage, run: Run, fingerprint: str, forced: bool, audience:
     for name, reason in record.get("left_out", {}).items():
         audience.warn(f"left out: {reason if name in reason else f'{name}: {reason}'}")
     return record
-
-
-def _options_of(options: Options, stage: Stage) -> dict[str, Any]:
-    chosen = {name: getattr(options, name).model_dump(mode="json") for name in stage.options}
-    if stage.name == "fit":
-        chosen["fit"]["weights"] = options.fit.weights is not None  # their content counts, not where they lie
-    if stage.name == "fit" and options.fit.method == "auto":
-        chosen["trial"] = asdict(stages.trial_of(options))
-    if stage.name == "dense":
-        del chosen["dense"]["enabled"]
-        chosen["dense"]["backend"] = pick_backend(options.dense.backend) if options.dense.enabled else "none"
-    if stage.name == "mesh":
-        del chosen["mesh"]["enabled"]
-        if options.mesh.texture == "auto":
-            chosen["mesh"]["texture"] = textured.is_possible()
-    return chosen
-
-
-def _versions_of(stage: Stage) -> dict[str, str]:
-    return {"colmap-ihe": __version__, **library_versions(*stage.libraries)}
-
-
-def _fingerprints(
-    project: Project, options: Options, discovery: Discovery, digests: Mapping[str, list[Any]]
-) -> dict[str, str]:
-    """What the record of each stage would have to carry to be true now."""
-    shots = [[c.name, digests[c.name][-1], list(c.paired), c.grey_stem] for c in discovery.captures]
-    before = fingerprint_of(shots)
-    prints: dict[str, str] = {}
-    for stage in ROAD:
-        chosen = _options_of(options, stage)
-        besides = content_of(project.masks) if stage.name == "features" else []
-        if stage.name == "fit" and options.fit.weights is not None:
-            besides = _content_of_weights(project.root / options.fit.weights)
-        if stage.name == "captures":
-            besides = [[name, found[-1]] for name, found in digests.items() if name.startswith(FRAMES)]
-        before = fingerprint_of(stage.name, chosen, _versions_of(stage), besides, before)
-        prints[stage.name] = before
-    return prints
-
-
-def _content_of_weights(file: Path) -> list[list[str]]:
-    try:
-        return [["weights", digest_file(file)]]
-    except OSError:  # the stage says so
-        return [["weights", ""]]

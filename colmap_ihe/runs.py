@@ -25,10 +25,11 @@ from colmap_ihe.grey.weights import Weights
 from colmap_ihe.grey_folder import convert_folder
 from colmap_ihe.linear_folder import develop_folder
 from colmap_ihe.options import ClusterOptions, ConvertOptions, FitOptions
-from colmap_ihe.pipeline import Reconstruction, reconstruct, status
+from colmap_ihe.pipeline import Reconstruction, reconstruct
 from colmap_ihe.project import Project
 from colmap_ihe.project_yaml import load_options
 from colmap_ihe.report.summary import weights_in_words
+from colmap_ihe.standing import status
 from colmap_ihe.terminal import print_summary, print_table
 from colmap_ihe.weights_file import read_weights
 

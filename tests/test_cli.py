@@ -21,7 +21,7 @@ from PIL import Image
 from colmap_ihe import commands
 from colmap_ihe.cli import main
 from colmap_ihe.colmap.native import pycolmap
-from colmap_ihe.pipeline import NAMES
+from colmap_ihe.road import NAMES
 from colmap_ihe.terminal import left_in_words
 from colmap_ihe.version import __version__
 

@@ -15,8 +15,9 @@ from PIL import Image
 from colmap_ihe.colmap.ply import read_mesh, read_ply, write_rows
 from colmap_ihe.errors import CapabilityError, OptionError
 from colmap_ihe.options import Options
-from colmap_ihe.pipeline import reconstruct, status
+from colmap_ihe.pipeline import reconstruct
 from colmap_ihe.project import Project
+from colmap_ihe.standing import status
 
 MakeOptions = Callable[..., Options]
 

@@ -16,9 +16,11 @@ from colmap_ihe import outputs
 from colmap_ihe.colmap.native import pycolmap
 from colmap_ihe.errors import Cancelled, OptionError, PhotographError, ProjectError
 from colmap_ihe.options import Options
-from colmap_ihe.pipeline import NAMES, reconstruct, status
+from colmap_ihe.pipeline import reconstruct
 from colmap_ihe.progress import Silent, Watch
 from colmap_ihe.project import Project
+from colmap_ihe.road import NAMES
+from colmap_ihe.standing import status
 
 MakeOptions = Callable[..., Options]
 Make = Callable[..., Path]

@@ -15,11 +15,12 @@ from colmap_ihe.cli import main
 from colmap_ihe.errors import NativeError
 from colmap_ihe.executor import local_executor
 from colmap_ihe.options import Options
-from colmap_ihe.pipeline import ROAD, reconstruct
+from colmap_ihe.pipeline import reconstruct
 from colmap_ihe.progress import SILENT
 from colmap_ihe.project import Project
 from colmap_ihe.report.contents import Contents
 from colmap_ihe.report.summary import summarise
+from colmap_ihe.road import ROAD
 from colmap_ihe.run import Run
 
 Make = Callable[..., Path]

@@ -22,8 +22,10 @@ from colmap_ihe.colmap.native import pycolmap
 from colmap_ihe.errors import Cancelled, MappingError, OptionError, PhotographError, ProjectError
 from colmap_ihe.grey.weights import Weights, grey_from_dict
 from colmap_ihe.options import Options
-from colmap_ihe.pipeline import NAMES, reconstruct, status
+from colmap_ihe.pipeline import reconstruct
 from colmap_ihe.progress import Silent
+from colmap_ihe.road import NAMES
+from colmap_ihe.standing import status
 
 Make = Callable[..., Path]
 MakeOptions = Callable[..., Options]

@@ -14,7 +14,8 @@ from PIL import Image
 from colmap_ihe.grey_folder import convert_folder
 from colmap_ihe.linear_folder import develop_folder
 from colmap_ihe.options import DevelopOptions, Options
-from colmap_ihe.pipeline import reconstruct, status
+from colmap_ihe.pipeline import reconstruct
+from colmap_ihe.standing import status
 
 Make = Callable[..., Path]
 MakeOptions = Callable[..., Options]

@@ -1,0 +1,109 @@
+"""The road from photographs to a coloured mesh: which stages there are, and whether what one left still holds.
+
+A stage is up to date if its record carries the fingerprint that it would have now: of the options that
+affect its result, of the versions of what computes it, and of the stage before it. The first link of that
+chain is the content of the photographs. Never is anything skipped because a file is there.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+from colmap_ihe import outputs, stages
+from colmap_ihe.captures.discover import Discovery
+from colmap_ihe.colmap import textured
+from colmap_ihe.colmap.dense import pick_backend
+from colmap_ihe.digests import FRAMES, content_of
+from colmap_ihe.files import digest_file, fingerprint_of
+from colmap_ihe.options import Options
+from colmap_ihe.progress import Watch
+from colmap_ihe.project import Project
+from colmap_ihe.run import Record, Run
+from colmap_ihe.version import __version__, library_versions
+
+
+@dataclass(frozen=True)
+class Stage:
+    """One stop on the road. `options` names the sections, `libraries` the modules, that affect its result."""
+
+    name: str
+    run: Callable[[Run, Watch], Record]
+    options: tuple[str, ...] = ()
+    libraries: tuple[str, ...] = ()
+
+
+ROAD = (
+    Stage("captures", stages.captures, ("develop", "cameras"), ("rawpy", "libraw")),
+    Stage("fit", stages.fit, ("fit",), ("rawpy", "libraw")),
+    Stage("convert", stages.convert, ("convert",)),
+    Stage("features", stages.features, ("camera", "features"), ("pycolmap",)),
+    Stage("matches", stages.matches, ("matches",)),
+    Stage("sparse", stages.sparse, ("sparse",)),
+    Stage("dense", stages.dense, ("dense",), ("opencv",)),
+    Stage("mesh", stages.mesh, ("mesh",)),
+)
+NAMES = tuple(stage.name for stage in ROAD)
+INPUT_CHANGED = "what it reads changed"
+
+
+def switched_off(stage: str, options: Options) -> str:
+    """The section whose `enabled` switches the stage off, empty if none does."""
+    switches = {"dense": ("dense",), "mesh": ("dense", "mesh")}.get(stage, ())
+    return next((name for name in switches if not getattr(options, name).enabled), "")
+
+
+def why_stale(project: Project, stage: Stage, record: Record, prints: Mapping[str, str]) -> str:
+    """Why a record does not count, empty if it does."""
+    if record.get("fingerprint") != prints[stage.name]:
+        return INPUT_CHANGED
+    gone = outputs.missing(stage.name, project, record)
+    return f"{gone[0].name} is gone" if gone else ""
+
+
+def options_of_stage(options: Options, stage: Stage) -> dict[str, Any]:
+    chosen = {name: getattr(options, name).model_dump(mode="json") for name in stage.options}
+    if stage.name == "fit":
+        chosen["fit"]["weights"] = options.fit.weights is not None  # their content counts, not where they lie
+    if stage.name == "fit" and options.fit.method == "auto":
+        chosen["trial"] = asdict(stages.trial_of(options))
+    if stage.name == "dense":
+        del chosen["dense"]["enabled"]
+        chosen["dense"]["backend"] = pick_backend(options.dense.backend) if options.dense.enabled else "none"
+    if stage.name == "mesh":
+        del chosen["mesh"]["enabled"]
+        if options.mesh.texture == "auto":
+            chosen["mesh"]["texture"] = textured.is_possible()
+    return chosen
+
+
+def versions_of(stage: Stage) -> dict[str, str]:
+    return {"colmap-ihe": __version__, **library_versions(*stage.libraries)}
+
+
+def fingerprints(
+    project: Project, options: Options, discovery: Discovery, digests: Mapping[str, list[Any]]
+) -> dict[str, str]:
+    """What the record of each stage would have to carry to be true now."""
+    shots = [[c.name, digests[c.name][-1], list(c.paired), c.grey_stem] for c in discovery.captures]
+    before = fingerprint_of(shots)
+    prints: dict[str, str] = {}
+    for stage in ROAD:
+        chosen = options_of_stage(options, stage)
+        besides = content_of(project.masks) if stage.name == "features" else []
+        if stage.name == "fit" and options.fit.weights is not None:
+            besides = _content_of_weights(project.root / options.fit.weights)
+        if stage.name == "captures":
+            besides = [[name, found[-1]] for name, found in digests.items() if name.startswith(FRAMES)]
+        before = fingerprint_of(stage.name, chosen, versions_of(stage), besides, before)
+        prints[stage.name] = before
+    return prints
+
+
+def _content_of_weights(file: Path) -> list[list[str]]:
+    try:
+        return [["weights", digest_file(file)]]
+    except OSError:  # the stage says so
+        return [["weights", ""]]

@@ -1,0 +1,71 @@
+"""Where each stage of a project stands, and why it would run again."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from colmap_ihe.captures.discover import discover
+from colmap_ihe.digests import digests_of
+from colmap_ihe.executor import local_executor
+from colmap_ihe.options import Options
+from colmap_ihe.progress import SILENT
+from colmap_ihe.project import Project
+from colmap_ihe.road import (
+    INPUT_CHANGED,
+    ROAD,
+    Stage,
+    fingerprints,
+    options_of_stage,
+    switched_off,
+    versions_of,
+    why_stale,
+)
+from colmap_ihe.run import Record
+
+
+@dataclass(frozen=True)
+class StageState:
+    """Where one stage stands: "done", "stale" (and why), or "to do"."""
+
+    name: str
+    state: str
+    why: str
+    seconds: float | None
+
+
+def status(
+    project: str | Path, options: Options | None = None, images: str | Path | None = None
+) -> list[StageState]:
+    """Where each stage of a project stands, without changing anything. Raises `ProjectError`."""
+    options = options or Options()
+    place = Project.at(Path(project), Path(images) if images else None)
+    discovery = discover(place.images)
+    with local_executor() as threads:
+        prints = fingerprints(place, options, discovery, digests_of(place, discovery, threads, SILENT))
+    states: list[StageState] = []
+    stale_before = ""
+    for stage in ROAD:
+        record = place.read_record(stage.name)
+        if switch := switched_off(stage.name, options):
+            states.append(StageState(stage.name, "off", f"{switch}.enabled is false", None))
+        elif record is None:
+            why = "begun, not finished" if place.begun_file(stage.name).exists() else ""
+            states.append(StageState(stage.name, "to do", why, None))
+        elif why := why_stale(place, stage, record, prints):
+            if why == INPUT_CHANGED:
+                why = _what_changed(record, stage, options, stale_before)
+            states.append(StageState(stage.name, "stale", why, record["seconds"]))
+        else:
+            states.append(StageState(stage.name, "done", "", record["seconds"]))
+        if states[-1].state in ("stale", "to do") and not stale_before:
+            stale_before = stage.name
+    return states
+
+
+def _what_changed(record: Record, stage: Stage, options: Options, before: str) -> str:
+    if record["options"] != options_of_stage(options, stage):
+        return "its options changed"
+    if record["versions"] != versions_of(stage):
+        return "a library changed"
+    return f"{before} comes before it" if before else "the photographs changed"
