@@ -14,7 +14,7 @@ from contextlib import contextmanager
 from threading import Event
 from typing import TypeVar
 
-from colmap_ihe.captures import decoders
+from colmap_ihe.captures import decoder, decoders
 from colmap_ihe.errors import Cancelled
 from colmap_ihe.progress import SILENT, Silent, Watch
 
@@ -64,7 +64,7 @@ class TaskWatch(Silent):
     """Follows what a worker does: `Cancelled` as soon as its result is no longer wanted."""
 
     def check(self) -> None:
-        if decoders.stopped():
+        if decoder.stopped():
             raise Cancelled
 
 
@@ -82,7 +82,7 @@ def in_order(
     local, over = shares_memory(executor), Event()
 
     def stoppable(item: _Item) -> _Result:
-        with decoders.stoppable(over):
+        with decoder.stoppable(over):
             return function(item)
 
     work = stoppable if local else function

@@ -19,6 +19,7 @@ from pathlib import Path
 
 from colmap_ihe.captures import decoders
 from colmap_ihe.captures.decode import encoding_of, message_of
+from colmap_ihe.captures.decoder import BROKEN
 from colmap_ihe.captures.discover import Capture
 from colmap_ihe.captures.tally import sampled
 from colmap_ihe.errors import PhotographError
@@ -265,4 +266,4 @@ def _together(
 def _as_of(capture: Capture, error: Exception) -> PhotographError:
     if isinstance(error, PhotographError):
         return error
-    return PhotographError(f"{capture.name}: the decoder lost its way on it ({error})", hint=decoders.BROKEN)
+    return PhotographError(f"{capture.name}: the decoder lost its way on it ({error})", hint=BROKEN)

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 import colmap_ihe
-from colmap_ihe.captures import decoders
+from colmap_ihe.captures import decoder
 from colmap_ihe.cluster.lease import held
 from colmap_ihe.colmap.native import pycolmap
 from colmap_ihe.errors import ClusterError, KnownError, PhotographError
@@ -90,7 +90,7 @@ class Task:
         is over."""
         _checked(self.terms)
         try:
-            with held(self.terms.lease) as over, decoders.stoppable(over):
+            with held(self.terms.lease) as over, decoder.stoppable(over):
                 return self.function(*self.arguments, **self.keywords)
         except PhotographError:
             raise

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from colmap_ihe.executor import local_workers
 from colmap_ihe.grey import kernels
 from colmap_ihe.grey.histogram import LINEAR_EDGES, Histogram
+from colmap_ihe.grey.rules import Rules
 
 Triplet = tuple[int, int, int]
 """Weights of red, green and blue in hundredths."""
@@ -75,13 +76,11 @@ def _plane(values: NDArray[Any]) -> NDArray[np.float32]:
     return np.ascontiguousarray(values, np.float32)
 
 
-def bounds_of(
-    alone: Boxes, together: Boxes, rules: kernels.Rules
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def bounds_of(alone: Boxes, together: Boxes, rules: Rules) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """A lower bound of the sum of squared counts by each rule, and its estimate: (m,) each. The boxes of `alone`
     are of one colour."""
 
-    def bound(some: kernels.Rules) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def bound(some: Rules) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         known = kernels.count_boxes(alone.low, alone.mass, some)
         return kernels.bound_boxes(together.low, together.high, together.mass, some, known)
 
@@ -89,7 +88,7 @@ def bounds_of(
     return np.concatenate([p[0] for p in parts]), np.concatenate([p[1] for p in parts])
 
 
-def counts_of(boxes: Boxes, rules: kernels.Rules) -> NDArray[np.uint64]:
+def counts_of(boxes: Boxes, rules: Rules) -> NDArray[np.uint64]:
     """Grey histograms (m, 256) of coded boxes of one colour each."""
     return np.concatenate(_in_chunks(rules, lambda some: kernels.count_boxes(boxes.low, boxes.mass, some)))
 
@@ -108,7 +107,7 @@ def whites_of(boxes: Boxes, triplets: Sequence[Triplet]) -> list[int]:
     return [(int(place) + 1) * WHITE_STEP for place in np.concatenate(parts)]
 
 
-def _in_chunks(rules: kernels.Rules, function: Callable[[kernels.Rules], Any]) -> list[Any]:
+def _in_chunks(rules: Rules, function: Callable[[Rules], Any]) -> list[Any]:
     """`function` of some rules at a time, on all cores, in order."""
     chunks = [np.ascontiguousarray(rules[i : i + _CHUNK]) for i in range(0, len(rules), _CHUNK)]
     with ThreadPoolExecutor(local_workers()) as pool:

@@ -11,6 +11,7 @@ from colmap_ihe.errors import WeightsError
 from colmap_ihe.grey import kernels
 from colmap_ihe.grey.conversions import CONVERSIONS
 from colmap_ihe.grey.equalise import equalising_table
+from colmap_ihe.grey.rules import parts_rule
 from colmap_ihe.grey.weights import DEPTH, Formula, Grey, Weights
 
 Tone = Literal["sqrt", "linear", "equalise"]
@@ -46,7 +47,7 @@ def to_grey(
         table = equalising_table(grey.curve) if tone == "equalise" else tone_table(grey.white, tone)
         return np.asarray(table[sums.astype(np.uint16)], np.uint8)
     for parts in _PARTS:
-        rule = kernels.parts_rule(triplet * parts, parts)
+        rule = parts_rule(triplet * parts, parts)
         if rule is not None:
             return kernels.weigh(np.asarray(rgb, np.uint8), rule)
     return np.asarray(rgb.astype(np.float32) @ triplet.astype(np.float32) + np.float32(0.5), np.uint8)

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from colmap_ihe.errors import WeightsError
 from colmap_ihe.executor import local_workers
 from colmap_ihe.grey import kernels
+from colmap_ihe.grey.rules import Rules
 from colmap_ihe.grey.sums import IMAGE_MASS, MOST, MOST_IMAGES, Sums, Weighting
 from colmap_ihe.grey.weights import Encoding
 
@@ -92,7 +93,7 @@ class Histogram:
     def _masses(self, place: NDArray[Any]) -> NDArray[np.uint64]:
         return self._counted.at(place) if self._weighed is None else self._weighed[place]
 
-    def levels(self, rules: kernels.Rules) -> NDArray[np.uint64]:
+    def levels(self, rules: Rules) -> NDArray[np.uint64]:
         """The grey histograms (m, 256) of a coded set by each rule: quicker than through `occupied` if few."""
         if self._weighed is not None:
             place = np.flatnonzero(self._weighed)

@@ -24,6 +24,7 @@ from colmap_ihe.grey.boxes import NO_BOXES, Pyramid, Triplet, bounds_of, counts_
 from colmap_ihe.grey.contrast import Contrast
 from colmap_ihe.grey.equalise import curve_of
 from colmap_ihe.grey.histogram import Histogram
+from colmap_ihe.grey.rules import LEVELS, coded_rules, linear_rules
 from colmap_ihe.grey.weights import FIXED, Weights, triplets
 
 Recount = Callable[[Sequence[Triplet], Sequence[int]], NDArray[np.int64]]
@@ -98,20 +99,20 @@ def fit_histogram(
 
 def _search_coded(histogram: Histogram, alive: list[Triplet], advance: Callable[[int], None]) -> _Counted:
     if len(alive) <= _FEW:
-        counts = histogram.levels(kernels.coded_rules(alive)).astype(np.int64)
+        counts = histogram.levels(coded_rules(alive)).astype(np.int64)
         advance(len(alive))
         return dict(zip(alive, counts, strict=True))
     pyramid = Pyramid(histogram)
     colours = pyramid.boxes(0)
     counted: _Counted = {}
     for bits, heavy in _COARSE_TO_FINE:
-        bounds, estimates = bounds_of(*pyramid.adaptive(bits, heavy), kernels.coded_rules(alive))
+        bounds, estimates = bounds_of(*pyramid.adaptive(bits, heavy), coded_rules(alive))
         promising = alive[int(np.argmin(estimates))]
-        counted[promising] = counts_of(colours, kernels.coded_rules([promising]))[0].astype(np.int64)
+        counted[promising] = counts_of(colours, coded_rules([promising]))[0].astype(np.int64)
         survivors = _survivors(alive, bounds, counted)
         advance(len(alive) - len(survivors))
         alive = survivors
-    counts = counts_of(colours, kernels.coded_rules(alive)).astype(np.int64)
+    counts = counts_of(colours, coded_rules(alive)).astype(np.int64)
     advance(len(alive))
     return counted | dict(zip(alive, counts, strict=True))
 
@@ -133,7 +134,7 @@ def _search_linear(
 
     alive = list(white)
     for bits in () if whole else (2, 1, 0):
-        rules = kernels.linear_rules(alive, [white[t] for t in alive])
+        rules = linear_rules(alive, [white[t] for t in alive])
         bounds, estimates = bounds_of(NO_BOXES, pyramid.boxes(bits), rules)
         if not counted:
             count([alive[i] for i in np.argsort(estimates, kind="stable")[:_FIRST]])
@@ -168,7 +169,7 @@ def fit_cells(histogram: Histogram, grid: Sequence[Triplet]) -> Weights:
     alive = list(grid)
     for bits, kept in ((2, 200), (0, 1)):
         whites = whites_of(pyramid.boxes(_WHITE_BITS), alive)
-        _, estimates = bounds_of(NO_BOXES, pyramid.boxes(bits), kernels.linear_rules(alive, whites))
+        _, estimates = bounds_of(NO_BOXES, pyramid.boxes(bits), linear_rules(alive, whites))
         best = np.argsort(estimates, kind="stable")[:kept]
         alive = [alive[i] for i in best]
     red, green, blue = (w / 100 for w in alive[0])
@@ -178,7 +179,7 @@ def fit_cells(histogram: Histogram, grid: Sequence[Triplet]) -> Weights:
         green,
         blue,
         encoding="linear",
-        score=float(estimates[best[0]]) / mass**2 - 1 / kernels.LEVELS,
+        score=float(estimates[best[0]]) / mass**2 - 1 / LEVELS,
         white=_share(whites[best[0]]),
         images=histogram.images,
         pixels=histogram.pixels,
@@ -192,10 +193,10 @@ def flatness(histogram: Histogram, triplet: tuple[float, float, float]) -> float
     whole = [(red, green, 100 - red - green)]
     mass = int(histogram.occupied()[1].sum())
     if histogram.encoding == "coded":
-        counts = histogram.levels(kernels.coded_rules(whole))[0].astype(np.float64)
+        counts = histogram.levels(coded_rules(whole))[0].astype(np.float64)
         return mass**2 / float((counts**2).sum())
     pyramid = Pyramid(histogram)
-    rules = kernels.linear_rules(whole, whites_of(pyramid.boxes(_WHITE_BITS), whole))
+    rules = linear_rules(whole, whites_of(pyramid.boxes(_WHITE_BITS), whole))
     return mass**2 / float(bounds_of(NO_BOXES, pyramid.boxes(0), rules)[1][0])
 
 
@@ -211,7 +212,7 @@ def count_levels(
 ) -> NDArray[np.int64]:
     """Grey histograms of one linear photograph, (H, W, 3) uint16, by n triplets with their white points, from
     every pixel at full depth: (n, 256) int64."""
-    return kernels.count_pixels(linear_rgb, kernels.linear_rules(chosen, whites)).astype(np.int64)
+    return kernels.count_pixels(linear_rgb, linear_rules(chosen, whites)).astype(np.int64)
 
 
 def white_point(histogram: Histogram, triplet: tuple[float, float, float]) -> float:
@@ -245,7 +246,7 @@ def _best(histogram: Histogram, counted: _Counted, white: dict[Triplet, int] | N
         blue,
         method="ihe",
         encoding=histogram.encoding,
-        score=_squares(counts) / int(counts.sum()) ** 2 - 1 / kernels.LEVELS,
+        score=_squares(counts) / int(counts.sum()) ** 2 - 1 / LEVELS,
         tones=int(np.count_nonzero(counts)),
         white=1.0 if white is None else _share(white[winner]),
         images=histogram.images,

@@ -12,6 +12,7 @@ from oracle import scene
 from colmap_ihe.grey import kernels
 from colmap_ihe.grey.boxes import Pyramid, bounds_of, counts_of
 from colmap_ihe.grey.histogram import Histogram
+from colmap_ihe.grey.rules import coded_rules, linear_rules, parts_rule
 from colmap_ihe.grey.weights import triplets
 
 
@@ -20,7 +21,7 @@ def test_coded_levels_of_every_value() -> None:
     rgb = np.zeros((1, 256, 3), np.uint8)
     rgb[0, :, 0] = np.arange(256)
     for red in range(101):
-        level = kernels.weigh(rgb, kernels.coded_rules([(red, 100 - red, 0)]))[0]
+        level = kernels.weigh(rgb, coded_rules([(red, 100 - red, 0)]))[0]
         np.testing.assert_array_equal(level, (red * np.arange(256) + 50) // 100)
 
 
@@ -31,11 +32,11 @@ def test_other_parts_are_rounded_halves_up(parts: int) -> None:
     for _ in range(5):
         cuts = np.sort(rng.integers(0, parts + 1, 2))
         whole = np.diff([0, *cuts, parts])
-        rule = kernels.parts_rule(whole.astype(float), parts)
+        rule = parts_rule(whole.astype(float), parts)
         assert rule is not None
         expected = (2 * (rgb.astype(np.int64) @ whole) + parts) // (2 * parts)
         np.testing.assert_array_equal(kernels.weigh(rgb, rule), expected)
-    assert kernels.parts_rule(np.array([0.5, 0.25, 0.25]), 1) is None
+    assert parts_rule(np.array([0.5, 0.25, 0.25]), 1) is None
 
 
 @given(st.integers(1, 6400), st.sampled_from(triplets(0.05)))
@@ -46,7 +47,7 @@ def test_linear_levels_at_the_edges(step: int, triplet: oracle.Triplet) -> None:
     value = np.clip((borders[:, None] + np.arange(-101, 102, 25)) // 100, 0, 65535)
     rgb = np.repeat(value.reshape(-1, 1, 1), 3, axis=2).astype(np.uint16)
     rgb[::3, :, 1] //= 2
-    counts = kernels.count_pixels(rgb, kernels.linear_rules([triplet], [white]))[0]
+    counts = kernels.count_pixels(rgb, linear_rules([triplet], [white]))[0]
     expected = np.bincount(oracle.linear_levels(rgb, triplet, white).ravel(), minlength=256)
     np.testing.assert_array_equal(counts, expected)
 
@@ -91,7 +92,7 @@ def test_levels_of_a_table_are_those_of_its_pixels(parts: int) -> None:
     table = kernels.Table()
     kernels.count_colours(image, table, np.zeros(65536, np.uint8))
     some = [(21, 72, 7), (100, 0, 0), (0, 0, 100)]
-    found = sum(kernels.count_table(table, kernels.coded_rules(some), n, parts) for n in range(parts))
+    found = sum(kernels.count_table(table, coded_rules(some), n, parts) for n in range(parts))
     expected = [np.bincount(oracle.coded_levels(image, t).ravel(), minlength=256) for t in some]
     np.testing.assert_array_equal(found, expected)
 
@@ -133,7 +134,7 @@ def test_bounds_lie_below_and_are_close(bits: int, heavy: int) -> None:
     for seed in range(3):
         histogram.add(scene(seed, 200, 240))
     pyramid = Pyramid(histogram)
-    rules = kernels.coded_rules(triplets(0.05))
+    rules = coded_rules(triplets(0.05))
     exact = (counts_of(pyramid.boxes(0), rules).astype(float) ** 2).sum(axis=1)
     bounds, estimates = bounds_of(*pyramid.adaptive(bits, heavy), rules)
     assert (bounds <= exact * (1 + 1e-12)).all()
@@ -149,7 +150,7 @@ def test_no_placement_of_the_pixels_beats_the_bound() -> None:
     mass = np.array([5, 4, 3], np.uint64)
     known = np.zeros((1, 256), np.uint64)
     known[0, 11] = 2
-    bound, _ = kernels.bound_boxes(low, high, mass, kernels.coded_rules([(30, 40, 30)]), known)
+    bound, _ = kernels.bound_boxes(low, high, mass, coded_rules([(30, 40, 30)]), known)
     best = min(
         a**2 + (2 + b) ** 2 + (5 - a - b + c + 3) ** 2 + (4 - c) ** 2
         for a in range(6)
@@ -167,4 +168,4 @@ def test_what_is_not_contiguous_or_of_another_kind_is_refused() -> None:
     with pytest.raises(ValueError, match="expected contiguous"):
         kernels.occupied(np.zeros(1 << 20, np.uint16))
     with pytest.raises(ValueError, match="multiples of 1024"):
-        kernels.linear_rules([(0, 100, 0)], [1000])
+        linear_rules([(0, 100, 0)], [1000])
