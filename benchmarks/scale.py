@@ -60,6 +60,15 @@ QUICK = (
     "dense.max_image_size=320",
 )
 METRES = 0.1  # a pixel on the ground
+_MEASURED = """
+import json, resource, subprocess, sys
+status = subprocess.call(sys.argv[2:])
+used = resource.getrusage(resource.RUSAGE_CHILDREN)
+with open(int(sys.argv[1]), "w") as file:
+    json.dump([status, used.ru_utime + used.ru_stime, used.ru_maxrss / 1000], file)
+"""
+"""Run by a process of its own: the peak memory of a child is at least that of the process that starts it, which here
+holds a city."""
 
 
 def main() -> None:
@@ -160,13 +169,17 @@ def run(project: Path, until: str, *more: str) -> tuple[dict[str, Any], float, f
         "--json",
         "-q",
     ]
-    with tempfile.TemporaryFile() as output:
-        process = subprocess.Popen([*command, *settings], stdout=output)
-        _, status, usage = os.wait4(process.pid, 0)
-        output.seek(0)
-        if status:
-            raise SystemExit(f"reconstruct --until {until} failed for {project}")
-        return json.loads(output.read()), usage.ru_utime + usage.ru_stime, usage.ru_maxrss / 1000
+    reading, writing = os.pipe()
+    measured = [sys.executable, "-S", "-c", _MEASURED, str(writing), *command, *settings]
+    with os.fdopen(reading, encoding="ascii") as usage:
+        try:
+            output = subprocess.run(measured, stdout=subprocess.PIPE, pass_fds=[writing], check=True).stdout
+        finally:
+            os.close(writing)
+        status, core, memory = json.loads(usage.read())
+    if status:
+        raise SystemExit(f"reconstruct --until {until} failed for {project}")
+    return json.loads(output), core, memory
 
 
 def grow(most: int, out: Path) -> None:
