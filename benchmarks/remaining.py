@@ -1,52 +1,61 @@
-"""How right the remaining time is: `reconstruct` of each folder, its forecast noted twice a second, against what came.
+"""How right the remaining time is: `reconstruct` of each folder, and its forecast twice a second against what came.
 
-    python benchmarks/remaining.py ../shared/data/sceaux ../shared/data/fountain-p11
+    python benchmarks/remaining.py ../shared/data/sceaux ../shared/data/fountain-p11 [--keep FOLDER]
+    python benchmarks/remaining.py --again FOLDER/sceaux.json
 
 For the run and for each stage of ten seconds and more: the forecast as a ratio to the truth after a fifth, a half and
-four fifths of its time, and the share of the time after a fifth in which it is right within a factor of 1.5.
+four fifths of its time, and the share of the time after a fifth in which it is right within a factor of 1.5. Of what
+was kept of a run, `--again` tells what the forecast would say now, with the costs that were foreseen then.
 """
 
 from __future__ import annotations
 
 import argparse
+import json
 import tempfile
-import threading
 import time
+from collections.abc import Sequence
+from dataclasses import astuple
 from pathlib import Path
+from typing import Any
 
 from colmap_ihe.following import Follower, Piece
+from colmap_ihe.forecast import Forecast, Part
 from colmap_ihe.pipeline import reconstruct
 from colmap_ihe.project_yaml import load_options
 
 _FACTOR = 1.5
 _AT = (0.2, 0.5, 0.8)
 _LEAST_SECONDS = 10.0
+_TICK_S = 0.5
+
+Event = tuple[float, str, list[Any]]
 
 
-class _Noted(Follower):
-    """Keeps what the forecast said, by stage, the run under ""."""
+class _Recorder(Forecast):
+    """Keeps what it is told, and when."""
 
     def __init__(self) -> None:
         super().__init__()
-        self.said: dict[str, list[tuple[float, float | None]]] = {"": []}
-        self.over: dict[str, tuple[float, float]] = {}
-        self.costs: list[tuple[str, str, float, int]] = []
-        self.now = ""
-        self._end = threading.Event()
-        self._thread = threading.Thread(target=self._note)
+        self.events: list[Event] = []
 
-    def __enter__(self) -> _Noted:
-        self._thread.start()
-        return self
+    def foresee(self, parts: Sequence[Part]) -> None:
+        self.events.append((time.monotonic(), "foresee", [astuple(part) for part in parts]))
 
-    def __exit__(self, *_: object) -> None:
-        self._end.set()
-        self._thread.join()
+    def begin(self, stage: str, unit: str) -> None:
+        self.events.append((time.monotonic(), "begin", [stage, unit]))
 
-    def _note(self) -> None:
-        while not self._end.wait(0.5):
-            for name in {"", self.now}:
-                self.said.setdefault(name, []).append((time.monotonic(), self.forecast.remaining_s(name)))
+    def reach(self, share: float) -> None:
+        self.events.append((time.monotonic(), "reach", [share]))
+
+    def end(self, stage: str) -> None:
+        self.events.append((time.monotonic(), "end", [stage]))
+
+
+class _Noted(Follower):
+    def __init__(self) -> None:
+        super().__init__()
+        self.forecast: _Recorder = _Recorder()
 
     def warn(self, text: str) -> None:
         print(text)
@@ -58,37 +67,58 @@ class _Noted(Follower):
     def _kept(self, name: str) -> None: ...
 
     def _piece(self, name: str) -> Piece:
-        self.now = name
+        self.forecast.begin(name, "")
         return _Part(self, name)
 
 
 class _Part(Piece):
-    def __init__(self, noted: _Noted, name: str) -> None:
-        super().__init__(noted, name)
-        self._noted = noted
-        self._began = self._part = time.monotonic()
-
-    def _started(self) -> None:
-        self._settle()
-        self._part = time.monotonic()
+    def _started(self) -> None: ...
 
     def _advanced(self) -> None: ...
 
-    def over(self, seconds: float) -> None:
-        self._settle()
-        self._noted.over[self.name] = (self._began, self._began + seconds)
+    def over(self, seconds: float) -> None: ...
 
     def close(self) -> None: ...
 
-    def _settle(self) -> None:
-        """The last part of the stage is over."""
-        costs = self._noted.costs
-        if costs and costs[-1][0] == self.name and costs[-1][2] < 0:
-            costs[-1] = (*costs[-1][:2], time.monotonic() - self._part, costs[-1][3])
-        costs.append((self.name, self.unit, -1.0, self.total))
+
+def tell(name: str, events: Sequence[Event]) -> None:
+    """The rows of a run, and below them what each part took."""
+    now = began = events[0][0]
+    forecast = Forecast(lambda: now)
+    said: dict[str, list[tuple[float, float | None]]] = {"": []}
+    spans = {"": (began, events[-1][0])}
+    stage, tick = "", began
+    parts: list[list[Any]] = []
+    for when, what, values in events:
+        while tick < when:
+            now = tick
+            for one in {"", stage}:
+                said.setdefault(one, []).append((tick, forecast.remaining_s(one)))
+            tick += _TICK_S
+        now = when
+        if what == "foresee":
+            forecast.foresee([Part(*part) for part in values])
+        elif what == "begin":
+            stage = values[0]
+            forecast.begin(*values)
+        else:
+            getattr(forecast, what)(*values)
+        if what != "foresee" and stage:
+            spans[stage] = (spans.get(stage, (when, when))[0], when)
+        if what in ("begin", "end") and parts:
+            parts[-1][3] = min(parts[-1][3], when)
+        if what == "begin":
+            parts.append([*values, when, events[-1][0]])
+        if what == "end":
+            stage = ""
+    rows = [_row(f"{name}, {one}" if one else f"{name}, in all", *spans[one], said[one]) for one in said]
+    print("\n".join(row for row in rows if row), flush=True)
+    for stage, unit, began, ended in parts:
+        if unit:
+            print(f"    {stage} {unit}: {ended - began:.2f} s")
 
 
-def _table(name: str, began: float, ended: float, said: list[tuple[float, float | None]]) -> str | None:
+def _row(name: str, began: float, ended: float, said: list[tuple[float, float | None]]) -> str | None:
     seconds = ended - began
     if seconds < _LEAST_SECONDS:
         return None
@@ -106,26 +136,25 @@ def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("images", type=Path, nargs="+")
+    parser.add_argument("images", type=Path, nargs="*")
     parser.add_argument("--set", action="append", default=[], dest="assignments")
+    parser.add_argument("--keep", type=Path)
+    parser.add_argument("--again", type=Path, nargs="*", default=[])
     parsed = parser.parse_args()
     print(
         "| set, stage | s | at 1/5 | at 1/2 | at 4/5 | % of the time within 1.5 |\n|---|---|---|---|---|---|"
     )
+    for file in parsed.again:
+        tell(file.stem, json.loads(file.read_text()))
     for images in parsed.images:
-        with tempfile.TemporaryDirectory() as folder, _Noted() as noted:
-            began = time.monotonic()
+        noted = _Noted()
+        with tempfile.TemporaryDirectory() as folder:
             reconstruct(folder, load_options(None, parsed.assignments), images=images, audience=noted)
-            ended = time.monotonic()
-        rows = [_table(f"{images.name}, in all", began, ended, noted.said[""])]
-        rows += [
-            _table(f"{images.name}, {name}", *noted.over[name], noted.said.get(name, []))
-            for name in noted.over
-        ]
-        print("\n".join(row for row in rows if row), flush=True)
-        for stage, unit, seconds, total in noted.costs:
-            if seconds > 0:
-                print(f"    {stage} {unit}: {seconds:.2f} s, {total}", flush=True)
+        events = noted.forecast.events
+        if parsed.keep:
+            parsed.keep.mkdir(parents=True, exist_ok=True)
+            (parsed.keep / f"{images.name}.json").write_text(json.dumps(events))
+        tell(images.name, events)
 
 
 if __name__ == "__main__":

@@ -6,11 +6,12 @@ from collections.abc import Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, replace
 
-from colmap_ihe.expected import expected
+from colmap_ihe.expected import Known, expected
 from colmap_ihe.forecast import Part
 from colmap_ihe.options import Options
 from colmap_ihe.progress import Audience, Watch
 from colmap_ihe.project import Project
+from colmap_ihe.road import NAMES
 
 
 @dataclass(frozen=True)
@@ -24,9 +25,9 @@ class Ahead:
     seeds: int
 
     def foresee(self, parts: Sequence[Part]) -> None:
-        record = self.project.read_record("captures") or {}
-        size = (record["images"], record["pixels"], record["with_gps"])
-        road = expected(self.options, *size, "dense" if self.options.dense.enabled else "sparse")
+        found = {name: self.project.read_record(name) for name in NAMES}
+        known = Known.from_records({name: record for name, record in found.items() if record})
+        road = expected(self.options, known, "dense" if self.options.dense.enabled else "sparse")
         coming: list[Part] = []
         for number, method in enumerate(self.methods):
             if number:

@@ -11,7 +11,9 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 _SURE_AFTER = 0.5  # foreseen seconds that the foreseen pace itself is worth
-_LEAST_LEFT = 0.1  # of its cost, that a part takes which is late and says nothing of how far it is
+_LEAST_LEFT = 0.1  # of what is left, where it is late
+_TRUSTED_AFTER = 2.0  # units, the rate of a part counts as much as what was foreseen
+_AT_WORK = 2.0  # units at a time, by and large
 
 
 @dataclass(frozen=True)
@@ -31,7 +33,7 @@ class Forecast:
         self._left: list[Part] = []
         self._foreseen = self._took = 0.0
         self._now: Part | None = None
-        self._began, self._share = clock(), 0.0
+        self._began, self._reached, self._share, self._unit = clock(), 0.0, 0.0, 1.0
 
     def foresee(self, parts: Sequence[Part]) -> None:
         """What is to come, in order, instead of what was foreseen before."""
@@ -45,11 +47,13 @@ class Forecast:
             self._now = Part(stage, unit, 0.0)
         else:
             self._now, self._left = self._left[at], self._left[at + 1 :]
-        self._began, self._share = self._clock(), 0.0
+        self._began, self._reached, self._share, self._unit = self._clock(), 0.0, 0.0, 1.0
 
     def reach(self, share: float) -> None:
         """So much of the part is done, 0 to 1."""
-        self._share = min(1.0, max(self._share, share))
+        if share > self._share:
+            self._unit = min(self._unit, share - self._share)
+            self._reached, self._share = self._clock() - self._began, min(1.0, share)
 
     def end(self, stage: str) -> None:
         """The stage is over, or needs not run; one of the same name that comes later stays."""
@@ -63,22 +67,27 @@ class Forecast:
         now = self._now
         if now is None:
             return coming * self._pace(0.0, 0.0) if coming else None
-        spent = self._clock() - self._began
-        by_pace: float | None = None
-        pace = self._pace(spent, self._share * now.seconds)
-        if now.seconds:
-            by_pace = max(
-                now.seconds * (1 - self._share) * pace - (0.0 if self._share else spent),
-                _LEAST_LEFT * now.seconds * (1 - self._share) * pace,
-            )
-        by_rate = spent * (1 - self._share) / self._share if self._share else None
+        spent, share = self._so_far()
+        pace = self._pace(spent, share * now.seconds)
+        by_rate = spent / share if share else None
+        by_pace = now.seconds * pace if now.seconds else None
         if by_rate is None and by_pace is None:
             return None
         if by_rate is None or by_pace is None:
-            own = by_rate if by_pace is None else by_pace
+            total = by_rate or by_pace or 0.0
         else:
-            own = by_rate * self._share + by_pace * (1 - self._share)
-        return (own or 0.0) + coming * pace
+            trust = share / (share + _TRUSTED_AFTER * self._unit)
+            total = by_rate * trust + by_pace * (1 - trust)
+        elapsed = self._clock() - self._began - spent
+        return max(total * (1 - share) - elapsed, _LEAST_LEFT * total * (1 - share)) + coming * pace
+
+    def _so_far(self) -> tuple[float, float]:
+        """Seconds and the share of the part that was done in them. When its last unit was done, since the next is
+        under way; later, where that one is late, as if it were done now, and another one."""
+        spent = self._clock() - self._began
+        if not self._share or (spent - self._reached) * self._share <= _AT_WORK * self._unit * self._reached:
+            return self._reached, self._share
+        return spent, min(1.0, self._share + _AT_WORK * self._unit)
 
     def _pace(self, spent: float, worth: float) -> float:
         """Seconds that a foreseen second takes here."""

@@ -17,7 +17,7 @@ from colmap_ihe.cluster.connect import workers_for
 from colmap_ihe.colmap.native import logged_to
 from colmap_ihe.digests import digests_of
 from colmap_ihe.errors import OptionError, PhotographError
-from colmap_ihe.expected import expected
+from colmap_ihe.expected import Known, expected
 from colmap_ihe.files import room_on_disk, write_json
 from colmap_ihe.options import Options
 from colmap_ihe.pages import page_of
@@ -135,9 +135,8 @@ def _up_to(
             record = _run_stage(stage, run, prints[stage.name], forced, audience)
             ran.append(stage.name)
         run.records[stage.name] = record
-        if stage.name == "captures":
-            counts = (record["images"], record["pixels"], record["with_gps"])
-            audience.foresee(expected(options, *counts, NAMES[last]))
+        parts = expected(options, Known.from_records(run.records), NAMES[last])
+        audience.foresee([part for part in parts if part.stage not in run.records])
     return tuple(ran)
 
 

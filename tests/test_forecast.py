@@ -6,10 +6,11 @@ from typing import Any
 
 import pytest
 
-from colmap_ihe.expected import expected
+from colmap_ihe.expected import Known, expected
 from colmap_ihe.forecast import Forecast, Part
 from colmap_ihe.options import Options
 
+SET = Known.from_records({"captures": {"images": 11, "pixels": 66_000_000, "raw": 0, "with_gps": 0}})
 ROAD = [Part("one", "images", 10.0), Part("two", "pairs", 30.0), Part("two", "maps", 60.0)]
 
 
@@ -90,7 +91,7 @@ def test_what_is_kept_or_left_out_is_not_waited_for(forecast: Forecast) -> None:
 
 
 def stages(until: str, **options: Any) -> list[str]:
-    parts = expected(Options.model_validate(options), 11, 66_000_000, 0, until)
+    parts = expected(Options.model_validate(options), SET, until)
     return list(dict.fromkeys(part.stage for part in parts))
 
 
@@ -101,5 +102,5 @@ def test_the_road_has_the_parts_that_the_options_leave() -> None:
     assert stages("sparse") == [*road[:5], "page"]
     assert stages("matches") == road[:4]
     assert stages("captures") == []
-    plain = expected(Options.model_validate({"mesh": {"texture": False}}), 11, 66_000_000, 0, "mesh")
+    plain = expected(Options.model_validate({"mesh": {"texture": False}}), SET, "mesh")
     assert [part.unit for part in plain if part.stage == "mesh"] == ["parts of the surface"]
