@@ -2,9 +2,9 @@
 
     python benchmarks/reproducible.py [PHOTOGRAPHS] [--threads N ...] [--runs N] [--set STAGE.OPTION=VALUE]
 
-For each number of threads (1, then one a core, if none are named) it reconstructs twice; with one thread the last run is
-`--from-record` of the first. The table says of each kind of file how many of how many are the same in all runs, byte for
-byte. The photographs are the demo's, small and as RAW and JPEG in turn, if none are named.
+For each number of threads (1, then one a core, if none are named) it reconstructs twice; with one thread the last run
+is `--from-record` of the first. The table says of each kind of file how many of how many are the same in all runs, byte
+for byte. The photographs are the demo's, small and as RAW and JPEG in turn, if none are named.
 """
 
 from __future__ import annotations
