@@ -251,4 +251,6 @@ class Options(_Section):
     def as_yaml(self) -> dict[str, Any]:
         """All of them as project.yaml would hold them."""
         values = self.model_dump(mode="json")
+        if self.fit.weights is not None:  # of which there is no method
+            del values["fit"]["method"]
         return {**values, "cameras": dict(values["cameras"])}

@@ -100,7 +100,7 @@ def reconstruct(
             digests = digests_of(place, run.discovery, workers, watch)
             write_json(place.digests_file, digests)
             note_run(place, options, digests)
-        for text in unlike(noted, digests) if noted else ():
+        for text in unlike(noted, place, options, digests) if noted else ():
             audience.warn(text)
         prints = fingerprints(place, options, run.discovery, digests)
         last = NAMES.index(until) if until else len(ROAD) - 1

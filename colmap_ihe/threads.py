@@ -81,3 +81,9 @@ def _tell_libraries() -> None:
     cv2.setNumThreads(wanted[0])
     for pool, count in zip(_blas(), wanted[1:], strict=True):
         pool.set_num_threads(count)
+
+
+def blas() -> list[str]:
+    """The libraries for linear algebra, each with the kind of processor that it takes this one for."""
+    told = (pool.info() for pool in _blas())
+    return sorted(f"{one['prefix']} {one['version']} {one.get('architecture', '')}".strip() for one in told)
