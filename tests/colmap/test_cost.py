@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from colmap_ihe.colmap.cost import STEREO_BYTES_A_PIXEL, dense_cost
 from colmap_ihe.colmap.cloud import fusion_share
+from colmap_ihe.colmap.cost import STEREO_BYTES_A_PIXEL, dense_cost
 from colmap_ihe.colmap.fusion import FUSION_BYTES
 
 SIZES = [(3000, 2000)] * 20
