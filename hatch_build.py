@@ -5,8 +5,10 @@ What it makes is a plain shared library without Python in it: one wheel serves e
 """
 
 import platform
+import re
 import subprocess
 import sys
+import sysconfig
 from pathlib import Path
 from typing import Any
 
@@ -39,7 +41,8 @@ class KernelsHook(BuildHookInterface):
         ]
         # contraction to fused operations would still be exact: all sums are integers that float32 holds
         subprocess.run([*command, *target, "-o", str(root / LIBRARY), str(root / SOURCE)], check=True)
-        tag = f"manylinux_{GLIBC.replace('.', '_')}_{machine}" if linux else "any"
-        build_data["pure_python"] = not linux
+        other = re.sub(r"[-.]", "_", sysconfig.get_platform())
+        tag = f"manylinux_{GLIBC.replace('.', '_')}_{machine}" if linux else other
+        build_data["pure_python"] = False
         build_data["tag"] = f"py3-none-{tag}"
         build_data["artifacts"].append(LIBRARY)

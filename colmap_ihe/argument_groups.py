@@ -59,6 +59,13 @@ def camera_assignments(parsed: argparse.Namespace) -> list[str]:
 
 def add_ends(parser: argparse.ArgumentParser) -> None:
     add_cluster(parser)
+    parser.add_argument(
+        "--threads",
+        type=count,
+        metavar="N",
+        help="compute with N at the most, instead of one a core; with 1 the same photographs and options give the"
+        " same model, bit for bit",
+    )
     parser.add_argument("--no-dense", action="store_true", help="end with the sparse model")
     parser.add_argument("--no-mesh", action="store_true", help="end with the dense cloud")
     parser.add_argument("--strict", action="store_true", help="stop at a photograph that cannot be used")
@@ -82,6 +89,8 @@ def road_assignments(parsed: argparse.Namespace) -> list[str]:
         assignments.append("mesh.enabled=false")
     if parsed.strict:
         assignments.append("captures.strict=true")
+    if parsed.threads:
+        assignments.append(f"machine.threads={parsed.threads}")
     if parsed.cluster:
         assignments.append(f"cluster.address={json.dumps(parsed.cluster)}")
     return assignments

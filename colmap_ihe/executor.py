@@ -6,7 +6,6 @@ pickled, so it is a function of a module, or `partial` of one, and plain values 
 
 from __future__ import annotations
 
-import os
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Executor, Future, ThreadPoolExecutor, wait
@@ -14,6 +13,7 @@ from contextlib import contextmanager
 from threading import Event
 from typing import TypeVar
 
+from colmap_ihe import threads
 from colmap_ihe.captures import decoder, decoders
 from colmap_ihe.errors import Cancelled
 from colmap_ihe.progress import SILENT, Silent, Watch
@@ -25,8 +25,8 @@ _Result = TypeVar("_Result")
 
 
 def local_workers() -> int:
-    """Cores that this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    """Cores that this process may use, or as many of them as a run is limited to."""
+    return min(threads.cores(), threads.limit() or threads.cores())
 
 
 @contextmanager
@@ -56,8 +56,8 @@ def threads_of(executor: Executor) -> Iterator[Executor]:
     if shares_memory(executor):
         yield executor
     else:
-        with local_executor() as threads:
-            yield threads
+        with local_executor() as own:
+            yield own
 
 
 class TaskWatch(Silent):

@@ -222,6 +222,11 @@ class ClusterOptions(_Section):
     """Seconds without any worker, or without the scheduler, after which a run gives up."""
 
 
+class MachineOptions(_Section):
+    threads: Annotated[int, Field(ge=1, le=1024)] | None = None
+    """The most threads that compute at a time; None is one a core. With 1 the same run gives the same model."""
+
+
 class Options(_Section):
     """Every option of a project. `Options()` holds the defaults."""
 
@@ -237,6 +242,7 @@ class Options(_Section):
     dense: DenseOptions = DenseOptions()
     mesh: MeshOptions = MeshOptions()
     cluster: ClusterOptions = ClusterOptions()
+    machine: MachineOptions = MachineOptions()
 
     @property
     def meshed(self) -> bool:
@@ -245,4 +251,6 @@ class Options(_Section):
     def as_yaml(self) -> dict[str, Any]:
         """All of them as project.yaml would hold them."""
         values = self.model_dump(mode="json")
+        if self.fit.weights is not None:  # of which there is no method
+            del values["fit"]["method"]
         return {**values, "cameras": dict(values["cameras"])}

@@ -17,6 +17,7 @@ from colmap_ihe.cluster.connect import workers_for
 from colmap_ihe.colmap.native import logged_to
 from colmap_ihe.digests import digests_of
 from colmap_ihe.errors import OptionError, PhotographError
+from colmap_ihe.executor import local_workers
 from colmap_ihe.expected import Known, expected
 from colmap_ihe.files import room_on_disk, write_json
 from colmap_ihe.options import Options
@@ -35,6 +36,7 @@ from colmap_ihe.road import (
     why_stale,
 )
 from colmap_ihe.run import Record, Run
+from colmap_ihe.threads import limited
 
 
 @dataclass(frozen=True)
@@ -87,6 +89,7 @@ def reconstruct(
     with ExitStack() as stack:
         stack.enter_context(room_on_disk(place.root))
         place.claim()
+        stack.enter_context(limited(options.machine.threads))
         stack.enter_context(place.locked())
         stack.enter_context(logged_to(place.native_log))
         workers = executor or stack.enter_context(
@@ -97,7 +100,7 @@ def reconstruct(
             digests = digests_of(place, run.discovery, workers, watch)
             write_json(place.digests_file, digests)
             note_run(place, options, digests)
-        for text in unlike(noted, digests) if noted else ():
+        for text in unlike(noted, place, options, digests) if noted else ():
             audience.warn(text)
         prints = fingerprints(place, options, run.discovery, digests)
         last = NAMES.index(until) if until else len(ROAD) - 1
@@ -170,6 +173,7 @@ def _run_stage(stage: Stage, run: Run, fingerprint: str, forced: bool, audience:
         "options": options_of_stage(run.options, stage),
         "versions": versions_of(stage),
         "seed": run.options.sparse.seed,
+        "threads": local_workers(),
         "seconds": round(time.monotonic() - began, 2),
         "resumed": run.resumed,
         **result,

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import hashlib
+from functools import lru_cache
 from importlib import metadata
+from pathlib import Path
 
 import cv2
 import rawpy
@@ -21,3 +24,21 @@ def library_versions(*names: str) -> dict[str, str]:
         "libraw": ".".join(map(str, rawpy.libraw_version)),
     }
     return {name: known[name] for name in names}
+
+
+def package_version(name: str) -> str | None:
+    """Of an installed package, None where it is not installed."""
+    try:
+        return metadata.version(name)
+    except metadata.PackageNotFoundError:
+        return None
+
+
+@lru_cache(maxsize=1)
+def code_digest() -> str:
+    """Of this package's own code: two that say the same version may not be the same."""
+    package = Path(__file__).parent
+    digest = hashlib.blake2b(digest_size=6)
+    for file in sorted([*package.rglob("*.py"), *package.rglob("*.so")]):
+        digest.update(file.relative_to(package).as_posix().encode() + b"\0" + file.read_bytes())
+    return digest.hexdigest()

@@ -12,8 +12,12 @@ from conftest import QUICK
 from colmap_ihe.again import read_run, unlike
 from colmap_ihe.cli import main
 from colmap_ihe.errors import OptionError
+from colmap_ihe.executor import local_workers
+from colmap_ihe.project import Project
+from colmap_ihe.project_yaml import load_options
 
 Make = Callable[..., Path]
+WEIGHTS = "method: given\nweights: [0.5, 0.25, 0.25]\n"
 
 
 def test_the_same_again_elsewhere(
@@ -54,12 +58,76 @@ def test_what_is_unlike_is_counted(new_project: Make) -> None:
     assert main(["reconstruct", str(project), "--until", "captures", "-q"]) == 0
     noted = read_run(project)
     names = sorted(noted.photographs)
-    said = unlike(noted, {names[0]: [1, 2, "another"], "new.jpg": [1, 2, "x"]})
+    place = Project.at(project)
+    (project / "masks").mkdir()
+    (project / "masks/new.jpg.png").write_bytes(b"a mask")
+    (project / "weights.yaml").write_text("of another campaign")
+    given = load_options(None, ["fit.weights=weights.yaml"])
+    said = unlike(noted, place, given, {names[0]: [1, 2, "another"], "new.jpg": [1, 2, "x"]})
     assert [text.split(":")[0] for text in said] == [
         "1 photographs of the record are not here",
         "1 photographs are not in the record",
         "1 photographs have another content than in the record",
+        "1 masks are not in the record",
+        "the weights file has another content than in the record",
     ]
+
+
+def test_a_record_holds_what_a_result_depends_on_and_not_whose_it_is(
+    new_project: Make, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    project = new_project(2)
+    monkeypatch.setenv("OPENBLAS_VERBOSE", "2")
+    monkeypatch.setenv("OPENCV_LOG_FILE", "/home/somebody/opencv.log")
+    settings = ["--set", "sparse.seed=7", "--threads", "1", "--until", "captures", "-q"]
+    assert main(["reconstruct", str(project), *settings, "--set", "cluster.patience=5"]) == 0
+    text = (project / "records/run.json").read_text()
+    record = json.loads(text)
+    assert (record["seed"], record["threads"], record["options"]["machine"]) == (7, 1, {"threads": 1})
+    assert record["environment"]["OPENBLAS_VERBOSE"] == "2"
+    assert record["environment"]["OPENCV_LOG_FILE"] == "(not told)"
+    assert {"python", "pycolmap", "COLMAP", "numpy", "pillow", "code of colmap-ihe"} <= set(
+        record["versions"]
+    )
+    assert record["machine"]["cores"] >= 1 and record["machine"]["instructions"]
+    assert "cluster" not in record["options"]
+    assert [word for word in (str(project), "somebody", "login1") if word in text] == []
+
+    record["machine"]["instructions"] = ["sse4_2"]
+    record["versions"]["numpy"] = "1.0"
+    del record["environment"]["OPENBLAS_VERBOSE"]
+    (project / "old.json").write_text(json.dumps(record))
+    again = ["reconstruct", str(project), "--until", "captures", "--from-record", str(project / "old.json")]
+    capsys.readouterr()
+    assert main([*again, "--set", "machine.threads=null"]) == 0
+    said = " ".join(capsys.readouterr().err.split())
+    for words in (
+        "of instructions sse4_2, this is",
+        "of numpy 1.0, this is",
+        "of OPENBLAS_VERBOSE none, this is 2",
+    ):
+        assert words in said
+    assert ("of one thread" in said) == (local_workers() > 1)
+
+
+def test_weights_of_a_record_are_those_of_its_project(new_project: Make, tmp_path: Path) -> None:
+    project = new_project(2)
+    (project / "given.yaml").write_text(WEIGHTS, encoding="utf-8")
+    settings = ["--set", "fit.weights=given.yaml", "--set", "fit.measure=false", "--until", "fit", "-q"]
+    assert main(["reconstruct", str(project), *settings]) == 0
+    again = [
+        "reconstruct",
+        str(tmp_path / "again"),
+        "--images",
+        str(project / "images"),
+        "--until",
+        "fit",
+        "-q",
+    ]
+    assert main([*again, "--from-record", str(project)]) == 0
+    assert (tmp_path / "again/report/weights.yaml").read_bytes() == (
+        project / "report/weights.yaml"
+    ).read_bytes()
 
 
 @pytest.mark.parametrize(

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import platform
 import socket
 from collections.abc import Callable
@@ -12,12 +11,11 @@ from importlib import metadata
 from pathlib import Path
 from typing import Any
 
-import colmap_ihe
 from colmap_ihe.captures import decoder
 from colmap_ihe.cluster.lease import held
 from colmap_ihe.colmap.native import pycolmap
 from colmap_ihe.errors import ClusterError, KnownError, PhotographError
-from colmap_ihe.version import __version__, library_versions
+from colmap_ihe.version import __version__, code_digest, library_versions, package_version
 
 _PACKAGES = ("numpy", "pillow", "simplejpeg", "isal", "tifffile", "pydantic", "dask", "distributed")
 _OPTIONAL = ("PyWavelets", "colour-science")
@@ -27,26 +25,15 @@ _SAME = "install the same environment on every worker; see docs/cluster.md"
 @lru_cache(maxsize=1)
 def environment() -> tuple[tuple[str, str], ...]:
     """Name and version of everything that a result may depend on, this package's own content among it."""
-    package = Path(colmap_ihe.__file__).parent
-    digest = hashlib.blake2b(digest_size=6)
-    for file in sorted([*package.rglob("*.py"), *package.rglob("*.so")]):
-        digest.update(file.relative_to(package).as_posix().encode() + b"\0" + file.read_bytes())
     return (
         ("Python", ".".join(platform.python_version_tuple()[:2])),
         ("colmap-ihe", __version__),
         *library_versions("pycolmap", "opencv", "rawpy", "libraw").items(),
         *((name, metadata.version(name)) for name in _PACKAGES),
-        *((name, _version_or_none(name)) for name in _OPTIONAL),
+        *((name, package_version(name) or "not installed") for name in _OPTIONAL),
         ("pycolmap with CUDA", str(pycolmap.has_cuda)),
-        ("the code of colmap-ihe", digest.hexdigest()),
+        ("the code of colmap-ihe", code_digest()),
     )
-
-
-def _version_or_none(name: str) -> str:
-    try:
-        return metadata.version(name)
-    except metadata.PackageNotFoundError:
-        return "not installed"
 
 
 @dataclass(frozen=True)

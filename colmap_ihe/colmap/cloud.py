@@ -21,6 +21,8 @@ from colmap_ihe.progress import Watch
 
 logger = logging.getLogger(__name__)
 
+_LEAST_FUSION = FUSION_BYTES // 16
+
 
 def dense_cloud(
     sparse_model: Path,
@@ -64,8 +66,17 @@ def dense_cloud(
             record["warnings"].append(f"no depth could be found for {', '.join(sorted(counts.empty)[:5])}")
     else:
         patchmatch_depth_maps(dense_dir, options=options.patchmatch, watch=watch)
-    most = min(FUSION_BYTES, free // 2) if free else FUSION_BYTES
+    most = record["fusion_bytes"] = fusion_share(free)
     points = fuse(dense_dir, options=options.colmap, most_bytes=most, watch=watch)
     if not points:
         record["warnings"].append("no point of the depth maps was confirmed: the cloud is empty")
     return {**record, "points": points}
+
+
+def fusion_share(free: int) -> int:
+    """Bytes that fusion may hold where `free` are (0 for unknown): half of them at the most, in steps of two, so that
+    what else runs does not change how space is cut into cells."""
+    most = FUSION_BYTES
+    while 0 < free < 2 * most and most > _LEAST_FUSION:
+        most //= 2
+    return most

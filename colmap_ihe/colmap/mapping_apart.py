@@ -18,8 +18,9 @@ from pathlib import Path
 from tempfile import TemporaryFile
 from typing import Any
 
+from colmap_ihe import threads
 from colmap_ihe.colmap import native
-from colmap_ihe.colmap.native import apply_options, called, logged_to, pycolmap
+from colmap_ihe.colmap.native import apply_options, called, fill, logged_to, pycolmap
 from colmap_ihe.errors import KnownError, NativeError
 from colmap_ihe.progress import SILENT, Watch
 
@@ -45,6 +46,7 @@ def map_apart(
         "out": str(out),
         "options": dict(options),
         "seed": seed,
+        "threads": threads.limit(),
         "log": native.log_file(),
     }
     with (
@@ -55,6 +57,7 @@ def map_apart(
             stdout=words,
             stderr=words,
             start_new_session=True,  # Ctrl-C in the terminal is for us
+            env=os.environ | threads.environment(),
         ) as process,
     ):
         assert process.stdin is not None
@@ -98,11 +101,12 @@ def main() -> None:
     function, options_class = MAPPERS[request["mapper"]]
     settings = options_class()
     with ExitStack() as stack:
+        stack.enter_context(threads.limited(request["threads"]))
         if request["log"]:
             stack.enter_context(logged_to(Path(request["log"])))
         try:
             apply_options(settings, request["options"], "sparse.colmap")
-            pycolmap.set_random_seed(request["seed"])
+            fill(settings, {"random_seed": request["seed"]})
             called(
                 function,
                 *(Path(request[name]) for name in ("database", "grey", "out")),

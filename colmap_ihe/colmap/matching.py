@@ -150,6 +150,7 @@ def build_vocabulary(database: Path, tree: Path, watch: Watch) -> None:
         kept = [opened.read_descriptors(i).data[:share].astype(np.float32) for i in some]
     data = np.concatenate(kept)
     build = pycolmap.VisualIndex.BuildOptions()
+    apply_options(build, {}, "the vocabulary")
     build.num_visual_words = int(np.clip(len(data) * _WORDS_PER_FEATURE, 64, 65536))
     descriptors = pycolmap.FeatureDescriptorsFloat()
     descriptors.type = pycolmap.FeatureExtractorType.SIFT

@@ -21,6 +21,7 @@ from typing import Any
 import cv2
 import numpy as np
 
+from colmap_ihe import threads
 from colmap_ihe.colmap.native import apply_options, called, pycolmap
 from colmap_ihe.colmap.ply import Rows, read_mesh, read_ply, write_mesh, write_rows
 from colmap_ihe.errors import MappingError, NativeError
@@ -91,6 +92,7 @@ def reconstruct_surface(
         if before > faces:
             write_mesh(parts[1], surface)
             ratio = pycolmap.MeshSimplificationOptions(target_face_ratio=faces / before)
+            apply_options(ratio, {}, "the simplification")
             called(pycolmap.simplify_mesh, parts[1], parts[2], ratio, watch=watch, cancellable=False)
             simple = read_mesh(parts[2])
             # pycolmap 4.2.1 reads no colours and writes none, whatever interpolate_colors says.
@@ -144,7 +146,7 @@ def _poisson(cloud: Path, mesh: Path, options: pycolmap.PoissonMeshingOptions, w
         stderr=subprocess.DEVNULL,
         start_new_session=True,  # Ctrl-C in the terminal is for us
         # Its threads meet often: beside other work, those that wait would else keep the cores busy for the others.
-        env=os.environ | {"OMP_WAIT_POLICY": "passive"},
+        env=os.environ | {"OMP_WAIT_POLICY": "passive"} | threads.environment(),
     )
     try:
         while process.poll() is None:

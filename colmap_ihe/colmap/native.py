@@ -18,6 +18,7 @@ import cv2  # noqa: F401  before pycolmap, for the same reason
 import PIL.Image  # noqa: F401
 import pycolmap
 
+from colmap_ihe import threads
 from colmap_ihe.errors import Cancelled, KnownError, NativeError, OptionError
 from colmap_ihe.progress import Watch
 
@@ -25,6 +26,7 @@ __all__ = [
     "apply_options",
     "called",
     "cuda_devices",
+    "fill",
     "hear_colmap",
     "hush",
     "log_file",
@@ -62,9 +64,14 @@ def cuda_devices() -> int:
 class _Mergeable(Protocol):
     def mergedict(self, arg0: dict[Any, Any]) -> None: ...
 
+    def todict(self) -> dict[str, Any]: ...
+
 
 def apply_options(target: _Mergeable, values: Mapping[str, Any], place: str) -> None:
-    """Sets pycolmap's own options; it checks names and types itself. Raises `OptionError` naming `place`."""
+    """Sets pycolmap's own options, and the threads of all that are left to COLMAP to as many as a run is limited to.
+    COLMAP checks names and types itself. Raises `OptionError` naming `place`."""
+    if (most := threads.limit()) is not None:
+        fill(target, dict.fromkeys(("num_threads", "num_workers"), most))
     try:
         target.mergedict(dict(values))
     except (AttributeError, TypeError, ValueError, RuntimeError) as error:
@@ -72,6 +79,23 @@ def apply_options(target: _Mergeable, values: Mapping[str, Any], place: str) -> 
         raise OptionError(
             f"{place}: {first}", hint=f"see the options of pycolmap.{type(target).__name__}"
         ) from error
+
+
+def fill(target: _Mergeable, wanted: Mapping[str, int]) -> None:
+    """Sets the options named in `wanted`, wherever in `target` they are, that are -1: left to COLMAP."""
+    target.mergedict(_unset(target.todict(), wanted))
+
+
+def _unset(values: Mapping[str, Any], wanted: Mapping[str, int]) -> dict[str, Any]:
+    found: dict[str, Any] = {}
+    for name, value in values.items():
+        nested = value.todict() if hasattr(value, "todict") else value
+        if isinstance(nested, dict):
+            if inner := _unset(nested, wanted):
+                found[name] = inner
+        elif name in wanted and value == -1:
+            found[name] = wanted[name]
+    return found
 
 
 @contextmanager
@@ -131,7 +155,8 @@ def called(
 
     def work() -> None:
         try:
-            results.append(function(*args, **kwargs))
+            with threads.limited_here():
+                results.append(function(*args, **kwargs))
         except BaseException as error:  # noqa: BLE001  handed to the caller's thread below
             failures.append(error)
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pytest
 
+from colmap_ihe.colmap.cloud import fusion_share
 from colmap_ihe.colmap.cost import STEREO_BYTES_A_PIXEL, dense_cost
 from colmap_ihe.colmap.fusion import FUSION_BYTES
 
@@ -37,3 +38,9 @@ def test_what_was_never_measured_is_not_told() -> None:
     assert (found.minutes, found.at_once) == (None, None)
     assert "PatchMatch" in found.in_words()
     assert "min" not in found.in_words()
+
+
+def test_fusion_gets_the_same_memory_though_a_little_more_or_less_is_free() -> None:
+    assert [fusion_share(free) for free in (0, 10**12, 2 * FUSION_BYTES)] == [FUSION_BYTES] * 3
+    assert fusion_share(2 * FUSION_BYTES - 1) == fusion_share(FUSION_BYTES) == FUSION_BYTES // 2
+    assert 0 < fusion_share(1) == fusion_share(1000)

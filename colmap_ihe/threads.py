@@ -1,0 +1,89 @@
+"""How many threads a run computes with: its own, and those of the libraries under it."""
+
+from __future__ import annotations
+
+import os
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from functools import cache
+
+import cv2
+from threadpoolctl import LibController, ThreadpoolController
+
+_ENVIRONMENT = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS")
+_limits: list[int] = []
+_lock = threading.Lock()
+
+
+def cores() -> int:
+    """Cores that this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def limit() -> int | None:
+    """The most threads that may compute now, None without a limit."""
+    return min(_limits, default=None)
+
+
+@contextmanager
+def limited(most: int | None) -> Iterator[None]:
+    """Ours, OpenCV's and those of BLAS are no more than `most` while this lasts, in all of this process; None limits
+    nothing. Of several at a time the least counts. Those of COLMAP are for `native` to limit."""
+    if most is None:
+        yield
+        return
+    with _lock:
+        _limits.append(most)
+        _tell_libraries()
+    try:
+        yield
+    finally:
+        with _lock:
+            _limits.remove(most)
+            _tell_libraries()
+
+
+@contextmanager
+def limited_here() -> Iterator[None]:
+    """OpenMP counts its threads by the thread that asks for them: for one that calls into a library."""
+    most = limit()
+    if most is None:
+        yield
+        return
+    with _pools().select(user_api="openmp").limit(limits=most):
+        yield
+
+
+def environment() -> dict[str, str]:
+    """The variables of the environment that limit the libraries in a process of its own."""
+    most = limit()
+    return {} if most is None else dict.fromkeys(_ENVIRONMENT, str(most))
+
+
+@cache
+def _pools() -> ThreadpoolController:
+    return ThreadpoolController()
+
+
+@cache
+def _usual() -> tuple[int, ...]:
+    return (cv2.getNumThreads(), *(pool.num_threads for pool in _blas()))
+
+
+def _blas() -> list[LibController]:
+    return list(_pools().select(user_api="blas").lib_controllers)
+
+
+def _tell_libraries() -> None:
+    usual, most = _usual(), limit()
+    wanted = [count if most is None else min(count, most) for count in usual]
+    cv2.setNumThreads(wanted[0])
+    for pool, count in zip(_blas(), wanted[1:], strict=True):
+        pool.set_num_threads(count)
+
+
+def blas() -> list[str]:
+    """The libraries for linear algebra, each with the kind of processor that it takes this one for."""
+    told = (pool.info() for pool in _blas())
+    return sorted(f"{one['prefix']} {one['version']} {one.get('architecture', '')}".strip() for one in told)
