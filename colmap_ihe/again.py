@@ -48,10 +48,10 @@ def read_run(path: Path, assignments: Sequence[str] = ()) -> Noted:
     parts = [
         found[name] for name in ("options", "versions", "photographs") if isinstance(found.get(name), dict)
     ]
-    if len(parts) < 3:
+    if len(parts) < 3 or not all(isinstance(v, str) for part in parts[1:] for v in part.values()):
         raise OptionError(f"{file}: is not there, or not the record of a run", hint=_HINT)
     options, versions, photographs = parts
-    return Noted(options_of(options, str(file), assignments), versions, photographs)
+    return Noted(options_of(options, str(file), file.parent.parent, assignments), versions, photographs)
 
 
 def unlike(noted: Noted, digests: Mapping[str, Sequence[Any]]) -> list[str]:

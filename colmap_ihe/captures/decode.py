@@ -102,20 +102,25 @@ def read_size_here(capture: Capture) -> tuple[int, int, str]:
             width, height = stored_size(capture.path)
         except OSError as error:
             raise _unreadable(capture, error) from error
-    check_size(capture, width, height)
+    check_size(capture.name, width, height)
     return width, height, sensor
 
 
-def check_size(capture: Capture, width: int, height: int) -> None:
-    if width * height > MAX_PIXELS:
-        raise PhotographError(
-            f"{capture.name}: {width}x{height} pixels, wanted at most {MAX_PIXELS // 10**6} megapixels",
-            hint="take it out of the folder, or cut it up",
-        )
+def check_size(name: str, width: int, height: int) -> None:
+    refuse_too_large(name, width, height)
     if min(width, height) < MIN_SIDE:
         raise PhotographError(
-            f"{capture.name}: {width}x{height} pixels, wanted at least {MIN_SIDE} on each side",
+            f"{name}: {width}x{height} pixels, wanted at least {MIN_SIDE} on each side",
             hint="take it out of the folder, or put the full-size photograph in its place",
+        )
+
+
+def refuse_too_large(name: str, width: int, height: int) -> None:
+    """Raises `PhotographError` for more pixels than are ever decoded."""
+    if width * height > MAX_PIXELS:
+        raise PhotographError(
+            f"{name}: {width}x{height} pixels, wanted at most {MAX_PIXELS // 10**6} megapixels",
+            hint="take it out of the folder, or cut it up",
         )
 
 

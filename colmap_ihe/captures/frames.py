@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from colmap_ihe.captures import decoders
+from colmap_ihe.captures.decode import refuse_too_large
 from colmap_ihe.captures.mosaic import Mosaic
 from colmap_ihe.captures.raw import RawHeader, Sensor
 from colmap_ihe.errors import PhotographError
@@ -17,6 +18,7 @@ from colmap_ihe.errors import PhotographError
 def read_header(path: Path) -> RawHeader:
     """As `raw.read_header`. Raises `PhotographError`."""
     (width, height, sensor), _ = decoders.ask("header", path.name, path=str(path.absolute()))
+    refuse_too_large(path.name, int(width), int(height))
     return RawHeader(int(width), int(height), cast(Sensor, sensor))
 
 

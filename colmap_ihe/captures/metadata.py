@@ -16,6 +16,7 @@ from typing import Any
 from PIL import Image, UnidentifiedImageError
 
 from colmap_ihe.captures import cr3, decoders
+from colmap_ihe.captures.coded import FORMATS
 from colmap_ihe.captures.exif import (
     EXPOSURE_TIME,
     F_NUMBER,
@@ -137,7 +138,7 @@ def sized(metadata: Metadata, width: int, height: int) -> Metadata:
 
 
 def _read_coded(source: Path | BytesIO) -> Metadata:
-    with Image.open(source) as image:
+    with Image.open(source, formats=FORMATS) as image:
         try:
             block, found = _block_of(image, source)
             problem = _problem(found.lost)
