@@ -45,7 +45,7 @@ def options_of(values: dict[str, Any], source: str, root: Path, assignments: Ite
     refuse_paths(values, source, root, [text.partition("=")[0].strip() for text in assignments])
     for assignment in assignments:
         _assign(values, assignment)
-        _validate(values, f"--set {assignment}")
+        _validate(values, f"--set {_shown(assignment)}")
     return _validate(values, source)
 
 
@@ -77,19 +77,26 @@ def _assign(values: dict[str, Any], assignment: str) -> None:
     stage, dot, option = name.strip().partition(".")
     if not equals or not dot or not stage or not option:
         raise OptionError(
-            f"--set {assignment}: wanted stage.option=value", hint="as in --set dense.backend=sgm"
+            f"--set {_shown(assignment)}: wanted stage.option=value", hint="as in --set dense.backend=sgm"
         )
     try:
         value = parse_yaml(text)
     except ValueError as error:
-        raise OptionError(f"--set {assignment}: the value is not readable as YAML ({error})") from error
+        raise OptionError(
+            f"--set {_shown(assignment)}: the value is not readable as YAML ({error})"
+        ) from error
     target = values.setdefault(stage, {})
     *parents, last = option.split(".") if stage != "cameras" else _pattern_and_key(option, value)
     for parent in parents:  # colmap options nest: features.colmap.sift.max_num_features=4096
         target = target.setdefault(parent, {})
         if not isinstance(target, dict):
-            raise OptionError(f"--set {assignment}: {parent!r} is not a mapping")
+            raise OptionError(f"--set {_shown(assignment)}: {parent!r} is not a mapping")
     target[last] = value
+
+
+def _shown(assignment: str) -> str:
+    """In one line, as it stands in a message."""
+    return " ".join(assignment.split())[:_SHOWN]
 
 
 def _pattern_and_key(option: str, value: Any) -> list[str]:

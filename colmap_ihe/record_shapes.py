@@ -1,4 +1,4 @@
-"""What a record has to hold for others to build on it: one that somebody wrote, or a disk spoilt, counts for nothing."""
+"""What a record has to hold for others to build on it: one that somebody wrote, or a disk spoilt, counts for none."""
 
 from __future__ import annotations
 

@@ -50,9 +50,13 @@ def read_photograph(capture: Capture) -> Photograph:
     found, rgb = decoders.ask("photograph", capture.name, capture.pixels, capture=message_of(capture))
     if rgb is None:
         raise PhotographError(f"{capture.name}: the decoder returned no pixels")
-    matrix = found["matrix"]
-    srgb_from_camera = None if matrix is None else np.array(matrix, np.float64)
-    return Photograph(rgb, found["encoding"], srgb_from_camera, found["profile"])
+    with decoders.understood(capture.name):
+        matrix = found["matrix"]
+        srgb_from_camera = None if matrix is None else np.array(matrix, np.float64).reshape(3, 3)
+        kind = np.uint8 if encoding_of(capture) == "coded" else np.uint16
+        if rgb.dtype != kind or rgb.shape[2:] != (3,) or found["encoding"] != encoding_of(capture):
+            raise ValueError(f"{rgb.dtype} pixels of {rgb.shape}")
+        return Photograph(rgb, found["encoding"], srgb_from_camera, bytes(found["profile"]))
 
 
 def read_photograph_here(capture: Capture, room: Callable[..., NDArray[Any]] = np.empty) -> Photograph:
@@ -87,8 +91,10 @@ def message_of(capture: Capture) -> dict[str, Any]:
 def read_size(capture: Capture) -> tuple[int, int, str]:
     """Width, height and, of a RAW file, the kind of sensor, from the file's header, without decoding. Raises
     `PhotographError`, `CapabilityError`."""
-    (width, height, sensor), _ = decoders.ask("size", capture.name, capture=message_of(capture))
-    return int(width), int(height), str(sensor)
+    found, _ = decoders.ask("size", capture.name, capture=message_of(capture))
+    with decoders.understood(capture.name):
+        width, height, sensor = found
+        return int(width), int(height), str(sensor)
 
 
 def read_size_here(capture: Capture) -> tuple[int, int, str]:
