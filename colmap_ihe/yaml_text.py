@@ -30,12 +30,12 @@ def parse_yaml(text: str) -> Any:
     """Plain values: nothing in it is run or opened. Raises ValueError, in one line, for what is no YAML, unfolds to
     more than a person writes, or holds characters that are no text."""
     try:
-        loader = yaml.SafeLoader(text)  # not libyaml's, whose stack overflows where this one raises
+        loader = _Loader(text)
         try:
             node = loader.get_single_node()
             if node is None:
                 return None
-            _weigh(node, {}, 0)
+            _weigh(node, {})
             values = loader.construct_document(node)
         finally:
             loader.dispose()
@@ -67,29 +67,43 @@ def _texts(values: Any) -> Iterator[str]:
             yield from _texts(value)
 
 
-def _weigh(node: yaml.Node, known: dict[int, int | None], depth: int) -> int:
-    """How many nodes it unfolds to; each is looked at once, however often it is named."""
-    if depth > _DEEPEST:
-        raise ValueError(f"it is nested more than {_DEEPEST} levels deep")
-    found = known.get(id(node), 0)
+class _Loader(yaml.SafeLoader):
+    """PyYAML's own, not libyaml's: it raises where the stack of that one would overflow."""
+
+    _depth = 0
+
+    def compose_node(self, parent: yaml.Node | None, index: Any) -> yaml.Node | None:
+        self._depth += 1
+        if self._depth > _DEEPEST:
+            raise ValueError(f"it is nested more than {_DEEPEST} levels deep")
+        try:
+            return super().compose_node(parent, index)
+        finally:
+            self._depth -= 1
+
+
+def _weigh(node: yaml.Node, known: dict[int, tuple[int, int] | None]) -> tuple[int, int]:
+    """How many nodes it unfolds to, and how deep; each is looked at once, however often it is named."""
+    found = known.get(id(node), (0, 0))
     if found is None:
         raise ValueError("an alias stands inside of what it names")
-    if found:
+    if found[0]:
         return found
     known[id(node)] = None
-    count = 1
+    count, depth = 1, 0
     if isinstance(node, yaml.ScalarNode):
         if len(node.value) > _LONGEST:
             raise ValueError(f"a value of {len(node.value)} characters, wanted at most {_LONGEST}")
     else:
         parts = (
-            [part for pair in node.value for part in pair]
-            if isinstance(node, yaml.MappingNode)
-            else node.value
+            [one for pair in node.value for one in pair] if isinstance(node, yaml.MappingNode) else node.value
         )
         for part in parts:
-            count += _weigh(part, known, depth + 1)
+            inner, below = _weigh(part, known)
+            count, depth = count + inner, max(depth, below + 1)
             if count > _MOST_NODES:
                 raise ValueError(f"its aliases unfold to more than {_MOST_NODES} values")
-    known[id(node)] = count
-    return count
+            if depth > _DEEPEST:
+                raise ValueError(f"its aliases unfold to more than {_DEEPEST} levels")
+    known[id(node)] = count, depth
+    return count, depth

@@ -17,12 +17,11 @@ from colmap_ihe.errors import PhotographError
 
 def read_header(path: Path) -> RawHeader:
     """As `raw.read_header`. Raises `PhotographError`."""
-    found, _ = decoders.ask("header", path.name, path=str(path.absolute()))
+    found: Any = decoders.ask("header", path.name, path=str(path.absolute()))[0]
     with decoders.understood(path.name):
-        width, height, sensor = found
-        width, height = int(width), int(height)
+        width, height, sensor = int(found[0]), int(found[1]), str(found[2])
     refuse_too_large(path.name, width, height)
-    return RawHeader(width, height, cast(Sensor, str(sensor)))
+    return RawHeader(width, height, cast(Sensor, sensor))
 
 
 def read_mosaic(path: Path) -> Mosaic:
