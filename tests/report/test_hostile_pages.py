@@ -24,7 +24,7 @@ from colmap_ihe.report.page import render_batch, render_comparison, render_page
 from colmap_ihe.report.tables import Table
 
 if TYPE_CHECKING:
-    from playwright.sync_api import Browser
+    from playwright.sync_api import Browser, Dialog
 
 PAYLOADS = (
     '"><script>window.ran=1</script><img src=x onerror=window.ran=2>',
@@ -167,7 +167,12 @@ def test_nothing_of_it_runs_in_a_browser(browser: Browser, tmp_path: Path, page:
     (tmp_path / "page.html").write_text(html, encoding="utf-8")
     opened = browser.new_page()
     dialogs: list[str] = []
-    opened.on("dialog", lambda dialog: (dialogs.append(dialog.message), dialog.dismiss()))
+
+    def dismissed(dialog: Dialog) -> None:
+        dialogs.append(dialog.message)
+        dialog.dismiss()
+
+    opened.on("dialog", dismissed)
     opened.goto((tmp_path / "page.html").as_uri())
     opened.locator("#hole a").click()
     opened.wait_for_timeout(200)
