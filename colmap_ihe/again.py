@@ -66,17 +66,17 @@ def read_run(path: Path, assignments: Sequence[str] = ()) -> Noted:
     parts = [
         found[name] for name in ("options", "versions", "photographs") if isinstance(found.get(name), dict)
     ]
-    if len(parts) < 3:
+    if len(parts) < 3 or not all(isinstance(v, str) for part in parts[1:] for v in part.values()):
         raise OptionError(f"{file}: is not there, or not the record of a run", hint=_HINT)
     options, versions, photographs = parts
+    root = file.absolute().parents[1 if file.absolute().parent.name == "records" else 0]
     fit = options.get("fit")
     if isinstance(fit, dict) and isinstance(fit.get("weights"), str):
-        root = file.absolute().parents[1 if file.absolute().parent.name == "records" else 0]
         fit["weights"] = str(root / fit["weights"])
     more = {name: found.get(name) for name in ("masks", "machine")}
     more["variables"] = found.get("environment")
     return Noted(
-        options_of(options, str(file), assignments),
+        options_of(options, str(file), root, assignments),
         versions,
         photographs,
         weights=str(found.get("weights") or ""),

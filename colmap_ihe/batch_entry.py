@@ -92,6 +92,7 @@ class Entry:
 
     def take(self) -> bool:
         """Whether it is ours now, and no other batch's. Raises `KnownError`, where it cannot be written to."""
+        self.project.refuse_links()
         with room_on_disk(self.root):
             self._lock = ours.take_lock(self.project.batch_lock)
         return self._lock is not None
@@ -124,6 +125,7 @@ class Entry:
             "ended": time_of(time.time()),
         }
         with suppress(KnownError, OSError):  # nothing can be written there, which is then its reason
+            self.project.refuse_links()
             write_json(self.project.batch_record, record)
 
     def ended_elsewhere(self, assignments: Sequence[str]) -> bool:
@@ -134,9 +136,9 @@ class Entry:
             if (
                 newer
                 and record.get("set") == list(assignments)
-                and record.get("state") in ("done", *FAILURES)
+                and str(record.get("state")) in ("done", *FAILURES)
             ):
-                self.to(record["state"], record.get("reason", ""), record.get("hint", ""))
+                self.to(record["state"], str(record.get("reason", "")), str(record.get("hint", "")))
                 return True
         return False
 

@@ -10,7 +10,7 @@ from pathlib import Path
 
 from colmap_ihe import ours
 from colmap_ihe.errors import ProjectError
-from colmap_ihe.files import fingerprint_of, room_on_disk
+from colmap_ihe.files import fingerprint_of, leads_out, room_on_disk
 from colmap_ihe.project import Project
 
 _NAME = "batch"
@@ -51,7 +51,12 @@ class BatchFolder:
         return self.folder / f"stop-{fingerprint_of(os.getpid(), time.time_ns())}"
 
     def make(self) -> None:
-        """Raises `ProjectError` where somebody else made it."""
+        """Raises `ProjectError` where somebody else made it, or it is a link out of `root`."""
+        if leads_out(self.folder, self.root):
+            raise ProjectError(
+                f"{self.folder}: a link that leads out of {self.root}, and the page is not written through one",
+                hint="take the link out",
+            )
         if not ours.is_ours(self.folder):
             ours.refuse_others(self.folder, "the batch puts its page there: give yours another name")
             with room_on_disk(self.folder):

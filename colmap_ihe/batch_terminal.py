@@ -13,7 +13,7 @@ from rich.table import Table
 from rich.text import Text
 
 from colmap_ihe.batched import Batched, BatchState, facts_of
-from colmap_ihe.following import Follower
+from colmap_ihe.following import Follower, shown
 from colmap_ihe.json_lines import JsonLines
 from colmap_ihe.report.charts import duration
 from colmap_ihe.terminal import Bars, print_table
@@ -104,7 +104,7 @@ class BatchBars:
     def _changed(self, project: Batched) -> None:
         line = f"{project.name:>9}  {_line(project)}"
         if project.kind == "failed":
-            self._bars.console.print(Text(line, style="red"))
+            self._bars.console.print(Text(shown(line), style="red"))
         elif not self._bars.quiet and project.state not in ("waiting", "running"):
             self._say(line)
         elif self._live is None and project.state == "running":
@@ -112,7 +112,7 @@ class BatchBars:
 
     def _say(self, text: str) -> None:
         if not self._bars.quiet:
-            self._bars.console.print(Text(text))
+            self._bars.console.print(Text(shown(text)))
 
 
 def _line(project: Batched) -> str:
@@ -128,7 +128,7 @@ def _picture(state: BatchState) -> Group:
     for project in running[:_SHOWN]:
         done, total = project.progress or (0, 0)
         part = f"{done} of {total}" if total > 1 else ""
-        rows.add_row(Text(project.name), Text(project.stage or "starts"), Text(part))
+        rows.add_row(Text(shown(project.name)), Text(project.stage or "starts"), Text(part))
     if len(running) > _SHOWN:
         rows.add_row(Text(f"and {len(running) - _SHOWN} more"))
     ended = sum(project.kind in ("done", "failed") for project in state.projects)

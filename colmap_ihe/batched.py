@@ -146,19 +146,33 @@ def batched(folder: BatchFolder, project: Project, state: State, **known: Any) -
     """A project as its records show it, with what is known of it besides."""
     record = read_json(project.batch_record) or {}
     summary = read_json(project.summary_file) or {}
+    stages = summary.get("stages")
     values: dict[str, Any] = {
-        "seconds": record.get("seconds"),
-        "peak_memory_gb": record.get("peak_memory_gb"),
-        "began": record.get("began"),
-        "ended": record.get("ended"),
-        "figures": {name: summary.get(name) for name in _FIGURES},
-        "left_out": len(summary.get("left_out") or ()),
-        "warnings": len(summary.get("warnings") or ()),
-        "stages": summary.get("stages") or {},
+        "seconds": _number(record.get("seconds")),
+        "peak_memory_gb": _number(record.get("peak_memory_gb")),
+        "began": _text(record.get("began")),
+        "ended": _text(record.get("ended")),
+        "figures": {name: _number(summary.get(name)) for name in _FIGURES},
+        "left_out": _length(summary.get("left_out")),
+        "warnings": _length(summary.get("warnings")),
+        "stages": {str(n): s for n, s in stages.items() if _number(s)} if isinstance(stages, dict) else {},
         "page": _relative(folder, project.page_file),
         "log": _relative(folder, project.batch_log),
     }
     return Batched(folder.name_of(project.root), state, **{**values, **known})
+
+
+def _number(value: Any) -> Any:
+    """None for what no run wrote there."""
+    return value if type(value) in (int, float) and 0 <= value < 1e15 else None
+
+
+def _text(value: Any) -> str | None:
+    return value if isinstance(value, str) else None
+
+
+def _length(value: Any) -> int:
+    return len(value) if isinstance(value, list | dict) else 0
 
 
 def publish(folder: BatchFolder, state: BatchState, thumbnails: dict[str, Picture]) -> None:

@@ -25,6 +25,7 @@ class Source:
     develop: DevelopOptions
     calibration: Path | None
     ignored: tuple[str, ...] = ()
+    refused: Mapping[str, str] = field(default_factory=dict)
 
 
 @dataclass
@@ -50,7 +51,8 @@ def campaigns_of(paths: Sequence[Path], develop: DevelopOptions, calibration: Pa
             _add_project(found, path)
         else:
             discovery = discover(path)
-            found.sources.append(Source(discovery.captures, develop, calibration, discovery.ignored))
+            more = (discovery.ignored, discovery.refused)
+            found.sources.append(Source(discovery.captures, develop, calibration, *more))
     if len(found.sources) > 1:  # names are told apart by their folder then
         found.sources = [replace(s, captures=[_named(c) for c in s.captures]) for s in found.sources]
     return found
@@ -74,7 +76,8 @@ def _add_project(found: Campaigns, root: Path) -> None:
     found.notes.append(f"{root}: no histogram that is true ({why}), so its photographs are read")
     discovery = discover(project.images)
     calibration = project.calibration if project.calibration.is_dir() else None
-    found.sources.append(Source(discovery.captures, options.develop, calibration, discovery.ignored))
+    more = (discovery.ignored, discovery.refused)
+    found.sources.append(Source(discovery.captures, options.develop, calibration, *more))
 
 
 def _named(capture: Capture) -> Capture:

@@ -26,7 +26,7 @@ from colmap_ihe.fitting import Fit, fit_captures
 from colmap_ihe.grey.weights import Grey, Weights
 from colmap_ihe.options import DevelopOptions, FitOptions, Options
 from colmap_ihe.pages import write_page
-from colmap_ihe.per_image import LeftOut
+from colmap_ihe.per_image import LeftOut, refused
 from colmap_ihe.pipeline import Reconstruction, reconstruct
 from colmap_ihe.preprocess import Surveyed, survey
 from colmap_ihe.progress import SILENT, Audience
@@ -84,6 +84,8 @@ def fit_files(
         audience.warn(text)
     surveyed: list[Surveyed] = []
     unreadable: LeftOut = {}
+    for source in found.sources:
+        unreadable |= refused(source, strict)
     with local_executor() as executor, ExitStack() as stack:
         for source in found.sources:
             how = (source.captures, source.develop, source.calibration, executor, audience)
@@ -151,7 +153,8 @@ def report(
             hint="run `colmap-ihe reconstruct` first",
         )
     summary = summarise(records, options)
-    if truth := (read_json(place.summary_file) or {}).get("truth"):  # of this very model, else it were gone
+    truth = (read_json(place.summary_file) or {}).get("truth")  # of this very model, else it were gone
+    if isinstance(truth, dict) and all(type(value) in (int, float) for value in truth.values()):
         summary["truth"] = truth
     with place.locked(), local_executor() as executor, audience.stage("page") as watch:
         run = Run(place, options, discover(place.images), executor, records)

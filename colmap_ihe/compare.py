@@ -38,6 +38,7 @@ from colmap_ihe.evaluate.truth import Truth
 from colmap_ihe.executor import local_executor
 from colmap_ihe.files import fingerprint_of, read_json, require_room, write_bytes, write_json
 from colmap_ihe.grey.conversions import CONVERSIONS
+from colmap_ihe.option_paths import native_assignments
 from colmap_ihe.options import ClusterOptions, FitOptions, Options
 from colmap_ihe.pipeline import Reconstruction, reconstruct
 from colmap_ihe.progress import SILENT, Audience
@@ -82,12 +83,13 @@ def compare(
         projects: list[Reconstruction] = []
         wanted = list(dict.fromkeys(methods))
         homes = [_project_of(place, method, options) for method in wanted]
+        said = native_assignments(options)
         if jobs > 1 or executor:
             with audience.stage("matching") as watch:
-                match_together(homes, place.comparison / _DEVELOPED, jobs, executor, watch)
+                match_together(homes, said, place.comparison / _DEVELOPED, jobs, executor, watch)
         for number, (method, one) in enumerate(zip(wanted, homes, strict=True)):
             ahead = Ahead(audience, one, options, wanted[number:], seeds)
-            done = _matched(one, images_of, ahead)
+            done = _matched(one, said, images_of, ahead)
             runs = {seed: _mapped(done, options, seed, truth, audience) for seed in range(seeds + 1)}
             projects.append(done)
             first = projects[0]
@@ -144,11 +146,11 @@ def _project_of(place: Project, method: str, options: Options) -> Project:
     return one
 
 
-def _matched(one: Project, executor: Executor, audience: Audience) -> Reconstruction:
-    """As far as verified matches."""
+def _matched(one: Project, said: Sequence[str], executor: Executor, audience: Audience) -> Reconstruction:
+    """As far as verified matches. `said`: what goes over its project.yaml."""
     return reconstruct(
         one.root,
-        load_options(one.options_file),
+        load_options(one.options_file, said),
         images=one.images,
         until="matches",
         audience=audience,

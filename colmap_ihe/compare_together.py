@@ -17,10 +17,16 @@ _TICK_SECONDS = 0.25
 
 
 def match_together(
-    projects: Sequence[Project], developed: Path, jobs: int, executor: Executor | None, watch: Watch
+    projects: Sequence[Project],
+    assignments: Sequence[str],
+    developed: Path,
+    jobs: int,
+    executor: Executor | None,
+    watch: Watch,
 ) -> None:
-    """Runs them with what their project.yaml says, `jobs` at a time here, or all on `executor`. What becomes of them
-    is in their records: one that failed is not done, and fails again where it is run alone. Raises `Cancelled`."""
+    """Runs them with what their project.yaml says, and `assignments` over it, `jobs` at a time here, or all on
+    `executor`. What becomes of them is in their records: one that failed is not done, and fails again where it is run
+    alone. Raises `Cancelled`."""
     stop_file = developed.with_name("stop")
     stop_file.unlink(missing_ok=True)
     share = 0 if executor else memory.available() // jobs
@@ -31,6 +37,7 @@ def match_together(
         for one in projects:
             job = Job(
                 str(one.root),
+                tuple(assignments),
                 images=str(one.images),
                 until="matches",
                 developed=str(developed),

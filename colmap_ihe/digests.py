@@ -37,7 +37,7 @@ def digests_of(
     changed = []
     for name, path in files.items():
         old = known.get(name, [])
-        if old and old[:2] == _size_and_time(path):
+        if _is_digest(old) and old[:2] == _size_and_time(path):
             found[name] = old
             watch.advance()
         else:
@@ -47,6 +47,10 @@ def digests_of(
         found[name] = values
         watch.advance()
     return found
+
+
+def _is_digest(known: Any) -> bool:
+    return isinstance(known, list) and len(known) == 3 and isinstance(known[2], str)
 
 
 def _size_and_time(path: Path) -> list[int]:

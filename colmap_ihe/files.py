@@ -8,16 +8,56 @@ import json
 import os
 import secrets
 import shutil
+import stat
 from collections.abc import Iterator
 from contextlib import contextmanager
 from io import BytesIO
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 import numpy as np
 from numpy.typing import NDArray
 
 from colmap_ihe.errors import DiskFullError, ProjectError
+
+_MOST_JSON = 1 << 28  # bytes: digests of a million photographs
+
+
+def open_file(path: Path) -> BinaryIO:
+    """A file to read; a pipe, device or folder of that name is refused, and never waited for. Raises OSError."""
+    handle = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
+    kind = os.fstat(handle).st_mode
+    if not stat.S_ISREG(kind):
+        os.close(handle)
+        number = errno.EISDIR if stat.S_ISDIR(kind) else errno.EINVAL
+        raise OSError(number, "Is a directory" if stat.S_ISDIR(kind) else "is a pipe or a device", str(path))
+    return os.fdopen(handle, "rb")
+
+
+def read_at_most(path: Path, most: int) -> bytes:
+    """The content of a file of no more than `most` bytes. Raises OSError."""
+    with open_file(path) as handle:
+        content = handle.read(most + 1)
+    if len(content) > most:
+        raise OSError(errno.EFBIG, f"is larger than {most / 1e6:.0f} MB", str(path))
+    return content
+
+
+def leads_out(path: Path, folder: Path) -> bool:
+    """Whether `path`, which lies below `folder`, is or passes a link that ends elsewhere; `folder` may be a link."""
+    return not Path(os.path.realpath(path)).is_relative_to(os.path.realpath(folder))
+
+
+def odd_below(folder: Path, deep: bool = True) -> Iterator[Path]:
+    """What is in a folder and, if `deep`, in the folders below, and is neither file nor folder: links, none of which is
+    followed, pipes, devices. Raises OSError."""
+    with os.scandir(folder) as entries:
+        for entry in entries:
+            if entry.is_dir(follow_symlinks=False):
+                if deep:
+                    yield from odd_below(folder / entry.name)
+            elif not entry.is_file(follow_symlinks=False):
+                yield folder / entry.name
 
 
 @contextmanager
@@ -95,7 +135,7 @@ def fingerprint_of(*parts: Any) -> str:
 def digest_file(path: Path) -> str:
     """A digest of a file's content. Raises OSError."""
     digest = hashlib.blake2b(digest_size=12)
-    with path.open("rb") as handle:
+    with open_file(path) as handle:
         while chunk := handle.read(1 << 20):
             digest.update(chunk)
     return digest.hexdigest()
@@ -104,7 +144,7 @@ def digest_file(path: Path) -> str:
 def read_json(path: Path) -> dict[str, Any] | None:
     """The mapping in a JSON file, None if there is none that can be read."""
     try:
-        values = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError):
+        values = json.loads(read_at_most(path, _MOST_JSON).decode("utf-8"))
+    except (OSError, ValueError, RecursionError):
         return None
     return values if isinstance(values, dict) else None

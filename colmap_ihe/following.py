@@ -13,6 +13,13 @@ from colmap_ihe.forecast import Forecast, Part
 from colmap_ihe.progress import Watch
 
 
+def shown(text: str) -> str:
+    """Text for a terminal: what a photograph or a file says of itself may hold characters that would steer it."""
+    return "".join(
+        c if c.isprintable() else " " if c in "\t\n\r" else c.encode("unicode_escape").decode() for c in text
+    )
+
+
 class Follower(ABC):
     """An `Audience`. `stop` may be called from a signal handler: what is being watched then ends with `Cancelled`."""
 

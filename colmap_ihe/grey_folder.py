@@ -22,7 +22,7 @@ from colmap_ihe.grey.convert import Tone, check_tone
 from colmap_ihe.grey.weights import Grey, grey_from_dict
 from colmap_ihe.ledger import Ledger, opened
 from colmap_ihe.options import CamerasOptions, ConvertOptions, DevelopOptions, FitOptions
-from colmap_ihe.per_image import LeftOut
+from colmap_ihe.per_image import LeftOut, refused
 from colmap_ihe.preprocess import Surveyed, convert_captures, weights_for
 from colmap_ihe.progress import SILENT, Audience
 from colmap_ihe.recipes import prepared_set
@@ -58,6 +58,7 @@ def convert_folder(
     require_apart(images.resolve(), folders)
     options, cameras = options or ConvertOptions(), cameras or CamerasOptions()
     discovery = discover(images.absolute())
+    not_read = refused(discovery, strict)
     with ExitStack() as stack:
         executor = stack.enter_context(local_executor())
         prepared = stack.enter_context(
@@ -65,7 +66,7 @@ def convert_folder(
                 discovery.captures, develop, calibration, executor, audience, strict=strict, cameras=cameras
             )
         )
-        surveyed, left_out = prepared.surveyed, dict(prepared.left_out)
+        surveyed, left_out = prepared.surveyed, not_read | prepared.left_out
         digests = digests_of(surveyed, executor, audience)
         for text in oddities.warnings_of(surveyed, discovery.ignored):
             audience.warn(text)

@@ -8,7 +8,7 @@ import threading
 import time
 from typing import Any
 
-from colmap_ihe.following import Follower, Piece
+from colmap_ihe.following import Follower, Piece, shown
 
 _EVERY_SECONDS = 1.0
 
@@ -32,7 +32,7 @@ class JsonLines(Follower):
 
     def failed(self, message: str, hint: str) -> None:
         self.say("failed", message=message, hint=hint)
-        print(f"colmap-ihe: {message}{f' ({hint})' if hint else ''}", file=sys.stderr)
+        print(shown(f"colmap-ihe: {message}{f' ({hint})' if hint else ''}"), file=sys.stderr)
 
     def _piece(self, name: str) -> Piece:
         self.say("stage", stage=name)

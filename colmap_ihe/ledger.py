@@ -17,10 +17,10 @@ from typing import Any
 
 from colmap_ihe.errors import ProjectError
 from colmap_ihe.executor import local_executor
-from colmap_ihe.files import digest_file, read_json, room_on_disk, write_json
+from colmap_ihe.files import digest_file, leads_out, read_json, room_on_disk, write_json
 
 RECORD = ".colmap-ihe.json"
-_UNFINISHED = re.compile(r"\.[0-9a-f]{24}\.\d+\.tmp")  # of `write_bytes`, when it was killed
+_UNFINISHED = re.compile(r"\.[0-9a-f]{24}\.[0-9a-f]+\.tmp")  # of `write_bytes`, when it was killed
 
 
 class Ledger:
@@ -47,12 +47,17 @@ class Ledger:
             raise ProjectError(
                 f"{folder / RECORD}: is not a record of this version", hint="name an empty or a new folder"
             )
-        self.files, self.notes = {n: dict(f) for n, f in files.items() if _is_below(n)}, notes
+        self.files, self.notes = {n: dict(f) for n, f in files.items() if self._is_below(n)}, notes
 
     def refuse(self, wanted: Mapping[str, str]) -> None:
         """Raises `ProjectError` if a file that is not ours is in the way of `wanted`, or if what lies here is
         of other photographs. `wanted`: the photograph that each file is made from."""
         for name in wanted:
+            if not self._is_below(name):
+                raise ProjectError(
+                    f"{self.folder / name}: lies behind a link that leads out of the folder",
+                    hint="take the link out, or name another folder",
+                )
             if name not in self.files and (self.folder / name).exists():
                 raise ProjectError(
                     f"{self.folder / name}: is there already and was not written by colmap-ihe",
@@ -64,6 +69,14 @@ class Ledger:
                 f"{self.folder}: holds grey images of other photographs, as {min(there)}",
                 hint="name a folder of its own for each set",
             )
+
+    def _is_below(self, name: str) -> bool:
+        path = Path(name)
+        return (
+            not path.is_absolute()
+            and ".." not in path.parts
+            and not leads_out(self.folder / name, self.folder)
+        )
 
     def begin(self, wanted: Mapping[str, str], prints: Mapping[str, str]) -> set[str]:
         """Removes what is stale or no longer wanted, and notes what will be written: the names returned.
@@ -136,7 +149,3 @@ def opened(folder: Path) -> Iterator[Ledger]:
 def _is_table(files: Mapping[Any, Any]) -> bool:
     keys = ("photograph", "fingerprint", "digest")
     return all(isinstance(f, dict) and all(isinstance(f.get(k), str) for k in keys) for f in files.values())
-
-
-def _is_below(name: str) -> bool:
-    return not Path(name).is_absolute() and ".." not in Path(name).parts

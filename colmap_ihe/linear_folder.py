@@ -20,7 +20,7 @@ from colmap_ihe.files import fingerprint_of, write_bytes
 from colmap_ihe.grey_folder import digests_of, require_apart
 from colmap_ihe.ledger import Ledger, opened
 from colmap_ihe.options import DevelopOptions
-from colmap_ihe.per_image import LeftOut, each_usable
+from colmap_ihe.per_image import LeftOut, each_usable, refused
 from colmap_ihe.preprocess import Surveyed
 from colmap_ihe.progress import SILENT, Audience
 from colmap_ihe.recipes import prepared_set
@@ -44,6 +44,7 @@ def develop_folder(
     """
     require_apart(images.resolve(), [out.resolve()])
     discovery = discover(images.absolute())
+    not_read = refused(discovery, strict)
     raw = [c for c in discovery.captures if c.kind == "raw"]
     if not raw:
         raise ProjectError(
@@ -62,7 +63,7 @@ def develop_folder(
         digests = digests_of(prepared.surveyed, executor, audience)
         ledger = stack.enter_context(opened(out.resolve()))
         names, failed = _develop(prepared.surveyed, digests, ledger, executor, audience, strict)
-    left_out = prepared.left_out | failed
+    left_out = not_read | prepared.left_out | failed
     for reason in left_out.values():
         audience.warn(f"left out: {reason}")
     return {n: t for n, t in names.items() if n not in left_out}, prepared.steps, left_out

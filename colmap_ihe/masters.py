@@ -31,7 +31,7 @@ from colmap_ihe.captures.raw import frames_of
 from colmap_ihe.captures.recipe import Recipe
 from colmap_ihe.errors import PhotographError
 from colmap_ihe.executor import in_order
-from colmap_ihe.files import digest_file, fingerprint_of, write_array
+from colmap_ihe.files import digest_file, fingerprint_of, leads_out, write_array
 from colmap_ihe.preprocess import Surveyed
 from colmap_ihe.progress import Watch
 from colmap_ihe.version import library_versions
@@ -59,6 +59,7 @@ def masters_of(
         shots = []
         for file in files:
             try:
+                _refuse_elsewhere(file, folder / kind)
                 header = read_header(file)
                 shots.append((str(file), shot_of(read_metadata(file, "raw"), header.width, header.height)))
             except PhotographError as error:
@@ -77,6 +78,13 @@ def masters_of(
                     say(f"calibration frame left out: {broken.error}")
                     names.remove(broken.name)
     return masters
+
+
+def _refuse_elsewhere(file: Path, folder: Path) -> None:
+    if leads_out(file, folder):
+        raise PhotographError(
+            f"{file.name}: a link that leads out of the folder of frames", hint="put the frame in its place"
+        )
 
 
 class _BrokenFrame(Exception):

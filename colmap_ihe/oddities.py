@@ -63,6 +63,17 @@ def unread_pictures(ignored: tuple[str, ...]) -> list[str]:
     ]
 
 
+def linked_folders(ignored: tuple[str, ...]) -> list[str]:
+    """Links to folders elsewhere are not followed; their owner may count on the photographs behind them."""
+    links = [name for name in ignored if name.endswith("/")]
+    if not links:
+        return []
+    return [
+        f"{len(links)} links lead to folders elsewhere and are not followed, as {links[0]}: put the photographs there,"
+        " or name the one that holds all of them with --images"
+    ]
+
+
 def warnings_of(surveyed: Sequence[Surveyed], ignored: tuple[str, ...] = ()) -> list[str]:
     """What headers say that its owner should know, whatever is done with the set."""
     return [
@@ -70,6 +81,7 @@ def warnings_of(surveyed: Sequence[Surveyed], ignored: tuple[str, ...] = ()) -> 
         *profile_warnings(surveyed),
         *page_warnings(surveyed),
         *unread_pictures(ignored),
+        *linked_folders(ignored),
         *memory_warnings([s.capture for s in surveyed]),
     ]
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import fcntl
+import os
 from pathlib import Path
 from typing import IO
 
@@ -31,7 +32,9 @@ def take_lock(file: Path) -> IO[str] | None:
     """The lock that goes with `file`, held until what is returned is closed or the process ends, however that
     happens; None if somebody else has it. Raises OSError."""
     file.parent.mkdir(parents=True, exist_ok=True)
-    handle = file.open("a")
+    # not to wait for the other end, were it a pipe
+    opened = os.open(file, os.O_RDWR | os.O_APPEND | os.O_CREAT | os.O_CLOEXEC | os.O_NONBLOCK, 0o666)
+    handle = os.fdopen(opened, "a")
     try:
         fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except BlockingIOError:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import Executor
 from functools import partial
 from typing import Protocol, TypeVar
@@ -74,6 +74,19 @@ def leave_out(name: str, error: PhotographError, strict: bool, left_out: LeftOut
     if strict:
         raise error
     left_out[name] = f"{error}; {error.hint}" if error.hint else str(error)
+
+
+class _Refusing(Protocol):
+    @property
+    def refused(self) -> Mapping[str, str]: ...
+
+
+def refused(found: _Refusing, strict: bool) -> LeftOut:
+    """What is left out before anything is read; raises `PhotographError` for the first if strict."""
+    for reason in found.refused.values() if strict else ():
+        message, _, hint = reason.partition("; ")
+        raise PhotographError(message, hint=hint)
+    return dict(found.refused)
 
 
 def none_usable(captures: Sequence[Capture], left_out: LeftOut) -> ProjectError:

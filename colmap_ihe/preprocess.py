@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import struct
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor, Future, ThreadPoolExecutor
@@ -21,7 +22,7 @@ from colmap_ihe.captures.metadata import Metadata, read_metadata, sized
 from colmap_ihe.captures.png import encode_png
 from colmap_ihe.errors import ProjectError, WeightsError
 from colmap_ihe.executor import local_workers, shares_memory
-from colmap_ihe.files import write_bytes
+from colmap_ihe.files import leads_out, open_file, write_bytes
 from colmap_ihe.fitting import Fit
 from colmap_ihe.grey.convert import check_tone, to_colour, to_grey
 from colmap_ihe.grey.wallis import wallis
@@ -29,6 +30,18 @@ from colmap_ihe.grey.weights import Grey
 from colmap_ihe.options import CamerasOptions, ConvertOptions
 from colmap_ihe.per_image import LeftOut, each_usable
 from colmap_ihe.progress import Watch
+
+MASKS = ("PNG", "JPEG", "TIFF", "BMP")
+"""The kinds of files that are read as masks, whatever their name: Pillow would run a program for some others."""
+_UNREADABLE_MASK = (
+    OSError,
+    SyntaxError,
+    ValueError,
+    TypeError,
+    struct.error,
+    Image.DecompressionBombError,
+    MemoryError,
+)
 
 
 @dataclass(frozen=True)
@@ -150,7 +163,8 @@ def write_masks(masks: Path, grey_names: Mapping[str, str], grey_folder: Path, o
     """COLMAP's masks for grey images (GREY.png.png, black is left out) from those of the user, who may name a
     mask after the photograph (IMG.JPG.png) or the grey image; white where there is none.
 
-    `grey_names` by photograph. Returns the masks used. Raises `ProjectError` for one of another size.
+    `grey_names` by photograph. Returns the masks used. Raises `ProjectError` for one that
+    cannot be read, is of another size, or lies elsewhere.
     """
     used = set()
     for photograph, grey in grey_names.items():
@@ -160,23 +174,28 @@ def write_masks(masks: Path, grey_names: Mapping[str, str], grey_folder: Path, o
         for name in (f"{photograph}.png", f"{grey}.png"):
             if not (masks / name).is_file():
                 continue
-            mask = _read_mask(masks / name)
-            if mask.shape != size[::-1]:
-                raise ProjectError(
-                    f"{masks / name}: {mask.shape[1]}x{mask.shape[0]} pixels, its photograph has {size[0]}x{size[1]}",
-                    hint="masks have the size of the photograph as stored, not turned upright",
-                )
+            mask = _read_mask(masks, name, size)
             used.add(name)
             break
         write_bytes(out / f"{grey}.png", encode_png(mask))
     return used
 
 
-def _read_mask(path: Path) -> NDArray[np.uint8]:
+def _read_mask(masks: Path, name: str, size: tuple[int, int]) -> NDArray[np.uint8]:
+    path = masks / name
+    if leads_out(path, masks):
+        raise ProjectError(
+            f"{path}: a link that leads out of the folder of masks", hint="put the mask in its place"
+        )
     try:
-        with Image.open(path) as image:
+        with open_file(path) as file, Image.open(file, formats=MASKS) as image:
+            if image.size != size:  # before its pixels are decoded, of which there may be too many
+                raise ProjectError(
+                    f"{path}: {image.width}x{image.height} pixels, its photograph has {size[0]}x{size[1]}",
+                    hint="masks have the size of the photograph as stored, not turned upright",
+                )
             return np.asarray(image.convert("L"))
-    except (OSError, SyntaxError, ValueError) as error:
+    except _UNREADABLE_MASK as error:
         raise ProjectError(
             f"{path}: cannot be read as a mask ({error})", hint="save it as a PNG again"
         ) from error

@@ -14,7 +14,8 @@ from typing import Any
 
 from colmap_ihe import ours
 from colmap_ihe.errors import BusyError, ProjectError
-from colmap_ihe.files import read_json, room_on_disk, write_json
+from colmap_ihe.files import leads_out, odd_below, read_json, room_on_disk, write_json
+from colmap_ihe.record_shapes import is_whole
 
 
 @dataclass(frozen=True)
@@ -36,6 +37,7 @@ class Project:
         if root.exists() and not root.is_dir():
             raise ProjectError(f"{root}: is a file, wanted a project folder")
         project = cls(root.absolute(), folder.absolute())
+        project.refuse_links()
         for made in (*project.made_folders, project.records):
             if _overlap(folder.resolve(), made.resolve()):
                 raise ProjectError(
@@ -56,6 +58,29 @@ class Project:
             for folder in self.made_folders:
                 ours.refuse_others(folder, "move it away, or use another project folder with --images")
             ours.make(self.workspace)
+
+    def refuse_links(self) -> None:
+        """Raises `ProjectError` where one of our folders is a link out of the project, or holds one: what we write and
+        remove there would be somebody's elsewhere. Likewise for pipes and devices, which nobody reads to the end."""
+        for folder in (*self.made_folders, self.records, self.comparison):
+            found = [folder] if folder.is_symlink() else []
+            with room_on_disk(folder):
+                if folder.is_dir():
+                    found += odd_below(folder, deep=folder != self.comparison)
+            for odd in found:
+                if not odd.is_symlink():
+                    raise ProjectError(
+                        f"{odd}: neither file nor folder, in a folder of ours", hint="take it out"
+                    )
+                if leads_out(odd, self.root) and not self._is_shared(odd):
+                    raise ProjectError(
+                        f"{odd}: a link that leads out of the project, and what we make is not written through one",
+                        hint="take the link out; to work on another disk, put the project there and name --images DIR",
+                    )
+
+    def _is_shared(self, link: Path) -> bool:
+        """Whether it is the one that `compare` makes: means of calibration frames, found once for all its methods."""
+        return link == self.masters and link.resolve() == (self.root.parent / "records/calibration").resolve()
 
     @property
     def options_file(self) -> Path:
@@ -172,7 +197,9 @@ class Project:
     def read_record(self, stage: str) -> dict[str, Any] | None:
         """The record of a finished stage, or None. A record that is not whole is none."""
         record = read_json(self.record_file(stage))
-        return record if record is not None and {"fingerprint", "seconds"} <= set(record) else None
+        if record is None or not {"fingerprint", "seconds"} <= set(record):
+            return None
+        return record if is_whole(stage, record) else None
 
     def write_record(self, stage: str, record: dict[str, Any]) -> None:
         write_json(self.record_file(stage), record)

@@ -6,11 +6,15 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
-import yaml
 from pydantic import ValidationError
 
 from colmap_ihe.errors import OptionError
+from colmap_ihe.files import read_at_most
+from colmap_ihe.option_paths import refuse_paths
 from colmap_ihe.options import KnownCamera, Options
+from colmap_ihe.yaml_text import MOST_BYTES, parse_yaml, refuse_no_text
+
+_SHOWN = 200  # characters of a value in a message
 
 
 def load_options(path: Path | None, assignments: Iterable[str] = ()) -> Options:
@@ -23,27 +27,38 @@ def load_options(path: Path | None, assignments: Iterable[str] = ()) -> Options:
     if path is not None and path.exists():
         source = str(path)
         values = _read_yaml(path)
-    return options_of(values, source, assignments)
+    return options_of(values, source, path.parent if path else Path(), assignments)
 
 
-def options_of(values: dict[str, Any], source: str, assignments: Iterable[str] = ()) -> Options:
-    """The defaults, changed by sections of `values`, which come from `source`, then by `stage.option=value` each.
+def options_of(values: dict[str, Any], source: str, root: Path, assignments: Iterable[str] = ()) -> Options:
+    """The defaults, changed by sections of `values`, which come from `source` and may name nothing outside of `root`,
+    then by `stage.option=value` each, which may.
 
     Raises `OptionError`.
     """
+    try:
+        refuse_no_text(values)
+    except (ValueError, RecursionError) as error:
+        raise OptionError(f"{source}: {error}", hint="correct or remove it") from error
     _validate(values, source)
+    assignments = list(assignments)
+    refuse_paths(values, source, root, [text.partition("=")[0].strip() for text in assignments])
     for assignment in assignments:
         _assign(values, assignment)
-        _validate(values, f"--set {assignment}")
+        _validate(values, f"--set {_shown(assignment)}")
     return _validate(values, source)
 
 
 def _read_yaml(path: Path) -> dict[str, Any]:
     try:
-        values = yaml.safe_load(path.read_text(encoding="utf-8"))
-    except (OSError, yaml.YAMLError, UnicodeDecodeError) as error:
-        problem = str(error).replace("\n", " ")
-        hint = 'put patterns into quotes, as in "*":' if "alias" in problem else "correct or remove it"
+        values = parse_yaml(read_at_most(path, MOST_BYTES).decode("utf-8"))
+    except (OSError, ValueError) as error:
+        problem = (error.strerror if isinstance(error, OSError) else None) or str(error)
+        hint = (
+            'put patterns into quotes, as in "*":'
+            if "scanning an alias" in problem
+            else "correct or remove it"
+        )
         raise OptionError(f"{path}: not readable as YAML: {problem}", hint=hint) from error
     if values is None:
         return {}
@@ -62,19 +77,26 @@ def _assign(values: dict[str, Any], assignment: str) -> None:
     stage, dot, option = name.strip().partition(".")
     if not equals or not dot or not stage or not option:
         raise OptionError(
-            f"--set {assignment}: wanted stage.option=value", hint="as in --set dense.backend=sgm"
+            f"--set {_shown(assignment)}: wanted stage.option=value", hint="as in --set dense.backend=sgm"
         )
     try:
-        value = yaml.safe_load(text)
-    except yaml.YAMLError as error:
-        raise OptionError(f"--set {assignment}: the value is not readable as YAML") from error
+        value = parse_yaml(text)
+    except ValueError as error:
+        raise OptionError(
+            f"--set {_shown(assignment)}: the value is not readable as YAML ({error})"
+        ) from error
     target = values.setdefault(stage, {})
     *parents, last = option.split(".") if stage != "cameras" else _pattern_and_key(option, value)
     for parent in parents:  # colmap options nest: features.colmap.sift.max_num_features=4096
         target = target.setdefault(parent, {})
         if not isinstance(target, dict):
-            raise OptionError(f"--set {assignment}: {parent!r} is not a mapping")
+            raise OptionError(f"--set {_shown(assignment)}: {parent!r} is not a mapping")
     target[last] = value
+
+
+def _shown(assignment: str) -> str:
+    """In one line, as it stands in a message."""
+    return " ".join(assignment.split())[:_SHOWN]
 
 
 def _pattern_and_key(option: str, value: Any) -> list[str]:
@@ -89,13 +111,13 @@ def _validate(values: Mapping[str, Any], source: str) -> Options:
         return Options.model_validate(values)
     except ValidationError as error:
         first = error.errors()[0]
-        place = ".".join(str(part) for part in first["loc"])
+        place = ".".join(str(part) for part in first["loc"])[:_SHOWN]
         if first["type"] == "extra_forbidden":
             raise OptionError(
                 f"{source}: unknown option {place!r}", hint=f"known there: {_known(first['loc'])}"
             ) from error
         raise OptionError(
-            f"{source}: {place} is {first['input']!r}; {_worded(first['msg'])}",
+            f"{source}: {place} is {first['input']!r:.{_SHOWN}}; {_worded(first['msg'])}",
             hint="see docs/options.md",
         ) from error
 

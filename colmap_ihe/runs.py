@@ -20,7 +20,7 @@ from colmap_ihe.cluster.connect import connected
 from colmap_ihe.compare import compare
 from colmap_ihe.compared import sentences, tables_of
 from colmap_ihe.errors import KnownError
-from colmap_ihe.following import Follower
+from colmap_ihe.following import Follower, shown
 from colmap_ihe.grey.weights import Weights
 from colmap_ihe.grey_folder import convert_folder
 from colmap_ihe.linear_folder import develop_folder
@@ -48,7 +48,7 @@ def _develop(parsed: argparse.Namespace, follower: Follower) -> None:
         return
     print(f"{len(names)} linear TIFFs in {parsed.out}")
     for camera, done in steps.items():
-        print(f"{camera}: {', '.join(done)}")
+        print(shown(f"{camera}: {', '.join(done)}"))
 
 
 def _reconstruct(parsed: argparse.Namespace, follower: Follower) -> None:

@@ -27,6 +27,7 @@ from colmap_ihe.files import require_room
 from colmap_ihe.fitting import Fit, Trial, fit_captures
 from colmap_ihe.grey.weights import Weights, grey_from_dict
 from colmap_ihe.options import Options
+from colmap_ihe.per_image import refused
 from colmap_ihe.preprocess import convert_captures, survey, write_masks
 from colmap_ihe.progress import Watch
 from colmap_ihe.recipes import recipe_notes, with_recipes
@@ -40,6 +41,7 @@ _FACE_BYTES = 200  # of a face that is wanted, with those that are simplified aw
 
 def captures(run: Run, watch: Watch) -> Record:
     cameras, project = run.options.cameras, run.project
+    refused_files = refused(run.discovery, run.strict)
     surveyed, left_out = survey(
         run.discovery.captures, run.executor, watch, strict=run.strict, cameras=cameras
     )
@@ -52,6 +54,7 @@ def captures(run: Run, watch: Watch) -> Record:
         watch,
         strict=run.strict,
     )
+    left_out = refused_files | left_out
     run.surveyed = [replace(s, capture=run.kept(s.capture)) for s in found.surveyed]
     recipes = recipe_notes(run.surveyed)
     outputs.remove_masters(project, recipes)

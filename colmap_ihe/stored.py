@@ -17,7 +17,7 @@ from typing import Any
 from isal import isal_zlib
 
 from colmap_ihe.errors import WeightsError
-from colmap_ihe.files import write_bytes
+from colmap_ihe.files import read_at_most, write_bytes
 from colmap_ihe.gathering import Gathered
 from colmap_ihe.grey.contrast import Contrast
 from colmap_ihe.grey.histogram import Histogram, inflated
@@ -68,10 +68,7 @@ def write_stored(path: Path, stored: Stored) -> None:
 def read_stored(path: Path) -> Stored:
     """Raises `WeightsError`, naming the file, for anything that `write_stored` did not write."""
     try:
-        size = path.stat().st_size
-        if size > _MOST_BYTES:
-            raise WeightsError(f"{path}: {size} bytes, wanted at most {_MOST_BYTES}", hint=_AGAIN)
-        return stored_of(path.read_bytes(), str(path))
+        return stored_of(read_at_most(path, _MOST_BYTES), str(path))
     except OSError as error:
         raise WeightsError(f"{path}: cannot be read ({error.strerror})", hint=_AGAIN) from error
 

@@ -19,7 +19,7 @@ from rich.progress import (
 from rich.table import Table
 from rich.text import Text
 
-from colmap_ihe.following import Follower, Piece
+from colmap_ihe.following import Follower, Piece, shown
 from colmap_ihe.report.summary import summary_rows
 
 _PIPE_WIDTH = 400
@@ -45,7 +45,7 @@ class Bars(Follower):
         print(text)
 
     def failed(self, message: str, hint: str) -> None:
-        print(f"colmap-ihe: {message}{f' ({hint})' if hint else ''}", file=sys.stderr)
+        print(shown(f"colmap-ihe: {message}{f' ({hint})' if hint else ''}"), file=sys.stderr)
 
     def _piece(self, name: str) -> Piece:
         return _Bar(self, name) if self.console.is_terminal and not self.quiet else _Plain(self, name)
@@ -55,7 +55,7 @@ class Bars(Follower):
 
     def say(self, name: str, text: str, style: str = "", *, always: bool = False) -> None:
         if always or not self.quiet:
-            self.console.print(Text(f"{name:>9}  {text}", style=style))
+            self.console.print(Text(shown(f"{name:>9}  {text}"), style=style))
 
 
 class _Bar(Piece):
@@ -157,14 +157,14 @@ def print_table(title: str, rows: Sequence[Sequence[str]], columns: Sequence[str
     for number in range(max(len(row) for row in rows)):
         table.add_column(columns[number] if columns else "", overflow="fold")
     for row in rows:
-        table.add_row(*(Text(cell) for cell in row))
+        table.add_row(*(Text(shown(cell)) for cell in row))
     console.print(table)
 
 
 def print_summary(summary: Mapping[str, Any], title: str) -> None:
     print_table(title, summary_rows(summary))
     for text in summary["warnings"]:
-        Console(highlight=False, soft_wrap=True).print(Text(f"warning: {text}"))
+        Console(highlight=False, soft_wrap=True).print(Text(shown(f"warning: {text}")))
     for text in summary["left_out"].values():
-        Console(highlight=False, soft_wrap=True).print(Text(f"left out: {text}"))
+        Console(highlight=False, soft_wrap=True).print(Text(shown(f"left out: {text}")))
     sys.stdout.flush()

@@ -22,7 +22,7 @@ from colmap_ihe import commands
 from colmap_ihe.cli import main
 from colmap_ihe.colmap.native import pycolmap
 from colmap_ihe.road import NAMES
-from colmap_ihe.terminal import left_in_words
+from colmap_ihe.terminal import Bars, left_in_words, print_table
 from colmap_ihe.version import __version__
 
 Make = Callable[..., Path]
@@ -642,3 +642,15 @@ def test_a_disk_that_fills_up_while_images_are_written(
     line = failure_of(capsys, "convert", photos, tmp_path / "grey", "--method", "red")
     assert "no room left on this disk" in line
     assert not list((tmp_path / "grey").rglob("*.tmp"))
+
+
+def test_nothing_that_a_file_says_steers_the_terminal(capsys: pytest.CaptureFixture[str]) -> None:
+    bars = Bars(quiet=True)
+    odd = "a\x1b]0;title\x07\x1b[2Jb\u202ec\nd\ud800 [red]x[/] é"
+    bars.warn(odd)
+    bars.failed(odd, odd)
+    print_table("", [(odd, odd)])
+    out, err = capsys.readouterr()
+    for text in (out, err):
+        assert "\\x1b]0;title\\x07" in text and "\\u202e" in text and "[red]x[/] é" in text
+        assert not {"\x1b", "\x07", "\u202e"} & set(text)

@@ -193,6 +193,6 @@ def test_methods_at_the_same_time_are_stopped(new_project: Make) -> None:
             return super().submit(until_told)
 
     with Waiting(2) as pool, pytest.raises(Cancelled):
-        match_together([project, project], developed, 1, pool, Stopping())
+        match_together([project, project], [], developed, 1, pool, Stopping())
     assert seen == [True, True]
     assert not list(project.root.glob("stop"))

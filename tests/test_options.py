@@ -275,8 +275,8 @@ def test_no_value_at_all_gives_anything_but_options_or_an_option_error(value: An
 
 
 def test_a_cluster_may_be_just_its_address(tmp_path: Path) -> None:
-    (tmp_path / "project.yaml").write_text("cluster: tcp://login1:8786\n")
+    (tmp_path / "project.yaml").write_text("cluster: local:4\n")
     options = load_options(tmp_path / "project.yaml", ["cluster.patience=5"])
-    assert options.cluster.address == "tcp://login1:8786"
+    assert options.cluster.address == "local:4"
     assert options.cluster.patience == 5
     assert load_options(None).cluster.address is None

@@ -19,10 +19,12 @@ from colmap_ihe.captures.metadata import Metadata
 from colmap_ihe.captures.mosaic import Mosaic
 from colmap_ihe.captures.recipe import Recipe
 from colmap_ihe.errors import ProjectError
+from colmap_ihe.files import read_at_most
 
 Kind = Literal["bias", "darks", "flats"]
 KINDS: tuple[Kind, ...] = ("bias", "darks", "flats")
 BAD_PIXELS = "bad-pixels.txt"
+_MOST_LISTED = 50_000_000  # bytes of a list of bad pixels
 
 _SAME = 1.1  # exposures and sensitivities that differ by less are the same
 _HOT_SIGMAS, _LEAST_HOT = 10.0, 0.005  # above the pixels around; of the span from black to white
@@ -155,7 +157,7 @@ def read_bad_pixels(file: Path) -> NDArray[np.intp]:
     follows is passed over, as is what follows a #. Raises `ProjectError`."""
     found = []
     try:
-        lines = file.read_text(encoding="utf-8").splitlines()
+        lines = read_at_most(file, _MOST_LISTED).decode("utf-8").splitlines()
     except (OSError, UnicodeDecodeError) as error:
         raise ProjectError(f"{file}: cannot be read ({error})", hint="save it as plain text") from error
     for number, line in enumerate(lines, 1):

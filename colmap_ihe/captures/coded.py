@@ -23,6 +23,8 @@ from colmap_ihe.errors import PhotographError
 MAX_PIXELS = 500_000_000
 """Of one photograph, checked before it is decoded: more is a damaged or a hostile header."""
 Image.MAX_IMAGE_PIXELS = MAX_PIXELS
+FORMATS = ("JPEG", "PNG", "TIFF")
+"""Of Pillow's: for a file of some others, whatever its name, it would run a program, as Ghostscript for EPS."""
 
 _ORIENTATION, _BITS, _PHOTOMETRIC, _PLANES, _SAMPLE_FORMAT = 274, 258, 262, 284, 339  # tags of TIFF 6.0
 _WHITE_IS_ZERO, _BLACK_IS_ZERO, _RGB, _SEPARATED = 0, 1, 2, 5
@@ -53,7 +55,7 @@ def read_coded(path: Path, room: Callable[..., NDArray[Any]] = np.empty) -> tupl
     Raises OSError for a broken file, `PhotographError` for a kind that is not read.
     """
     try:
-        with Image.open(path) as image:
+        with Image.open(path, formats=FORMATS) as image:
             # Of a PNG's depth Pillow tells only before it decodes: "RGB;16B" is the mode in the file.
             deep = image.format == "PNG" and any("16" in str(tile.args) for tile in image.tile)
             turned = image.tag_v2.get(_ORIENTATION, 1) if isinstance(image, TiffImageFile) else 1
@@ -95,7 +97,7 @@ def stored_size(path: Path) -> tuple[int, int]:
     """Width and height as stored, from the header: Pillow swaps those of a TIFF by its Orientation. Raises as
     `read_coded`."""
     try:
-        with Image.open(path) as image:
+        with Image.open(path, formats=FORMATS) as image:
             if isinstance(image, TiffImageFile):
                 return int(image.tag_v2[256]), int(image.tag_v2[257])
             return image.size

@@ -50,9 +50,13 @@ def read_photograph(capture: Capture) -> Photograph:
     found, rgb = decoders.ask("photograph", capture.name, capture.pixels, capture=message_of(capture))
     if rgb is None:
         raise PhotographError(f"{capture.name}: the decoder returned no pixels")
-    matrix = found["matrix"]
-    srgb_from_camera = None if matrix is None else np.array(matrix, np.float64)
-    return Photograph(rgb, found["encoding"], srgb_from_camera, found["profile"])
+    with decoders.understood(capture.name):
+        matrix = found["matrix"]
+        srgb_from_camera = None if matrix is None else np.array(matrix, np.float64).reshape(3, 3)
+        kind = np.uint8 if encoding_of(capture) == "coded" else np.uint16
+        if rgb.dtype != kind or rgb.shape[2:] != (3,) or found["encoding"] != encoding_of(capture):
+            raise ValueError(f"{rgb.dtype} pixels of {rgb.shape}")
+        return Photograph(rgb, found["encoding"], srgb_from_camera, bytes(found["profile"]))
 
 
 def read_photograph_here(capture: Capture, room: Callable[..., NDArray[Any]] = np.empty) -> Photograph:
@@ -87,8 +91,10 @@ def message_of(capture: Capture) -> dict[str, Any]:
 def read_size(capture: Capture) -> tuple[int, int, str]:
     """Width, height and, of a RAW file, the kind of sensor, from the file's header, without decoding. Raises
     `PhotographError`, `CapabilityError`."""
-    (width, height, sensor), _ = decoders.ask("size", capture.name, capture=message_of(capture))
-    return int(width), int(height), str(sensor)
+    found, _ = decoders.ask("size", capture.name, capture=message_of(capture))
+    with decoders.understood(capture.name):
+        width, height, sensor = found
+        return int(width), int(height), str(sensor)
 
 
 def read_size_here(capture: Capture) -> tuple[int, int, str]:
@@ -102,20 +108,25 @@ def read_size_here(capture: Capture) -> tuple[int, int, str]:
             width, height = stored_size(capture.path)
         except OSError as error:
             raise _unreadable(capture, error) from error
-    check_size(capture, width, height)
+    check_size(capture.name, width, height)
     return width, height, sensor
 
 
-def check_size(capture: Capture, width: int, height: int) -> None:
-    if width * height > MAX_PIXELS:
-        raise PhotographError(
-            f"{capture.name}: {width}x{height} pixels, wanted at most {MAX_PIXELS // 10**6} megapixels",
-            hint="take it out of the folder, or cut it up",
-        )
+def check_size(name: str, width: int, height: int) -> None:
+    refuse_too_large(name, width, height)
     if min(width, height) < MIN_SIDE:
         raise PhotographError(
-            f"{capture.name}: {width}x{height} pixels, wanted at least {MIN_SIDE} on each side",
+            f"{name}: {width}x{height} pixels, wanted at least {MIN_SIDE} on each side",
             hint="take it out of the folder, or put the full-size photograph in its place",
+        )
+
+
+def refuse_too_large(name: str, width: int, height: int) -> None:
+    """Raises `PhotographError` for more pixels than are ever decoded."""
+    if width * height > MAX_PIXELS:
+        raise PhotographError(
+            f"{name}: {width}x{height} pixels, wanted at most {MAX_PIXELS // 10**6} megapixels",
+            hint="take it out of the folder, or cut it up",
         )
 
 

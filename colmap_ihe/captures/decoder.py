@@ -101,7 +101,7 @@ class Decoder:
             raise PhotographError(
                 f"{name}: the decoder crashed on it ({self._died()})", hint=BROKEN
             ) from None
-        except (ValueError, KeyError, TypeError) as error:
+        except (ValueError, LookupError, TypeError, OverflowError, RecursionError) as error:
             self.end()
             raise PhotographError(f"{name}: the decoder lost its way on it ({error})", hint=BROKEN) from error
         except BaseException:  # Ctrl-C here would leave an answer that nobody waits for

@@ -16,7 +16,7 @@ from typing import Any
 from numpy.typing import NDArray
 
 from colmap_ihe import memory
-from colmap_ihe.captures.decoder import SECONDS, Decoder
+from colmap_ihe.captures.decoder import BROKEN, SECONDS, Decoder
 from colmap_ihe.captures.wire import Message
 from colmap_ihe.errors import CapabilityError, PhotographError
 
@@ -71,11 +71,29 @@ class Kept:
             limit = max(limit, int(_room.bytes() * _SHARE_OF_MEMORY))
         request = {"task": task, "name": name, "memory": limit, "arguments": arguments}
         answer, array = self._decoder.ask(request, name, seconds)
-        if "error" in answer:
-            if answer.get("traceback"):
-                logger.debug("%s: %s", name, answer["traceback"])
-            raise _KNOWN.get(answer["error"], PhotographError)(answer["message"], answer["hint"])
-        return answer["value"], array
+        return value_of(answer, name), array
+
+
+def value_of(answer: Message, name: str) -> Any:
+    """What a decoder answered of a photograph. Raises the error that it tells of."""
+    if "error" in answer:
+        if answer.get("traceback"):
+            logger.debug("%s: %s", name, answer["traceback"])
+        kind = _KNOWN.get(str(answer["error"]), PhotographError)
+        raise kind(" ".join(str(answer.get("message")).split()), hint=str(answer.get("hint") or ""))
+    with understood(name):
+        return answer["value"]
+
+
+@contextmanager
+def understood(name: str) -> Iterator[None]:
+    """Within, an answer that makes no sense is that photograph's fault: it may have taken its decoder over. Raises
+    `PhotographError`."""
+    try:
+        yield
+    except (TypeError, ValueError, LookupError, AttributeError, OverflowError) as error:
+        reason = " ".join(str(error).split())[:200]
+        raise PhotographError(f"{name}: the decoder lost its way on it ({reason})", hint=BROKEN) from error
 
 
 class _Pool:

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import os
+import stat
 from collections import Counter, defaultdict
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path, PurePosixPath
 from typing import Literal
@@ -69,34 +70,47 @@ class Capture:
 
 @dataclass(frozen=True)
 class Discovery:
-    """`captures` in the order of their names; `ignored` are files that are no photographs by their suffix."""
+    """`captures` in the order of their names; `ignored` are files that are no photographs by their suffix, and with
+    `/` at their end links to folders elsewhere; `refused` by name what is called like a photograph and cannot be one,
+    such as a link that leads elsewhere, each with the reason."""
 
     captures: tuple[Capture, ...]
     ignored: tuple[str, ...]
+    refused: Mapping[str, str] = field(default_factory=dict)
 
 
 def discover(folder: Path) -> Discovery:
     """All captures below `folder`, with subfolders. RAW and JPEG of one shot are one capture: RAW wins.
 
-    Hidden files are passed over, links to folders are not followed. Raises `ProjectError` if the folder is
-    missing or holds no photograph.
+    Hidden files are passed over. Links below are followed to photographs within the folder, itself perhaps a link,
+    and nowhere else; pipes and devices are not opened. Raises `ProjectError` if the folder is missing or holds no
+    photograph.
     """
     if not folder.is_dir():
         raise ProjectError(f"{folder}: no such folder", hint="name a folder that holds photographs")
     shots: dict[str, list[str]] = defaultdict(list)
     ignored = []
-    for name in _files_below(folder):
+    refused: dict[str, str] = {}
+    whole = folder.resolve()
+    for name, is_folder in _found_below(folder):
         if not name.isprintable() or name != name.encode("utf-8", "replace").decode():
             raise ProjectError(
                 f"{folder}: the file name {name!a} is not readable text", hint="rename the file"
             )
         suffix = PurePosixPath(name).suffix.lower()
-        if suffix in RAW_SUFFIXES or suffix in CODED_SUFFIXES:
-            shots[str(PurePosixPath(name).with_suffix(""))].append(name)
-        else:
+        if is_folder:
+            if not (folder / name).resolve().is_relative_to(whole):
+                ignored.append(f"{name}/")
+        elif suffix not in RAW_SUFFIXES and suffix not in CODED_SUFFIXES:
             ignored.append(name)
+        elif why := _why_refused(folder / name, whole):
+            refused[name] = f"{name}: {why}"
+        else:
+            shots[str(PurePosixPath(name).with_suffix(""))].append(name)
     if not shots:
         found = f"it holds {len(ignored)} other files" if ignored else "it is empty"
+        if refused:
+            found = "; ".join(list(refused.values())[:3])
         raise ProjectError(
             f"{folder}: no photograph found, {found}",
             hint="wanted RAW, JPEG, TIFF or PNG files, in subfolders or not",
@@ -104,7 +118,23 @@ def discover(folder: Path) -> Discovery:
     members = [member for stem, names in shots.items() for member in _captures_of(stem, names)]
     greys = _grey_stems({name: stem for name, _, _, stem in members})
     captures = [Capture(name, folder / name, kind, greys[name], paired) for name, kind, paired, _ in members]
-    return Discovery(tuple(sorted(captures, key=lambda c: c.name)), tuple(sorted(ignored)))
+    return Discovery(tuple(sorted(captures, key=lambda c: c.name)), tuple(sorted(ignored)), refused)
+
+
+def _why_refused(path: Path, whole: Path) -> str:
+    """Why what is called like a photograph is not opened; empty if it may be."""
+    try:
+        end = path.resolve(strict=True)
+        kind = end.stat().st_mode
+    except (OSError, RuntimeError):  # Python before 3.13 has RuntimeError for a loop
+        return "cannot be read (a link to nowhere); put the photograph in its place"
+    if not end.is_relative_to(whole):
+        return "a link that leads out of the folder of photographs; put the photograph in its place"
+    return (
+        ""
+        if stat.S_ISREG(kind)
+        else "cannot be read (no file but a pipe or a device); take it out of the folder"
+    )
 
 
 def captures_of_files(paths: Iterable[Path]) -> list[Capture]:
@@ -147,16 +177,18 @@ def _captures_of(
     return [(raws[0], "raw", jpegs, stem), *((n, "coded", (), stem) for n in others)]
 
 
-def _files_below(folder: Path) -> list[str]:
-    names = []
+def _found_below(folder: Path) -> Iterator[tuple[str, bool]]:
+    """The name of every file, and of every link to a folder: with it, whether it is one."""
 
     def refuse(error: OSError) -> None:
         raise ProjectError(
             f"{error.filename}: cannot be read ({error.strerror})", hint="give read permission"
         )
 
+    found = []
     for parent, folders, files in os.walk(folder, onerror=refuse):
         folders[:] = sorted(f for f in folders if not f.startswith("."))
         below = Path(parent).relative_to(folder)
-        names += [(below / f).as_posix() for f in files if not f.startswith(".")]
-    return sorted(names)
+        found += [((below / f).as_posix(), True) for f in folders if (Path(parent) / f).is_symlink()]
+        found += [((below / f).as_posix(), False) for f in files if not f.startswith(".")]
+    yield from sorted(found)

@@ -6,6 +6,7 @@ Digital Negative Specification 1.7: BlackLevelRepeatDim, BlackLevel, BlackLevelD
 from __future__ import annotations
 
 from collections.abc import Iterator
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +15,7 @@ import tifffile
 from numpy.typing import NDArray
 
 _CFA, _LINEAR_RAW = 32803, 34892
+_MOST_PAGES = 32  # a directory may name itself as the next but one, again and again
 _REPEAT, _LEVEL, _DELTA_H, _DELTA_V = 50713, 50714, 50715, 50716
 
 
@@ -35,7 +37,7 @@ def black_plane(path: Path, shape: tuple[int, ...]) -> NDArray[np.float32] | Non
 
 
 def _pages(tiff: tifffile.TiffFile) -> Iterator[Any]:
-    for page in tiff.pages:
+    for page in islice(tiff.pages, _MOST_PAGES):
         yield page
         yield from getattr(page, "pages", None) or ()
 

@@ -7,8 +7,9 @@ photograph says has to arrive. Broken EXIF loses the tag, not the photograph.
 from __future__ import annotations
 
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from io import BytesIO
+from math import isfinite
 from mmap import ACCESS_COPY, mmap
 from pathlib import Path
 from typing import Any
@@ -16,6 +17,7 @@ from typing import Any
 from PIL import Image, UnidentifiedImageError
 
 from colmap_ihe.captures import cr3, decoders
+from colmap_ihe.captures.coded import FORMATS
 from colmap_ihe.captures.exif import (
     EXPOSURE_TIME,
     F_NUMBER,
@@ -93,10 +95,25 @@ def read_metadata(path: Path, kind: str) -> Metadata:
     it, in a process of its own: profiles and previews are native libraries' work."""
     try:
         found, _ = decoders.ask("metadata", path.name, path=str(path.absolute()), kind=kind)
+        with decoders.understood(path.name):
+            return _as_answered(found)
     except PhotographError as error:
         return Metadata(problem=f"EXIF not readable: {error}")
-    values: dict[str, Any] = {name: tuple(v) if isinstance(v, list) else v for name, v in found.items()}
-    return Metadata(**values)
+
+
+def _as_answered(values: dict[str, Any]) -> Metadata:
+    """Raises ValueError for values of other kinds than ours, or EXIF that does not say them."""
+    found = Metadata(**values)
+    for one in fields(Metadata):
+        value, kinds = (
+            getattr(found, one.name),
+            (int, float) if isinstance(one.default, float) else type(one.default),
+        )
+        if not isinstance(value, kinds) or (isinstance(value, float) and not isfinite(value)):
+            raise ValueError(f"{one.name} is {value!r:.40}")
+    if found.exif:
+        take_apart(bytearray(found.exif))
+    return found
 
 
 def read_metadata_here(path: Path, kind: str) -> Metadata:
@@ -137,7 +154,7 @@ def sized(metadata: Metadata, width: int, height: int) -> Metadata:
 
 
 def _read_coded(source: Path | BytesIO) -> Metadata:
-    with Image.open(source) as image:
+    with Image.open(source, formats=FORMATS) as image:
         try:
             block, found = _block_of(image, source)
             problem = _problem(found.lost)

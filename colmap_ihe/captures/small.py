@@ -25,6 +25,9 @@ def small_picture(capture: Capture, side: int) -> NDArray[np.uint8]:
     _, picture = decoders.ask("small", capture.name, capture.pixels, capture=message, side=side)
     if picture is None:
         raise PhotographError(f"{capture.name}: the decoder returned no pixels")
+    with decoders.understood(capture.name):
+        if picture.dtype != np.uint8 or picture.shape[2:] != (3,):
+            raise ValueError(f"{picture.dtype} pixels of {picture.shape}")
     return np.asarray(picture, np.uint8)
 
 

@@ -46,7 +46,7 @@ def receive(sock: socket.socket) -> tuple[Message, int | None] | None:
         (length,) = _LENGTH.unpack(head + _exactly(sock, _LENGTH.size - len(head)))
         if length > _MOST_BYTES:
             raise ValueError(f"a message of {length} bytes, expected {_MOST_BYTES} at most")
-        message = json.loads(_exactly(sock, length), object_hook=_unplain)
+        message = _message(_exactly(sock, length))
         if not isinstance(message, dict):
             raise ValueError(f"a message that is a {type(message).__name__}, expected an object")
     except BaseException as error:
@@ -56,6 +56,13 @@ def receive(sock: socket.socket) -> tuple[Message, int | None] | None:
             return None
         raise
     return message, fds[0] if fds else None
+
+
+def _message(body: bytes) -> Any:
+    try:
+        return json.loads(body, object_hook=_unplain)
+    except (TypeError, RecursionError) as error:
+        raise ValueError(f"a message that is none: {error}") from error
 
 
 def _exactly(sock: socket.socket, count: int) -> bytes:

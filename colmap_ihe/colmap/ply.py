@@ -29,7 +29,7 @@ def read_ply(path: Path) -> dict[str, Rows]:
             dtype = np.dtype(fields)
             elements[name] = np.frombuffer(content[place : place + count * dtype.itemsize], dtype, count)
             place += count * dtype.itemsize
-    except (OSError, ValueError, KeyError, IndexError) as error:
+    except (OSError, ValueError, KeyError, IndexError, TypeError, OverflowError) as error:
         raise ProjectError(
             f"{path}: cannot be read as a binary PLY file of triangles ({error})",
             hint="run the stage that makes it again, with --from",
@@ -68,15 +68,24 @@ def row_header(count: int, dtype: np.dtype[Any]) -> bytes:
 def read_mesh(path: Path) -> Mesh:
     """Grey where the file has no colours. Raises `ProjectError`."""
     elements = read_ply(path)
-    vertices, faces = elements["vertex"], elements["face"]
-    index = next((n for n in faces.dtype.names or () if faces.dtype[n].shape == (3,)), None)
-    if index is None or (len(faces) and (faces[f"{index} count"] != 3).any()):
-        raise ProjectError(f"{path}: not all of its faces are triangles")
-    positions = np.stack([vertices[axis] for axis in "xyz"], axis=1).astype(np.float32)
-    colours = np.full(positions.shape, 128, np.uint8)
-    if "red" in (vertices.dtype.names or ()):
-        colours = np.stack([vertices[name] for name in ("red", "green", "blue")], axis=1)
-    return Mesh(positions, faces[index].astype(np.int32), colours)
+    try:
+        vertices, faces = elements["vertex"], elements["face"]
+        index = next((n for n in faces.dtype.names or () if faces.dtype[n].shape == (3,)), None)
+        if index is None or (len(faces) and (faces[f"{index} count"] != 3).any()):
+            raise ValueError("not all of its faces are triangles")
+        positions = np.stack([vertices[axis] for axis in "xyz"], axis=1).astype(np.float32)
+        colours = np.full(positions.shape, 128, np.uint8)
+        if "red" in (vertices.dtype.names or ()):
+            colours = np.stack([vertices[name] for name in ("red", "green", "blue")], axis=1).astype(np.uint8)
+        corners = faces[index].astype(np.int64)
+        if len(corners) and not 0 <= corners.min() <= corners.max() < len(positions):
+            raise ValueError("a face has a corner that is not there")
+    except (ValueError, KeyError, TypeError) as error:
+        raise ProjectError(
+            f"{path}: cannot be read as a mesh ({error})",
+            hint="run the stage that makes it again, with --from",
+        ) from error
+    return Mesh(positions, corners.astype(np.int32), colours)
 
 
 def write_mesh(path: Path, mesh: Mesh) -> None:

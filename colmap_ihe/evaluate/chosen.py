@@ -6,6 +6,7 @@ from collections.abc import Collection
 from pathlib import Path
 
 from colmap_ihe.errors import OptionError
+from colmap_ihe.files import read_at_most
 
 _MOST_BYTES = 100_000_000
 
@@ -15,11 +16,7 @@ def read_pairs(file: Path, names: Collection[str]) -> set[frozenset[str]]:
     not count. Raises `OptionError` naming the line."""
     hint = "two names of photographs a line, as below images/, with a space between"
     try:
-        if file.stat().st_size > _MOST_BYTES:
-            raise OptionError(
-                f"{file}: larger than {_MOST_BYTES // 10**6} MB, wanted a list of pairs", hint=hint
-            )
-        lines = file.read_text(encoding="utf-8").splitlines()
+        lines = read_at_most(file, _MOST_BYTES).decode("utf-8").splitlines()
     except (OSError, UnicodeDecodeError) as error:
         reason = error.strerror if isinstance(error, OSError) else "not UTF-8 text"
         raise OptionError(f"{file}: cannot be read ({reason})", hint=hint) from error

@@ -17,9 +17,14 @@ import numpy.typing as npt
 from PIL import Image
 
 from colmap_ihe.errors import ProjectError
+from colmap_ihe.files import open_file, read_at_most
 
 F32 = npt.NDArray[np.float32]
 F64 = npt.NDArray[np.float64]
+
+_MOST_BYTES = 1 << 26  # of cameras.json: some 50,000 cameras
+_MOST_NUMBERS = 4096  # bytes of a .camera file, which holds 26
+_LONGEST = 100_000  # pixels of a side
 
 
 @dataclass(frozen=True)
@@ -37,11 +42,20 @@ class TrueImage:
     nearest_m: float = 1.0
 
     def depth_m(self) -> F32:
-        """(height, width) float32: metres along the optical axis at pixel centres, 0 where nothing is."""
+        """(height, width) float32: metres along the optical axis at pixel centres, 0 where nothing is. Raises
+        ValueError where no depth is known, `ProjectError` for a file that is not of this image."""
         if self.depth_file is None:
             raise ValueError("no true depth is known of this image")
-        with Image.open(self.depth_file) as picture:
-            code = np.asarray(picture).astype(np.float32)
+        try:
+            with open_file(self.depth_file) as file, Image.open(file, formats=("PNG",)) as picture:
+                if picture.size != (self.width, self.height) or not picture.mode.startswith("I"):
+                    raise ValueError(f"{picture.size} pixels of kind {picture.mode}, wanted 16-bit grey")
+                code = np.asarray(picture).astype(np.float32)
+        except (OSError, ValueError, SyntaxError, Image.DecompressionBombError) as error:
+            raise ProjectError(
+                f"{self.depth_file}: not the true depth of {self.width}x{self.height} pixels ({error})",
+                hint="render the truth again",
+            ) from error
         depth = np.zeros(code.shape, np.float32)
         np.divide(np.float32(65535 * self.nearest_m), code, out=depth, where=code > 0)
         return depth
@@ -71,26 +85,58 @@ def read_truth(folder: Path) -> Truth:
             return _read_demo(folder / "cameras.json")
         if cameras:
             return _read_strecha(cameras)
-    except (OSError, ValueError, KeyError, TypeError) as error:
-        raise ProjectError(f"{folder} holds truth that cannot be read: {error!r}") from error
+    except (OSError, ValueError, KeyError, TypeError, AttributeError, OverflowError, RecursionError) as error:
+        raise ProjectError(
+            f"{folder} holds truth that cannot be read: {error!r:.300}", "correct it, or move it away"
+        ) from error
     raise ProjectError(f"{folder} holds no truth", "it should hold cameras.json or NAME.camera files")
 
 
 def _read_demo(file: Path) -> Truth:
     """`cameras.json`, documented in `colmap_ihe.demo.folder`."""
-    record = json.loads(file.read_text())
+    record = json.loads(read_at_most(file, _MOST_BYTES).decode("utf-8"))
     images = {
-        key: TrueImage(
-            width=camera["width"],
-            height=camera["height"],
-            calibration=np.array(camera["calibration"], np.float64),
-            cam_from_world=np.array(camera["cam_from_world"], np.float64),
-            depth_file=file.parent / camera["depth"],
-            nearest_m=camera["nearest_m"],
+        str(key): TrueImage(
+            *_sides(camera["width"], camera["height"]),
+            calibration=_matrix(camera["calibration"], (3, 3)),
+            cam_from_world=_matrix(camera["cam_from_world"], (3, 4)),
+            depth_file=_beside(file, camera["depth"]),
+            nearest_m=_positive(camera["nearest_m"]),
         )
         for key, camera in record["cameras"].items()
     }
-    return Truth(images, record["extent_m"])
+    return Truth(images, _positive(record["extent_m"]))
+
+
+def _sides(width: object, height: object) -> tuple[int, int]:
+    if (
+        isinstance(width, int)
+        and isinstance(height, int)
+        and 0 < min(width, height) <= max(width, height) <= _LONGEST
+    ):
+        return width, height
+    raise ValueError(f"{width!r:.20}x{height!r:.20} pixels")
+
+
+def _matrix(values: object, shape: tuple[int, int]) -> F64:
+    found = np.array(values, np.float64)
+    if found.shape != shape or not np.isfinite(found).all():
+        raise ValueError(f"{found.shape} numbers, expected {shape}, all finite")
+    return found
+
+
+def _positive(value: object) -> float:
+    if type(value) not in (int, float) or not 0 < float(value) < float("inf"):  # type: ignore[arg-type]
+        raise ValueError(f"{value!r:.40}, expected a positive number")
+    return float(value)  # type: ignore[arg-type]
+
+
+def _beside(file: Path, name: str) -> Path:
+    """The file of that name in the folder of `file`, nowhere else."""
+    found = file.parent / name
+    if Path(name).name != name or not found.resolve().is_relative_to(file.parent.resolve()):
+        raise ValueError(f"{name!r:.80} is not a file beside {file.name}")
+    return found
 
 
 def _read_strecha(files: Sequence[Path]) -> Truth:
@@ -101,14 +147,16 @@ def _read_strecha(files: Sequence[Path]) -> Truth:
     """
     images, centres = {}, []
     for file in files:
-        numbers = np.array(file.read_text().split(), np.float64)
+        numbers = np.array(read_at_most(file, _MOST_NUMBERS).split(), np.float64)
+        if not np.isfinite(numbers).all():
+            raise ValueError(f"{file} holds numbers that are not finite")
         if numbers.size != 26:
             raise ValueError(f"{file} holds {numbers.size} numbers, expected 26")
         calibration = numbers[:9].reshape(3, 3)
         calibration[:2, 2] += 0.5
         world_from_cam, centre = numbers[12:21].reshape(3, 3), numbers[21:24]
         pose = np.hstack((world_from_cam.T, -(world_from_cam.T @ centre)[:, None]))
-        width, height = (int(n) for n in numbers[24:])
+        width, height = _sides(*(int(n) for n in numbers[24:]))
         images[key_of(file.name.removesuffix(".camera"))] = TrueImage(width, height, calibration, pose)
         centres.append(centre)
     return Truth(images, float(np.linalg.norm(np.ptp(centres, axis=0))))

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from colmap_ihe.captures.decode import read_photograph, read_size
-from colmap_ihe.captures.discover import discover
+from colmap_ihe.captures.discover import Capture, discover
 from colmap_ihe.captures.metadata import read_metadata
 from colmap_ihe.captures.png import encode_png
 from colmap_ihe.errors import PhotographError
@@ -326,7 +326,8 @@ def test_of_several_pages_the_first_is_read(tmp_path: Path, depth: int, orientat
 
 def test_a_file_that_may_not_be_read_is_refused(tmp_path: Path) -> None:
     (tmp_path / "a.jpg").symlink_to(tmp_path / "gone")
-    refused(tmp_path / "a.jpg")
+    with pytest.raises(PhotographError, match=r"a.jpg: cannot be read"):
+        read_photograph(Capture("a.jpg", tmp_path / "a.jpg", "coded", "a"))
 
 
 @pytest.mark.parametrize("shape", [(70, 90), (70, 90, 3), (1, 1), (65, 64, 3), (65, 64, 4)])
