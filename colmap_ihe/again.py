@@ -71,12 +71,15 @@ def read_run(path: Path, assignments: Sequence[str] = ()) -> Noted:
     options, versions, photographs = parts
     root = file.absolute().parents[1 if file.absolute().parent.name == "records" else 0]
     fit = options.get("fit")
-    if isinstance(fit, dict) and isinstance(fit.get("weights"), str):
-        fit["weights"] = str(root / fit["weights"])
+    named = fit.get("weights") if isinstance(fit, dict) else None
+    settings = options_of(options, str(file), root, assignments)
+    if settings.fit.weights and settings.fit.weights == named:
+        weights = str(root / named)
+        settings = settings.model_copy(update={"fit": settings.fit.model_copy(update={"weights": weights})})
     more = {name: found.get(name) for name in ("masks", "machine")}
     more["variables"] = found.get("environment")
     return Noted(
-        options_of(options, str(file), root, assignments),
+        settings,
         versions,
         photographs,
         weights=str(found.get("weights") or ""),
