@@ -154,7 +154,12 @@ class CameraOptions(_Section):
     @field_validator("params", mode="before")
     @classmethod
     def _tuple_of_list(cls, value: Any) -> Any:
-        return tuple(float(v) for v in value) if isinstance(value, list) and None not in value else value
+        if not isinstance(value, list) or None in value:
+            return value
+        try:
+            return tuple(float(v) for v in value)
+        except (TypeError, OverflowError) as error:
+            raise ValueError("wanted a list of numbers") from error
 
     @model_validator(mode="after")
     def _params_of_a_model(self) -> CameraOptions:

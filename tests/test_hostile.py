@@ -97,6 +97,29 @@ def test_aliases_and_merges_of_a_person_are_read() -> None:
     }
 
 
+@pytest.mark.parametrize("params", ["[" + "9" * 400 + "]", "[[1], 2]", "[{}, 2]"])
+def test_parameters_of_a_camera_are_numbers(tmp_path: Path, params: str) -> None:
+    (tmp_path / "project.yaml").write_text(f"camera: {{model: OPENCV, params: {params}}}")
+    with pytest.raises(OptionError, match=r"camera.params"):
+        load_options(tmp_path / "project.yaml")
+
+
+@pytest.mark.parametrize("depth", ["a\nb", "../up.png", "/etc/passwd", "link.png", ""])
+def test_true_depth_lies_beside_its_cameras(tmp_path: Path, depth: str) -> None:
+    (tmp_path / "truth").mkdir()
+    (tmp_path / "truth/link.png").symlink_to(tmp_path / "up.png")
+    camera = {
+        "width": 24,
+        "height": 16,
+        "calibration": np.eye(3).tolist(),
+        "cam_from_world": np.eye(3, 4).tolist(),
+    }
+    found = {"cameras": {"a": camera | {"depth": depth, "nearest_m": 1}}, "extent_m": 1}
+    (tmp_path / "truth/cameras.json").write_text(json.dumps(found))
+    with pytest.raises(ProjectError, match="is not a file beside"):
+        read_truth(tmp_path / "truth")
+
+
 @pytest.mark.parametrize("content", ["[" * 100_000, '{"a": ' * 100_000, "1" * 5000])
 def test_json_that_is_too_deep_or_too_long_is_none(tmp_path: Path, content: str) -> None:
     (tmp_path / "a.json").write_text(content)
