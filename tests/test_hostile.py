@@ -27,6 +27,7 @@ from colmap_ihe.captures.decode import read_photograph, refuse_too_large
 from colmap_ihe.captures.discover import Capture, discover
 from colmap_ihe.colmap.native import pycolmap
 from colmap_ihe.errors import OptionError, PhotographError, ProjectError
+from colmap_ihe.evaluate.truth import read_truth
 from colmap_ihe.files import open_file, read_json
 from colmap_ihe.ledger import RECORD, Ledger
 from colmap_ihe.option_paths import named_paths
