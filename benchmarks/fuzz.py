@@ -118,7 +118,8 @@ def _run(name: str, seed: int, executions: int, guided: bool) -> dict[str, Any]:
 
 
 def _child(parsed: argparse.Namespace) -> None:
-    from fuzz_targets import TARGETS
+    with _instrumented() if parsed.guided else contextlib.nullcontext():
+        from fuzz_targets import TARGETS
 
     (target,) = [t for t in TARGETS if t.name == parsed.child]
     warnings.simplefilter("ignore")
@@ -187,6 +188,15 @@ def _limit_memory() -> None:
     resource.setrlimit(resource.RLIMIT_AS, (size, size))
 
 
+def _instrumented() -> contextlib.AbstractContextManager[object]:
+    import atheris
+
+    found: contextlib.AbstractContextManager[object] = atheris.instrument_imports(
+        include=["colmap_ihe", "yaml", "PIL", "tifffile"]
+    )
+    return found
+
+
 def _guided(one: Any, samples: list[bytes], parsed: argparse.Namespace) -> None:
     """Inputs that atheris finds by the branches that they reach in our modules and in PyYAML, Pillow and tifffile."""
     import atheris
@@ -211,7 +221,6 @@ def _guided(one: Any, samples: list[bytes], parsed: argparse.Namespace) -> None:
         "-max_len=4096",
         str(corpus),
     ]
-    atheris.instrument_all()
     atheris.Setup([sys.argv[0], *options], test)
     with contextlib.suppress(SystemExit):
         atheris.Fuzz()

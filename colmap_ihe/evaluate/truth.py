@@ -135,7 +135,8 @@ def _beside(file: Path, name: str) -> Path:
     """The file of that name in the folder of `file`, nowhere else."""
     found = file.parent / name
     if (
-        Path(name).name != name
+        not name
+        or Path(name).name != name
         or not name.isprintable()
         or not found.resolve().is_relative_to(file.parent.resolve())
     ):
