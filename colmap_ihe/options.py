@@ -107,7 +107,8 @@ class FitOptions(_Section):
     """Of RAW: count the likely winners again at full depth, which reads every photograph twice; without it the
     histogram alone decides, as where photographs were counted before and are not read again."""
     weights: str | None = None
-    """A weights file of another campaign, from the project folder or absolute: nothing is fitted then."""
+    """A weights file of another campaign: nothing is fitted then. In the project's folder, or absolute where the user
+    names it."""
     measure: bool = True
     """Tell what the grey brings against COLMAP's default, from three pairs of the photographs."""
 
