@@ -28,7 +28,7 @@ from colmap_ihe.captures.discover import Capture, discover
 from colmap_ihe.colmap.native import pycolmap
 from colmap_ihe.errors import OptionError, PhotographError, ProjectError
 from colmap_ihe.evaluate.truth import read_truth
-from colmap_ihe.files import open_file, read_json
+from colmap_ihe.files import open_file, read_json, write_json
 from colmap_ihe.ledger import RECORD, Ledger
 from colmap_ihe.option_paths import named_paths
 from colmap_ihe.options import FitOptions
@@ -139,6 +139,8 @@ def test_a_dng_whose_directories_follow_each_other_for_ever_is_left(tmp_path: Pa
         ("convert", {"grey": {"a.jpg": "../../../up.png"}}),
         ("convert", {"grey": {"a.jpg": "/etc/passwd"}}),
         ("convert", {"grey": {}}),
+        ("convert", {"grey": {"a.jpg": "x" * 300 + ".png"}}),
+        ("convert", {"grey": {"a.jpg": "a\ud800.png"}}),
         ("captures", {"recipes": {"a.jpg": {"dark": "../up.npy"}}}),
         ("captures", {"recipes": {"a.jpg": {"kept_in": "/tmp"}}}),
         ("captures", {"recipes": {"a.jpg": {"unknown": 1}}}),
@@ -159,6 +161,11 @@ def test_a_record_that_no_stage_left_counts_for_none(
     assert place.read_record(stage) == json.loads(json.dumps(sound))
     place.write_record(stage, sound | change)
     assert place.read_record(stage) is None
+
+
+def test_half_a_character_goes_through_json_and_back(tmp_path: Path) -> None:
+    write_json(tmp_path / "a.json", {"a\ud800": "\udfffé"})
+    assert read_json(tmp_path / "a.json") == {"a\ud800": "\udfffé"}
 
 
 # Paths in options
