@@ -39,7 +39,7 @@ from colmap_ihe.record_shapes import is_whole
 from colmap_ihe.yaml_text import parse_yaml
 
 PACKAGE = Path(colmap_ihe.__file__).parent
-EXECUTIONS = 40  # of each parser: benchmarks/fuzz.py is for more
+EXECUTIONS = 25  # of each parser: benchmarks/fuzz.py is for more
 
 
 @pytest.mark.filterwarnings("ignore")
