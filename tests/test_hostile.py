@@ -16,6 +16,7 @@ import pytest
 import yaml
 from fuzz import outcome_of
 from fuzz_mutations import Target
+from fuzz_pictures import Answering
 from fuzz_records import records
 from fuzz_targets import TARGETS
 from PIL import Image
@@ -23,10 +24,14 @@ from PIL import Image
 import colmap_ihe
 from colmap_ihe import convert_folder
 from colmap_ihe.batch_folder import BatchFolder
-from colmap_ihe.captures.decode import read_photograph, refuse_too_large
+from colmap_ihe.batched import BatchState, batched, publish
+from colmap_ihe.captures.decode import read_photograph, read_size, refuse_too_large
 from colmap_ihe.captures.discover import Capture, discover
+from colmap_ihe.captures.metadata import read_metadata
 from colmap_ihe.colmap.native import pycolmap
+from colmap_ihe.colmap.ply import read_mesh, write_mesh
 from colmap_ihe.errors import OptionError, PhotographError, ProjectError
+from colmap_ihe.evaluate.chosen import read_pairs
 from colmap_ihe.evaluate.truth import read_truth
 from colmap_ihe.files import open_file, read_json, write_json
 from colmap_ihe.ledger import RECORD, Ledger
@@ -36,6 +41,7 @@ from colmap_ihe.preprocess import write_masks
 from colmap_ihe.project import Project
 from colmap_ihe.project_yaml import load_options
 from colmap_ihe.record_shapes import is_whole
+from colmap_ihe.texture.mesh import Mesh
 from colmap_ihe.yaml_text import parse_yaml
 
 PACKAGE = Path(colmap_ihe.__file__).parent
@@ -161,6 +167,47 @@ def test_a_record_that_no_stage_left_counts_for_none(
     assert place.read_record(stage) == json.loads(json.dumps(sound))
     place.write_record(stage, sound | change)
     assert place.read_record(stage) is None
+
+
+def test_words_where_a_run_leaves_numbers_do_not_stop_the_page_of_a_batch(tmp_path: Path) -> None:
+    for name in ("images", "records", "report"):
+        (tmp_path / "root/a" / name).mkdir(parents=True)
+    words = {"mean_reprojection_error_px": "small", "points3D": [1], "stages": {"fit": "long"}, "left_out": 3}
+    for file in ("report/summary.json", "records/batch.json"):
+        (tmp_path / "root/a" / file).write_text(json.dumps(words | {"seconds": "many", "began": 5}))
+    folder = BatchFolder.at(tmp_path / "root")
+    folder.make()
+    row = batched(folder, Project.at(tmp_path / "root/a"), "done")
+    publish(folder, BatchState(str(folder.root), "finished", [row], "now"), {})
+    assert row.figures["mean_reprojection_error_px"] is None and row.stages == {}
+
+
+@pytest.mark.parametrize(
+    "value", [5, None, [1], {"encoding": "coded", "matrix": None, "profile": 10**12}, {"exif": 3}]
+)
+def test_an_answer_that_makes_no_sense_is_its_photographs_fault(tmp_path: Path, value: object) -> None:
+    """A decoder that a photograph took over says anything."""
+    capture = Capture("a.jpg", tmp_path / "a.jpg", "coded", "a")
+    with Answering({"value": value}):
+        for ask in (read_size, read_photograph):
+            with pytest.raises(PhotographError, match=r"a.jpg: the decoder lost its way on it"):
+                ask(capture)
+        assert "lost its way" in read_metadata(capture.path, "coded").problem
+
+
+def test_a_face_without_its_corners_is_refused(tmp_path: Path) -> None:
+    mesh = Mesh(np.eye(3, dtype=np.float32), np.array([[0, 1, 2]], np.int32), np.zeros((3, 3), np.uint8))
+    write_mesh(tmp_path / "a.ply", mesh)
+    whole = (tmp_path / "a.ply").read_bytes()
+    (tmp_path / "a.ply").write_bytes(whole[:-4] + (99).to_bytes(4, "little"))
+    with pytest.raises(ProjectError, match="a face has a corner that is not there"):
+        read_mesh(tmp_path / "a.ply")
+
+
+def test_a_line_of_pairs_that_no_names_can_fill_is_refused_at_once(tmp_path: Path) -> None:
+    (tmp_path / "pairs.txt").write_text("a" + " " * 5_000_000 + "b")
+    with pytest.raises(OptionError, match="line 1"):
+        read_pairs(tmp_path / "pairs.txt", ["a", "c"])
 
 
 def test_half_a_character_goes_through_json_and_back(tmp_path: Path) -> None:
