@@ -10,7 +10,6 @@ made again: `--replay N` runs that one and shows its traceback.
 from __future__ import annotations
 
 import argparse
-import contextlib
 import json
 import os
 import random
@@ -38,7 +37,6 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--only", metavar="NAME", help="parsers whose name holds this")
     parser.add_argument("--replay", type=int, metavar="N", help="run this execution alone, here")
-    parser.add_argument("--guided", action="store_true", help="by coverage, with atheris; see fuzz.md")
     parser.add_argument("--child", metavar="NAME", help=argparse.SUPPRESS)
     parser.add_argument("--first", type=int, default=0, help=argparse.SUPPRESS)
     parsed = parser.parse_args()
@@ -56,7 +54,7 @@ def main() -> None:
     print("| parser | executions | refused | accepted | wrong |\n|---|---|---|---|---|")
     for target in chosen:
         wanted, start = max(1, round(parsed.executions * target.share)), time.monotonic()
-        found = _run(target.name, parsed.seed, wanted, parsed.guided)
+        found = _run(target.name, parsed.seed, wanted)
         took = time.monotonic() - start
         wrong = sum(found["wrong"].values())
         executions = found["refused"] + found["accepted"] + wrong
@@ -73,7 +71,7 @@ def main() -> None:
     sys.exit(1 if all_wrong else 0)
 
 
-def _run(name: str, seed: int, executions: int, guided: bool) -> dict[str, Any]:
+def _run(name: str, seed: int, executions: int) -> dict[str, Any]:
     """One parser in processes of its own: the next begins behind the execution that ended the one before."""
     total: dict[str, Any] = {"refused": 0, "accepted": 0, "wrong": Counter(), "places": {}}
     first = 0
@@ -88,7 +86,7 @@ def _run(name: str, seed: int, executions: int, guided: bool) -> dict[str, Any]:
                 "--first",
                 str(first),
             ]
-            command += ["--executions", str(executions), *(["--guided"] if guided else [])]
+            command += ["--executions", str(executions)]
             done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
             state = Path(folder, "state.json")
             found = json.loads(state.read_text()) if state.exists() else {}
@@ -140,9 +138,7 @@ def _child(parsed: argparse.Namespace) -> None:
             found["places"].setdefault(outcome, number)
             _save(found)
 
-    if parsed.guided:
-        _guided(one, samples, parsed)
-    for number in range(parsed.first, 0 if parsed.guided else parsed.executions):
+    for number in range(parsed.first, parsed.executions):
         one(number, target.made(samples, random.Random(f"{parsed.seed}/{target.name}/{number}")))
     os.pwrite(at, f"{parsed.executions:012} {found['refused']:012} {found['accepted']:012}".encode(), 0)
     _save(found | {"over": True})
@@ -185,36 +181,6 @@ def _limit_memory() -> None:
     pages = int(Path("/proc/self/statm").read_text().split()[0])
     size = pages * resource.getpagesize() + MEMORY
     resource.setrlimit(resource.RLIMIT_AS, (size, size))
-
-
-def _guided(one: Any, samples: list[bytes], parsed: argparse.Namespace) -> None:
-    """Inputs that atheris finds by the branches that they reach in our modules and in PyYAML, Pillow and tifffile."""
-    import atheris
-
-    corpus = Path("corpus")
-    corpus.mkdir()
-    for number, sample in enumerate(samples):
-        (corpus / str(number)).write_bytes(sample)
-    count = [parsed.first]
-
-    def test(data: bytes) -> None:
-        one(count[0], data)
-        count[0] += 1
-        if count[0] >= parsed.executions:
-            raise SystemExit
-
-    options = [
-        f"-seed={parsed.seed}",
-        "-rss_limit_mb=0",
-        "-timeout=0",
-        "-verbosity=0",
-        "-max_len=4096",
-        str(corpus),
-    ]
-    atheris.instrument_all()
-    atheris.Setup([sys.argv[0], *options], test)
-    with contextlib.suppress(SystemExit):
-        atheris.Fuzz()
 
 
 if __name__ == "__main__":

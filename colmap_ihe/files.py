@@ -12,7 +12,7 @@ import stat
 from collections.abc import Iterator
 from contextlib import contextmanager
 from io import BytesIO
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 from typing import Any, BinaryIO
 
 import numpy as np
@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from colmap_ihe.errors import DiskFullError, ProjectError
 
 _MOST_JSON = 1 << 28  # bytes: digests of a million photographs
+_LONGEST_NAME, _LONGEST_PATH = 255, 3000  # bytes, with room for the folder before it
 
 
 def open_file(path: Path) -> BinaryIO:
@@ -41,6 +42,15 @@ def read_at_most(path: Path, most: int) -> bytes:
     if len(content) > most:
         raise OSError(errno.EFBIG, f"is larger than {most / 1e6:.0f} MB", str(path))
     return content
+
+
+def is_name_below(name: str) -> bool:
+    """Whether a file system could have a file of that name somewhere below a folder, and nowhere else."""
+    path = PurePosixPath(name)
+    if not path.parts or path.is_absolute() or ".." in path.parts or not name.isprintable():
+        return False
+    longest = max(len(part.encode("utf-8", "replace")) for part in path.parts)
+    return longest <= _LONGEST_NAME and len(name.encode("utf-8", "replace")) <= _LONGEST_PATH
 
 
 def leads_out(path: Path, folder: Path) -> bool:
@@ -104,7 +114,8 @@ def write_bytes(path: Path, content: bytes) -> None:
 
 
 def write_json(path: Path, values: Any) -> None:
-    write_bytes(path, (json.dumps(values, indent=2, ensure_ascii=False) + "\n").encode())
+    text = json.dumps(values, indent=2, ensure_ascii=False) + "\n"
+    write_bytes(path, text.encode("utf-8", "backslashreplace"))  # half a character, as JSON writes one
 
 
 def write_array(path: Path, array: NDArray[Any]) -> None:

@@ -17,7 +17,7 @@ from typing import Any
 
 from colmap_ihe.errors import ProjectError
 from colmap_ihe.executor import local_executor
-from colmap_ihe.files import digest_file, leads_out, read_json, room_on_disk, write_json
+from colmap_ihe.files import digest_file, is_name_below, leads_out, read_json, room_on_disk, write_json
 
 RECORD = ".colmap-ihe.json"
 _UNFINISHED = re.compile(r"\.[0-9a-f]{24}\.[0-9a-f]+\.tmp")  # of `write_bytes`, when it was killed
@@ -71,12 +71,7 @@ class Ledger:
             )
 
     def _is_below(self, name: str) -> bool:
-        path = Path(name)
-        return (
-            not path.is_absolute()
-            and ".." not in path.parts
-            and not leads_out(self.folder / name, self.folder)
-        )
+        return is_name_below(name) and not leads_out(self.folder / name, self.folder)
 
     def begin(self, wanted: Mapping[str, str], prints: Mapping[str, str]) -> set[str]:
         """Removes what is stale or no longer wanted, and notes what will be written: the names returned.

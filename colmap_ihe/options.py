@@ -107,7 +107,8 @@ class FitOptions(_Section):
     """Of RAW: count the likely winners again at full depth, which reads every photograph twice; without it the
     histogram alone decides, as where photographs were counted before and are not read again."""
     weights: str | None = None
-    """A weights file of another campaign, from the project folder or absolute: nothing is fitted then."""
+    """A weights file of another campaign: nothing is fitted then. In the project's folder, or absolute where the user
+    names it."""
     measure: bool = True
     """Tell what the grey brings against COLMAP's default, from three pairs of the photographs."""
 
@@ -154,7 +155,12 @@ class CameraOptions(_Section):
     @field_validator("params", mode="before")
     @classmethod
     def _tuple_of_list(cls, value: Any) -> Any:
-        return tuple(float(v) for v in value) if isinstance(value, list) and None not in value else value
+        if not isinstance(value, list) or None in value:
+            return value
+        try:
+            return tuple(float(v) for v in value)
+        except (TypeError, OverflowError) as error:
+            raise ValueError("wanted a list of numbers") from error
 
     @model_validator(mode="after")
     def _params_of_a_model(self) -> CameraOptions:

@@ -10,6 +10,7 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationErr
 
 from colmap_ihe.captures.recipe import FILES, recipe_from_dict
 from colmap_ihe.errors import WeightsError
+from colmap_ihe.files import is_name_below
 from colmap_ihe.grey.weights import Encoding, grey_from_dict
 
 _Count = Annotated[int, Field(ge=0, lt=2**63)]
@@ -18,8 +19,7 @@ _Seconds = Annotated[float, Field(ge=0, lt=1e12)]
 
 def _below(name: str) -> str:
     """A file within a folder, by its path from there."""
-    path = PurePosixPath(name)
-    if not path.parts or path.is_absolute() or ".." in path.parts or not name.isprintable():
+    if not is_name_below(name):
         raise ValueError("is no file of the folder")
     return name
 

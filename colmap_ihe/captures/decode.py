@@ -56,7 +56,9 @@ def read_photograph(capture: Capture) -> Photograph:
         kind = np.uint8 if encoding_of(capture) == "coded" else np.uint16
         if rgb.dtype != kind or rgb.shape[2:] != (3,) or found["encoding"] != encoding_of(capture):
             raise ValueError(f"{rgb.dtype} pixels of {rgb.shape}")
-        return Photograph(rgb, found["encoding"], srgb_from_camera, bytes(found["profile"]))
+        if not isinstance(found["profile"], bytes):
+            raise TypeError("a profile that is no bytes")
+        return Photograph(rgb, found["encoding"], srgb_from_camera, found["profile"])
 
 
 def read_photograph_here(capture: Capture, room: Callable[..., NDArray[Any]] = np.empty) -> Photograph:

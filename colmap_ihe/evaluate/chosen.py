@@ -9,6 +9,7 @@ from colmap_ihe.errors import OptionError
 from colmap_ihe.files import read_at_most
 
 _MOST_BYTES = 100_000_000
+_LONGEST = 10_000  # characters of a line: of names that a file can have, two are shorter
 
 
 def read_pairs(file: Path, names: Collection[str]) -> set[frozenset[str]]:
@@ -25,7 +26,7 @@ def read_pairs(file: Path, names: Collection[str]) -> set[frozenset[str]]:
     for number, line in enumerate(lines, 1):
         text = line.strip()
         if text and not text.startswith("#"):
-            pair = _pair(text, known)
+            pair = _pair(text, known) if len(text) <= _LONGEST else None
             if pair is None:
                 raise OptionError(f"{file}: line {number}, {text!r:.80}, is not two photographs", hint=hint)
             chosen.add(pair)

@@ -51,7 +51,7 @@ class TrueImage:
                 if picture.size != (self.width, self.height) or not picture.mode.startswith("I"):
                     raise ValueError(f"{picture.size} pixels of kind {picture.mode}, wanted 16-bit grey")
                 code = np.asarray(picture).astype(np.float32)
-        except (OSError, ValueError, SyntaxError, Image.DecompressionBombError) as error:
+        except (OSError, ValueError, SyntaxError, MemoryError, Image.DecompressionBombError) as error:
             raise ProjectError(
                 f"{self.depth_file}: not the true depth of {self.width}x{self.height} pixels ({error})",
                 hint="render the truth again",
@@ -134,7 +134,12 @@ def _positive(value: object) -> float:
 def _beside(file: Path, name: str) -> Path:
     """The file of that name in the folder of `file`, nowhere else."""
     found = file.parent / name
-    if Path(name).name != name or not found.resolve().is_relative_to(file.parent.resolve()):
+    if (
+        not name
+        or Path(name).name != name
+        or not name.isprintable()
+        or not found.resolve().is_relative_to(file.parent.resolve())
+    ):
         raise ValueError(f"{name!r:.80} is not a file beside {file.name}")
     return found
 

@@ -130,8 +130,8 @@ def test_each_page_has_a_policy_that_lets_nothing_in(page: str) -> None:
 def test_addresses_in_the_page_of_a_batch_stay_within(tmp_path: Path) -> None:
     root = tmp_path / "root"
     for name in ("javascript:window.ran=1", 'a"onclick="window.ran=2', "b<c>?#%2e", "http:"):
-        for folder in ("images", "report", "records"):
-            (root / name / folder).mkdir(parents=True)
+        for part in ("images", "report", "records"):
+            (root / name / part).mkdir(parents=True)
         (root / name / "report/index.html").write_text("its own")
         (root / name / "records/batch.log").write_text("its log")
     folder = BatchFolder.at(root)
