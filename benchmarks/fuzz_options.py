@@ -22,6 +22,7 @@ from colmap_ihe.evaluate.truth import read_truth
 from colmap_ihe.gathering import Gathered
 from colmap_ihe.grey.histogram import Histogram
 from colmap_ihe.options import Options
+from colmap_ihe.project import Project
 from colmap_ihe.project_yaml import load_options
 from colmap_ihe.stored import Stored, digest_of, read_stored
 from colmap_ihe.weights_file import read_weights
@@ -160,7 +161,9 @@ def _run_samples() -> list[bytes]:
 def _run(data: bytes, folder: Path) -> object:
     (folder / "records").mkdir()
     (folder / "records/run.json").write_bytes(data)
-    return unlike(read_run(folder, ["fit.step=0.1"]), {"a.jpg": [1, 1, "00"]})
+    (folder / "images").mkdir()
+    noted = read_run(folder, ["fit.step=0.1"])
+    return unlike(noted, Project.at(folder, None), noted.options, {"a.jpg": [1, 1, "00"]})
 
 
 TARGETS = (

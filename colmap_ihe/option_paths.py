@@ -9,9 +9,12 @@ from __future__ import annotations
 import json
 import os
 import re
+import socket
 from collections.abc import Collection, Iterator, Mapping
+from ipaddress import ip_address
 from pathlib import Path
 from typing import Any
+from urllib.parse import urlsplit
 
 from colmap_ihe.errors import OptionError
 from colmap_ihe.options import Options
@@ -56,11 +59,11 @@ def refuse_paths(values: Mapping[str, Any], source: str, root: Path, said: Colle
         if key in said:
             continue
         if key == "cluster.address":
-            if not text.startswith("local"):
+            if not text.startswith("local") and not _is_near(text):
                 raise OptionError(
-                    f"{source}: {key} is {text!r:.200}; a scheduler can run anything on this machine, so no file names"
-                    " one for you",
-                    hint="say it yourself: --cluster ADDRESS; local:N may stand there",
+                    f"{source}: {key} is {text!r:.200}; a scheduler can run anything on this machine, so a file names"
+                    " none outside of your own network",
+                    hint="say it yourself: --cluster ADDRESS",
                 )
         elif key != "fit.weights":
             raise OptionError(
@@ -72,6 +75,16 @@ def refuse_paths(values: Mapping[str, Any], source: str, root: Path, said: Colle
                 f"{source}: {key} is {text!r:.200}, which leads out of the project",
                 hint="put the file into the project's folder, or say it yourself: --weights FILE",
             )
+
+
+def _is_near(address: str) -> bool:
+    """Whether it is one of a host whose addresses are all of private networks or this machine."""
+    try:
+        host = urlsplit(address).hostname
+        found = socket.getaddrinfo(host, None) if host else []
+        return bool(found) and all(ip_address(str(a[4][0]).partition("%")[0]).is_private for a in found)
+    except (OSError, ValueError):
+        return False
 
 
 def _is_within(root: Path, text: str) -> bool:

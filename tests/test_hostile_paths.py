@@ -40,7 +40,7 @@ PACKAGE = Path(colmap_ihe.__file__).parent
         ("fit: {weights: /etc/passwd}", "fit.weights"),
         ("fit: {weights: ../other/weights.yaml}", "fit.weights"),
         ("fit: {weights: link/weights.yaml}", "fit.weights"),
-        ("cluster: tcp://example.org:8786", "cluster.address"),
+        ("cluster: tcp://9.9.9.9:8786", "cluster.address"),
         ("cluster: {address: scheduler.json}", "cluster.address"),
         ("sparse: {colmap: {snapshot_path: snapshots}}", "sparse.colmap.snapshot_path"),
         ("matches: {strategy: vocabtree, pairing: {vocab_tree_path: /x}}", "matches.pairing.vocab_tree_path"),
@@ -73,10 +73,13 @@ def test_a_file_of_options_names_nothing_outside_of_the_project(tmp_path: Path, 
     assert load_options(file, [f"{full}={json.dumps(value)}"])
 
 
-def test_weights_within_the_project_and_workers_here_may_stand_in_a_file(tmp_path: Path) -> None:
-    (tmp_path / "project.yaml").write_text("fit: {weights: more/weights.yaml}\ncluster: local:2\n")
+@pytest.mark.parametrize("address", ["local:2", "tcp://127.0.0.1:8786", "tls://10.1.2.3:8786"])
+def test_weights_within_the_project_and_workers_nearby_may_stand_in_a_file(
+    tmp_path: Path, address: str
+) -> None:
+    (tmp_path / "project.yaml").write_text(f"fit: {{weights: more/weights.yaml}}\ncluster: {address}\n")
     options = load_options(tmp_path / "project.yaml")
-    assert (options.fit.weights, options.cluster.address) == ("more/weights.yaml", "local:2")
+    assert (options.fit.weights, options.cluster.address) == ("more/weights.yaml", address)
 
 
 def _paths_of(options: object, place: str = "") -> Iterator[str]:
