@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from colmap_ihe import surroundings
+from colmap_ihe import surroundings, threads
 from colmap_ihe.digests import content_of
 from colmap_ihe.errors import OptionError
 from colmap_ihe.executor import local_workers
@@ -96,8 +96,11 @@ def unlike(noted: Noted, place: Project, options: Options, digests: Mapping[str,
         said += _unlike_files("masks", noted.masks, _masks(place))
         if noted.weights != _weights(place, options):
             said.append("the weights file has another content than in the record")
-    if noted.threads != local_workers() and noted.threads == 1:
-        said.append(f"the record is of one thread, this is of {local_workers()}: the result may differ")
+    if noted.threads and noted.threads != local_workers():
+        words = (
+            f"the record is of {noted.threads} threads, this is of {local_workers()}: the result may differ"
+        )
+        said.append(f"{words} (--threads {noted.threads})" if noted.threads < threads.cores() else words)
     return said
 
 

@@ -44,6 +44,7 @@ from colmap_ihe.pipeline import Reconstruction, reconstruct
 from colmap_ihe.progress import SILENT, Audience
 from colmap_ihe.project import Project
 from colmap_ihe.project_yaml import load_options
+from colmap_ihe.threads import limited
 from colmap_ihe.version import library_versions
 
 _Row = dict[str, Any]
@@ -79,6 +80,7 @@ def compare(
     with ExitStack() as stack:
         stack.enter_context(own.locked())
         stack.enter_context(logged_to(own.native_log))
+        stack.enter_context(limited(options.machine.threads))
         images_of = stack.enter_context(local_executor())
         projects: list[Reconstruction] = []
         wanted = list(dict.fromkeys(methods))
