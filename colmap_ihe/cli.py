@@ -11,6 +11,7 @@ import warnings
 from collections.abc import Sequence
 from typing import Any
 
+from colmap_ihe import memory
 from colmap_ihe.arguments import Run, parser_of
 from colmap_ihe.colmap.native import hear_colmap
 from colmap_ihe.errors import Cancelled, KnownError
@@ -34,6 +35,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         hear_colmap()
     follower = _follower(parsed)
     before = _listen(follower)
+    memory.spare_addresses()
     try:
         run: Run = parsed.run
         run(parsed, follower)

@@ -10,15 +10,15 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from colmap_ihe import outputs, preflight, stages
+from colmap_ihe import memory, outputs, preflight, scratch, stages
 from colmap_ihe.again import Noted, note_run, unlike
 from colmap_ihe.captures.discover import discover
 from colmap_ihe.cluster.connect import workers_for
 from colmap_ihe.colmap.native import logged_to
-from colmap_ihe.digests import digests_of
+from colmap_ihe.digests import digests_of, require_unchanged
 from colmap_ihe.errors import OptionError, PhotographError
 from colmap_ihe.expected import expected
-from colmap_ihe.files import room_on_disk, write_json
+from colmap_ihe.files import holding, require_held, room_on_disk, write_json
 from colmap_ihe.options import Options
 from colmap_ihe.pages import page_of
 from colmap_ihe.progress import SILENT, Audience
@@ -88,13 +88,16 @@ def reconstruct(
         stack.enter_context(room_on_disk(place.root))
         place.claim()
         stack.enter_context(place.locked())
+        stack.enter_context(holding(place.root))
+        scratch.sweep()
+        outputs.remove_unfinished(place)
         stack.enter_context(logged_to(place.native_log))
         workers = executor or stack.enter_context(
             workers_for(options.cluster, place, [discovery.captures[0].path], audience)
         )
         run = Run(place, options, discovery, workers, developed=developed)
         with audience.stage("content") as watch:
-            digests = digests_of(place, run.discovery, workers, watch)
+            run.digests = digests = digests_of(place, run.discovery, workers, watch)
             write_json(place.digests_file, digests)
             note_run(place, options, digests)
         for text in unlike(noted, digests) if noted else ():
@@ -154,6 +157,7 @@ def _check_range(start: str | None, until: str | None, options: Options) -> None
 def _run_stage(stage: Stage, run: Run, fingerprint: str, forced: bool, audience: Audience) -> Record:
     """Runs one stage and writes its record last; those after it are no longer true, and go first."""
     project = run.project
+    require_held(project.root)
     for later in NAMES[NAMES.index(stage.name) + 1 :]:
         project.drop_record(later)
     project.summary_file.unlink(missing_ok=True)
@@ -163,8 +167,9 @@ def _run_stage(stage: Stage, run: Run, fingerprint: str, forced: bool, audience:
         outputs.remove(stage.name, project)
         project.begin(stage.name, fingerprint)
     began = time.monotonic()
-    with audience.stage(stage.name) as watch:
+    with audience.stage(stage.name) as watch, memory.said_when_short(stage.name):
         result = stage.run(run, watch)
+        require_unchanged(run.discovery, run.digests, result.get("left_out", {}))
     record = {
         "stage": stage.name,
         "fingerprint": fingerprint,
@@ -175,6 +180,7 @@ def _run_stage(stage: Stage, run: Run, fingerprint: str, forced: bool, audience:
         "resumed": run.resumed,
         **result,
     }
+    require_held(project.root)
     project.write_record(stage.name, record)
     for text in record.get("warnings", []):
         audience.warn(text)
