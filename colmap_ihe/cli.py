@@ -35,7 +35,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
         hear_colmap()
     follower = _follower(parsed)
     before = _listen(follower)
-    memory.spare_addresses()
     try:
         run: Run = parsed.run
         run(parsed, follower)
@@ -80,6 +79,7 @@ def _follower(parsed: argparse.Namespace) -> Follower:
 
 
 def entry_point() -> None:
+    memory.begin_sparing()
     status_code = main()
     sys.stderr.flush()
     # A mapper that cannot be asked to stop may still be on its thread: Python's own exit would wait for it.

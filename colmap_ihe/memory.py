@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-import ctypes
 import errno
 import logging
+import os
 import resource
+import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -22,7 +23,8 @@ _LIMITS = {
     resource.RLIMIT_AS: "VmSize",
     resource.RLIMIT_DATA: "VmData",
 }  # and what the system calls what is used
-_M_ARENA_MAX = -8  # of glibc's malloc.h
+_RESERVED = 150_000_000  # bytes of addresses that are never used: stacks of threads that libraries start
+_SPARING = {"MALLOC_ARENA_MAX": "1", "OPENBLAS_NUM_THREADS": "1"}
 _SHORT = ("std::bad_alloc", "Insufficient memory", "can't start new thread", "Cannot allocate memory")
 _RAW_BYTES, _JPEG_BYTES, _OTHER_BYTES = 60, 30, 50
 """A pixel, decoder and run together, at the most: LibRaw's mosaic and channels, CMYK, or 16 bits on their way to
@@ -68,12 +70,12 @@ def taken(process: int | str) -> tuple[int, int]:
     return now, most
 
 
-def spare_addresses() -> None:
-    """Where address space or data of this process are limited: has glibc keep one heap for all threads. Each thread has
-    its own else, and reserves 64 MB for it, used or not."""
-    mallopt = getattr(ctypes.CDLL(None), "mallopt", None)
-    if mallopt is not None and any(_limit_of(kind) is not None for kind in _LIMITS):
-        mallopt(_M_ARENA_MAX, 1)
+def begin_sparing() -> None:
+    """Where address space or data of this process are limited, begins it anew as one that reserves little: each thread
+    has a heap of 64 MB else, and each core a part of BLAS, used or not, from when libraries are loaded on."""
+    missing = {name: value for name, value in _SPARING.items() if name not in os.environ}
+    if missing and any(_limit_of(kind) is not None for kind in _LIMITS):
+        os.execve(sys.executable, [sys.executable, *sys.orig_argv[1:]], os.environ | missing)
 
 
 def needed(photographs: Sequence[_Photograph]) -> int:
@@ -107,7 +109,7 @@ def workers_for(what: str, one: int, workers: int) -> int:
     if count < workers:
         logger.info(
             "%s: %d of %d threads, for each takes up to %s of memory and %s are free",
-            *(what, count, workers, _size(one), _size(room)),
+            *(what, count, workers, in_bytes(one), in_bytes(room)),
         )
     return count
 
@@ -123,7 +125,7 @@ def said_when_short(what: str) -> Iterator[None]:
         if not short and not any(words in str(error) for words in _SHORT):
             raise
         raise ShortOfMemoryError(
-            f"{what}: memory ran out; {_size(free)} were free when it began",
+            f"{what}: memory ran out; {in_bytes(free)} were free when it began",
             hint="close other programs, allow more (ulimit -v), or set features.max_image_size or"
             " dense.max_image_size lower; the same command goes on from here",
         ) from error
@@ -135,12 +137,13 @@ def in_words(photographs: Sequence[_Photograph], count: int) -> str:
     if not need:
         return f"{count} photographs at a time"
     return (
-        f"{count} photographs at a time: the largest takes up to {_size(need)} of memory while it is worked on,"
-        f" and {_size(room)} are free"
+        f"{count} photographs at a time: the largest takes up to {in_bytes(need)} of memory while it is worked on,"
+        f" and {in_bytes(room)} are free"
     )
 
 
-def _size(count: int) -> str:
+def in_bytes(count: int) -> str:
+    """A number of bytes in words."""
     return f"{count / 1e9:.1f} GB" if count >= 10**9 else f"{count / 1e6:.0f} MB"
 
 
@@ -162,7 +165,7 @@ def _limit_rooms() -> Iterator[int]:
     for kind, name in _LIMITS.items():
         most = _limit_of(kind)
         if most is not None and name in values:
-            yield max(0, most - int(values[name].split()[0]) * 1024)
+            yield max(0, most - int(values[name].split()[0]) * 1024 - _RESERVED)
 
 
 def _limit_of(kind: int) -> int | None:

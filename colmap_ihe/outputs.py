@@ -39,6 +39,28 @@ def remove(stage: str, project: Project) -> None:
             file.unlink(missing_ok=True)
 
 
+def bytes_of(stage: str, project: Project) -> int:
+    """Bytes of what `stage` has made, or a part of it, on the disk."""
+    mesh = list(project.dense.glob("mesh.*"))
+    places = {
+        "fit": [project.histogram_file],
+        "convert": [project.grey, project.colour],
+        "features": [project.database],
+        "sparse": [project.sparse],
+        "dense": [project.dense],
+        "mesh": mesh,
+        "page": [project.report],
+    }.get(stage, [])
+    size = sum(map(_size_of, places))
+    return size - sum(map(_size_of, mesh)) if stage == "dense" else size
+
+
+def _size_of(place: Path) -> int:
+    if place.is_file():
+        return place.stat().st_size
+    return sum(file.stat().st_size for file in place.rglob("*") if file.is_file())
+
+
 def remove_unfinished(project: Project) -> None:
     """Removes what a run that was killed left half-written, whatever this one will do. Nobody else may be at it."""
     for folder in (*project.made_folders, project.records):

@@ -3,18 +3,19 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from concurrent.futures import Executor
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from colmap_ihe import memory, outputs, preflight, scratch, stages
+from colmap_ihe import foreseen, memory, outputs, preflight, scratch, stages
 from colmap_ihe.again import Noted, note_run, unlike
 from colmap_ihe.captures.discover import discover
 from colmap_ihe.cluster.connect import workers_for
 from colmap_ihe.colmap.native import logged_to
+from colmap_ihe.demands import Set, demands_of
 from colmap_ihe.digests import digests_of, require_unchanged
 from colmap_ihe.errors import OptionError, PhotographError
 from colmap_ihe.expected import expected
@@ -135,13 +136,37 @@ def _up_to(
                 raise PhotographError(next(iter(record["left_out"].values())))
             audience.kept(stage.name)
         else:
+            if demand := run.demands.get(stage.name):
+                _tell(audience, foreseen.memory_warnings(demand))
             record = _run_stage(stage, run, prints[stage.name], forced, audience)
             ran.append(stage.name)
         run.records[stage.name] = record
         if stage.name == "captures":
             counts = (record["images"], record["pixels"], record["with_gps"])
             audience.foresee(expected(options, *counts, NAMES[last]))
+            run.demands = {one.stage: one for one in demands_of(options, Set.of(record, run.captures()))}
+            due = _due(place, options, prints, start, last)
+            _tell(audience, foreseen.disk_warnings(place, list(run.demands.values()), due))
     return tuple(ran)
+
+
+def _due(
+    place: Project, options: Options, prints: Mapping[str, str], start: str | None, last: int
+) -> tuple[str, ...]:
+    """The names of the stages after `captures` that will run, and of the page after them."""
+    for number, stage in enumerate(ROAD[1 : last + 1], 1):
+        if switched_off(stage.name, options):
+            continue
+        record = place.read_record(stage.name)
+        forced = start is not None and number >= NAMES.index(start)
+        if forced or record is None or why_stale(place, stage, record, prints):
+            return (*NAMES[number : last + 1], *(["page"] if last >= NAMES.index("sparse") else []))
+    return ()
+
+
+def _tell(audience: Audience, warnings: Iterable[str]) -> None:
+    for text in warnings:
+        audience.warn(text)
 
 
 def _check_range(start: str | None, until: str | None, options: Options) -> None:
@@ -182,8 +207,7 @@ def _run_stage(stage: Stage, run: Run, fingerprint: str, forced: bool, audience:
     }
     require_held(project.root)
     project.write_record(stage.name, record)
-    for text in record.get("warnings", []):
-        audience.warn(text)
+    _tell(audience, record.get("warnings", []))
     for name, reason in record.get("left_out", {}).items():
         audience.warn(f"left out: {reason if name in reason else f'{name}: {reason}'}")
     return record

@@ -14,7 +14,7 @@ STEREO_BYTES_A_PIXEL = 200
 """Of one depth map on the way: five sources and their common frames. Measured with benchmarks/dense.py."""
 _CORE_SECONDS_A_MEGAPIXEL = 4.8
 """Of semi-global matching with fusion, on a server's core of 2 to 3 GHz; likewise."""
-_FILES_BYTES_A_PIXEL = 30  # grey, colour, depth and normals of a pixel, and its share of the cloud
+_FILES_BYTES_A_PIXEL = 28  # grey, colour, depth and normals of a pixel, and its share of the cloud
 
 
 @dataclass(frozen=True)
