@@ -30,9 +30,14 @@ _MODEL = 45  # bytes on disk of a feature, in the model
 _POINTS_A_PIXEL = 0.15  # of the dense cloud
 _FACE = 180  # bytes on disk of a face, in all files of the mesh; more than is there for a while of the cloud
 _PAGE = 8_000_000
+_MESHED, _SHOWN, _DRAWN = (
+    650,
+    150,
+    75,
+)  # bytes of memory: a point for the mesh, for the page, a pixel for its pairs
 _HISTOGRAM, _MOST_HISTOGRAM = 0.05, 20_000_000  # bytes a pixel, and at all
 _GREY_AND_COLOUR = {
-    "png": {False: 2.1, True: 3.0},
+    "png": {False: 2.9, True: 3.2},
     "tiff": {False: 4.1, True: 4.1},
     "jpeg": {False: 1.6, True: 2.0},
 }
@@ -72,12 +77,14 @@ class Set:
 
 @dataclass(frozen=True)
 class Demand:
-    """Of a stage. `base_bytes` of memory and `one_bytes` for each of its workers; `disk_bytes` that it writes."""
+    """Of a stage. `base_bytes` of memory and `one_bytes` for each of its workers; `disk_bytes` that it writes.
+    `more_bytes` of memory it takes besides where there are so many."""
 
     stage: str
     base_bytes: int
     one_bytes: int
     disk_bytes: int
+    more_bytes: int = 0
 
     def memory_bytes(self, workers: int) -> int:
         return self.base_bytes + self.one_bytes * workers
@@ -119,7 +126,9 @@ def demands_of(options: Options, photographs: Set) -> list[Demand]:
     ]
     if options.dense.enabled:
         found += _dense(options, largest, photographs)
-    return [*found, Demand("page", _BASE, 0, _PAGE)]
+    points = _POINTS_A_PIXEL * _seen(options, photographs) if options.dense.enabled else 0.0
+    found.append(Demand("page", _BASE + round(_SHOWN * points), round(_DRAWN * photographs.largest), _PAGE))
+    return found
 
 
 def _features_of(options: Options, pixels: float) -> float:
@@ -131,13 +140,18 @@ def _features_of(options: Options, pixels: float) -> float:
 def _dense(options: Options, largest: tuple[int, int], photographs: Set) -> list[Demand]:
     size, backend = options.dense.max_image_size, pick_backend(options.dense.backend)
     one = dense_cost([largest], size, backend, 1, 0)
-    seen = min(photographs.pixels, photographs.images * size**2 / _ASPECT)
+    seen = _seen(options, photographs)
     every = dense_cost(
         [(round((seen * _ASPECT) ** 0.5), round((seen / _ASPECT) ** 0.5))], 10**9, backend, 1, 0
     )
-    found = [Demand("dense", _BASE, one.memory_bytes, every.disk_bytes)]
+    found = [Demand("dense", _BASE, one.memory_bytes, every.disk_bytes, every.fusion_bytes)]
     if options.meshed:
         points = _POINTS_A_PIXEL * seen
         faces = min(options.mesh.faces, 1.5 * points)
-        found.append(Demand("mesh", _BASE + round(200 * points), 0, round(faces * _FACE)))
+        found.append(Demand("mesh", _BASE + round(_MESHED * points), 0, round(faces * _FACE)))
     return found
+
+
+def _seen(options: Options, photographs: Set) -> float:
+    """Pixels that dense stereo looks at."""
+    return min(photographs.pixels, photographs.images * options.dense.max_image_size**2 / _ASPECT)

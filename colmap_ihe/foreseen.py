@@ -65,7 +65,9 @@ def memory_warnings(demand: Demand) -> list[str]:
 def in_words(demand: Demand) -> str:
     """Of memory as many workers take as there are cores, or as there is room for."""
     workers = memory.most_at_once(demand.one_bytes, memory.available(), local_workers())
-    words = [f"{in_bytes(demand.memory_bytes(workers))} of memory"]
+    words = [
+        f"{in_bytes(max(demand.memory_bytes(workers), demand.base_bytes + demand.more_bytes))} of memory"
+    ]
     return ", ".join([*words, f"{in_bytes(demand.disk_bytes)} on disk"] if demand.disk_bytes else words)
 
 

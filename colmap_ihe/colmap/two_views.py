@@ -14,9 +14,11 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from colmap_ihe.colmap.features import FEATURE_BYTES_A_PIXEL
 from colmap_ihe.colmap.native import called, pycolmap
 from colmap_ihe.errors import DiskFullError
 from colmap_ihe.executor import local_workers
+from colmap_ihe.memory import workers_for
 from colmap_ihe.progress import SILENT, Watch
 from colmap_ihe.scratch import scratch_folder
 
@@ -76,7 +78,8 @@ def features_of(
         return []
     options = pycolmap.FeatureExtractionOptions()
     options.use_gpu = False
-    options.num_threads = min(local_workers(), len(images))
+    one = FEATURE_BYTES_A_PIXEL * max(grey.size for grey in images) * 4 ** -(first_octave + 1)
+    options.num_threads = min(workers_for("features of pairs", round(one), local_workers()), len(images))
     options.max_image_size = max(max(grey.shape) for grey in images)
     options.sift.first_octave = first_octave
     options.sift.max_num_features = 1_000_000
