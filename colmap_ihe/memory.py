@@ -26,7 +26,7 @@ _LIMITS = {
 _RESERVED = 150_000_000  # bytes of addresses that are never used: stacks of threads that libraries start
 _SPARING = {"MALLOC_ARENA_MAX": "1", "OPENBLAS_NUM_THREADS": "1"}
 _SHORT = ("std::bad_alloc", "Insufficient memory", "can't start new thread", "Cannot allocate memory")
-_RAW_BYTES, _JPEG_BYTES, _OTHER_BYTES = 60, 30, 50
+RAW_BYTES, JPEG_BYTES, OTHER_BYTES = 60, 30, 50
 """A pixel, decoder and run together, at the most: LibRaw's mosaic and channels, CMYK, or 16 bits on their way to
 8; then the photograph, and what is made from it. Measured, with some to spare: docs/decisions/0008."""
 
@@ -85,8 +85,8 @@ def needed(photographs: Sequence[_Photograph]) -> int:
 
 def _bytes_a_pixel(photograph: _Photograph) -> int:
     if photograph.kind == "raw":
-        return _RAW_BYTES
-    return _JPEG_BYTES if photograph.name.lower().endswith((".jpg", ".jpeg", ".jpe")) else _OTHER_BYTES
+        return RAW_BYTES
+    return JPEG_BYTES if photograph.name.lower().endswith((".jpg", ".jpeg", ".jpe")) else OTHER_BYTES
 
 
 def at_once(photographs: Sequence[_Photograph], workers: int) -> int:
