@@ -5,6 +5,7 @@ from __future__ import annotations
 import errno
 import os
 import shutil
+import subprocess
 import time
 from collections.abc import Callable
 from dataclasses import replace
@@ -171,6 +172,34 @@ def test_a_project_that_goes_in_the_middle(
     done = reconstruct(project, options, until="convert")
     assert done.stages_run == ("fit", "convert")
     assert done.summary["images"] == 3
+
+
+def _mount(*words: str) -> None:
+    try:
+        done = subprocess.run(words, capture_output=True, text=True, check=False)
+    except FileNotFoundError:
+        pytest.skip("there is no mount command")
+    if done.returncode:
+        pytest.skip(f"a disk cannot be mounted: {done.stderr.strip()}")
+
+
+def test_a_disk_that_is_unmounted_in_the_middle(
+    new_project: Make, quick_options: MakeOptions, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Its mount point stays, and is a folder like any other: of the disk below."""
+    disk, project = new_project(3), tmp_path / "mounted"
+    project.mkdir()
+    _mount("mount", "--bind", str(disk), str(project))
+    options = quick_options("fit.measure=false")
+    try:
+        _after(monkeypatch, "convert", lambda _: subprocess.run(["umount", "-l", project], check=True))
+        with pytest.raises(KnownError, match="the folder is gone, or another one is in its place"):
+            reconstruct(project, options, until="convert")
+        assert not list(project.iterdir())
+        _mount("mount", "--bind", str(disk), str(project))
+        assert reconstruct(project, options, until="convert").stages_run == ("convert",)
+    finally:
+        subprocess.run(["umount", "-l", project], check=False, capture_output=True)
 
 
 @pytest.mark.parametrize("stage", ["fit", "convert"])
