@@ -15,6 +15,7 @@ from colmap_ihe.colmap.cost import dense_cost
 from colmap_ihe.colmap.dense import pick_backend
 from colmap_ihe.colmap.features import features_bytes
 from colmap_ihe.commands import project_options
+from colmap_ihe.demands import Set, demands_of
 from colmap_ihe.errors import KnownError, PhotographError
 from colmap_ihe.executor import local_executor, local_workers
 from colmap_ihe.options import Options
@@ -75,6 +76,8 @@ def need_of(surveyed: Sequence[Surveyed], options: Options) -> int:
     if options.dense.enabled:
         backend = pick_backend(options.dense.backend)
         needs.append(dense_cost(sizes, options.dense.max_image_size, backend, workers, 0).memory_bytes)
+    demands = demands_of(options, Set.of_survey(surveyed))
+    needs += [demand.base_bytes - BASE_BYTES for demand in demands if demand.stage == "mesh"]
     return BASE_BYTES + max(needs)
 
 

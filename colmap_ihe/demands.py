@@ -30,11 +30,8 @@ _MODEL = 45  # bytes on disk of a feature, in the model
 _POINTS_A_PIXEL = 0.15  # of the dense cloud
 _FACE = 180  # bytes on disk of a face, in all files of the mesh; more than is there for a while of the cloud
 _PAGE = 8_000_000
-_MESHED, _SHOWN, _DRAWN = (
-    650,
-    150,
-    75,
-)  # bytes of memory: a point for the mesh, for the page, a pixel for its pairs
+_MESHED, _FACED = 200, 4_500  # bytes of memory of the mesh, a point of the cloud and a face
+_SHOWN, _DRAWN = 150, 75  # of the page, a point of the cloud and a pixel of the photographs of a pair
 _HISTOGRAM, _MOST_HISTOGRAM = 0.05, 20_000_000  # bytes a pixel, and at all
 _GREY_AND_COLOUR = {
     "png": {False: 2.9, True: 3.2},
@@ -148,7 +145,9 @@ def _dense(options: Options, largest: tuple[int, int], photographs: Set) -> list
     if options.meshed:
         points = _POINTS_A_PIXEL * seen
         faces = min(options.mesh.faces, 1.5 * points)
-        found.append(Demand("mesh", _BASE + round(_MESHED * points), 0, round(faces * _FACE)))
+        found.append(
+            Demand("mesh", _BASE + round(_MESHED * points + _FACED * faces), 0, round(faces * _FACE))
+        )
     return found
 
 

@@ -23,7 +23,7 @@ _INSTEAD = {
     "matches": "a smaller features.colmap.sift.max_num_features, ",
     "sparse": "a smaller features.colmap.sift.max_num_features, ",
     "dense": "a smaller dense.max_image_size, ",
-    "mesh": "--no-mesh, ",
+    "mesh": "fewer mesh.faces, ",
     "page": "",
 }
 
