@@ -1,7 +1,7 @@
 """What a run holds while it works: memory, disk, open files and threads; and how it fares where there is less.
 
     python benchmarks/limits.py disk PHOTOGRAPHS ...
-    python benchmarks/limits.py memory [--views 8] [--size 1200 800] [--as GB ...] [--data GB ...]
+    python benchmarks/limits.py memory [--views 8] [--size 960 640] [--as GB ...] [--data GB ...]
     python benchmarks/limits.py threads PROJECT
 
 `disk` reconstructs each folder of photographs: by stage the most memory that all its processes held together, and the
@@ -37,6 +37,7 @@ from colmap_ihe.project import Project
 from colmap_ihe.terminal import print_table
 
 TICK_SECONDS = 0.1
+QUICK = ("--set", "dense.max_image_size=480", "--set", "mesh.faces=20000")
 START = """
 import json, os, resource, sys
 for kind, most in json.loads(sys.argv[1]):
@@ -198,7 +199,7 @@ def under_limits(views: int, size: tuple[int, int], limits: Sequence[tuple[str, 
             project.mkdir()
             ended = run(
                 project,
-                ["--images", f"{temporary}/demo/images", "--set", "fit.step=0.1"],
+                ["--images", f"{temporary}/demo/images", "--set", "fit.step=0.1", *QUICK],
                 {} if kind < 0 else {kind: round(most * 1e9)},
             )
             said = [
@@ -222,6 +223,7 @@ def under_limits(views: int, size: tuple[int, int], limits: Sequence[tuple[str, 
                 )
             )
             print_table("", rows[-1:])
+            sys.stdout.flush()
             if ended.status:
                 print(ended.words[-300:])
     columns = ("limit", "status", "seconds", "memory, MB", "registered", "dense points", "said")
@@ -280,7 +282,7 @@ def main() -> None:
     kinds.add_parser("disk").add_argument("folders", type=Path, nargs="+")
     under = kinds.add_parser("memory")
     under.add_argument("--views", type=int, default=8)
-    under.add_argument("--size", type=int, nargs=2, default=(1200, 800))
+    under.add_argument("--size", type=int, nargs=2, default=(960, 640))
     under.add_argument("--as", type=float, nargs="*", default=[2.5, 1.6], dest="addresses")
     under.add_argument("--data", type=float, nargs="*", default=[1.2])
     kinds.add_parser("threads").add_argument("project", type=Path)
