@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from colmap_ihe import memory
@@ -61,7 +61,7 @@ class Set:
 
     @classmethod
     def of_survey(cls, surveyed: Sequence[Surveyed]) -> Set:
-        captures = [one.capture for one in surveyed]
+        captures = [replace(one.capture, pixels=one.width * one.height) for one in surveyed]
         return cls(
             images=len(captures),
             pixels=sum(c.pixels for c in captures),
@@ -93,7 +93,7 @@ def demands_of(options: Options, photographs: Set) -> list[Demand]:
     share_raw = photographs.raw / max(1, images)
     of_format = _GREY_AND_COLOUR[options.convert.format]
     side = (photographs.largest * _ASPECT) ** 0.5
-    largest = (round(side), round(side / _ASPECT))
+    largest = (max(1, round(side)), max(1, round(side / _ASPECT)))
     features = _features_of(options, pixels / max(1, images))
     pairs = pairs_of(choose_strategy(options.matches.strategy, images, images), images)
     found = [
