@@ -21,6 +21,7 @@ from colmap_ihe.batched import BatchState, Phase, publish, time_of
 from colmap_ihe.colmap.dense import pick_backend
 from colmap_ihe.errors import KnownError
 from colmap_ihe.executor import local_workers
+from colmap_ihe.files import stamp_of
 from colmap_ihe.job import GRACE_SECONDS, Job, Outcome, Progress, run_job
 from colmap_ihe.project_yaml import load_options
 
@@ -218,6 +219,7 @@ class _Batch:
             if entry.state == "busy" and time.monotonic() >= entry.not_before:
                 self._try_again(entry)
             if entry.state == "waiting" and entry.look is None and entry.looking is None:
+                entry.record_before = stamp_of(entry.project.batch_record)
                 entry.looking = self.looker.submit(look_at, entry.root, self.assignments)
         for entry in self.entries.values():
             running = [e for e in self.entries.values() if e.running is not None]
@@ -248,7 +250,7 @@ class _Batch:
         else:
             job = Job(str(entry.root), self.assignments, self.time_limit_s, share, str(self.stop_file))
             entry.to("running")
-            entry.progress, entry.began = Progress(), time.time()
+            entry.progress, entry.began, entry.began_s = Progress(), time.time(), time.monotonic()
             more = () if self.elsewhere else (entry.follow,)
             entry.running = self.runner.submit(run_job, job, *more)
 

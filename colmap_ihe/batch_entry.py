@@ -15,7 +15,7 @@ from colmap_ihe.batch_folder import BatchFolder, contents_of
 from colmap_ihe.batch_look import BASE_BYTES, Look
 from colmap_ihe.batched import FAILURES, Batched, State, batched, time_of
 from colmap_ihe.errors import KnownError
-from colmap_ihe.files import read_json, room_on_disk, write_json
+from colmap_ihe.files import read_json, room_on_disk, stamp_of, write_json
 from colmap_ihe.job import GOES_ON, Outcome, Progress
 from colmap_ihe.project import Project
 
@@ -25,7 +25,8 @@ _START_MEGAPIXELS = 2.0
 @dataclass
 class Entry:
     """`not_before`: when it may be tried next, and `tries` so far at one that another run works on; `left` to that run.
-    `alone`: memory ran out beside others. `changed` while it ran."""
+    `began` by the clock on the wall, `began_s` by one that never jumps. `alone`: memory ran out beside others.
+    `changed` while it ran. `record_before`: the stamp of its record when it began to be looked at."""
 
     root: Path
     state: State = "waiting"
@@ -36,11 +37,13 @@ class Entry:
     running: Future[Outcome] | None = None
     progress: Progress = field(default_factory=Progress)
     began: float = 0.0
+    began_s: float = 0.0
     not_before: float = 0.0
     tries: int = 0
     left: bool = False
     alone: bool = False
     changed: bool = False
+    record_before: tuple[int, ...] = ()
     _lock: IO[str] | None = None
     _contents: str = ""
     _since: float = 0.0
@@ -79,13 +82,14 @@ class Entry:
         contents, newest = contents_of(self.project)
         if contents != self._contents:
             known = bool(self._contents)
-            self._contents, self._since = contents, time.monotonic()
+            # The clock of the disk counts once, for a folder that lay there before; it need not be right.
+            before = 0.0 if known else max(0.0, time.time() - newest)
+            self._contents, self._since = contents, time.monotonic() - before
             if known and self.running is not None:
                 self.changed = True
             elif known:
                 self.again("copying")
-        still = max(time.monotonic() - self._since, time.time() - newest)
-        if self.state == "copying" and still >= settle_s:
+        if self.state == "copying" and time.monotonic() - self._since >= settle_s:
             self.to("waiting")
 
     # Who has it
@@ -127,14 +131,15 @@ class Entry:
         with suppress(KnownError, OSError):  # nothing can be written there, which is then its reason
             self.project.refuse_links()
             write_json(self.project.batch_record, record)
+            self.record_before = stamp_of(self.project.batch_record)
 
     def ended_elsewhere(self, assignments: Sequence[str]) -> bool:
         """Whether another batch ran it with these options since it was looked at; it is then what it became there."""
         with suppress(OSError):
             record = read_json(self.project.batch_record) or {}
-            newer = self.look is not None and self.project.batch_record.stat().st_mtime > self.look.at
             if (
-                newer
+                self.look is not None
+                and stamp_of(self.project.batch_record) != self.record_before
                 and record.get("set") == list(assignments)
                 and str(record.get("state")) in ("done", *FAILURES)
             ):
@@ -189,7 +194,7 @@ def remaining_of(entries: Sequence[Entry], pace: float) -> float | None:
     if not left or any(entry.look is None for entry in left):
         return None
     running = [e for e in left if e.state == "running"]
-    under_way = [max(0.0, e.megapixels * pace - (time.time() - e.began)) for e in running]
+    under_way = [max(0.0, e.megapixels * pace - (time.monotonic() - e.began_s)) for e in running]
     ahead = [e.megapixels * pace for e in left if e.state == "waiting"]
     return max([sum(under_way + ahead) / max(1, len(running)), *under_way])
 

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +15,7 @@ from colmap_ihe.colmap.cost import dense_cost
 from colmap_ihe.colmap.dense import pick_backend
 from colmap_ihe.colmap.features import features_bytes
 from colmap_ihe.commands import project_options
+from colmap_ihe.demands import Set, demands_of
 from colmap_ihe.errors import KnownError, PhotographError
 from colmap_ihe.executor import local_executor, local_workers
 from colmap_ihe.options import Options
@@ -34,7 +34,7 @@ _THUMBNAIL = 240  # pixels
 @dataclass(frozen=True)
 class Look:
     """`up_to_date`: nothing is to be done. `reason`, `hint`: why it cannot run at all. `photographs`, and their
-    `pixels` in all; `need_bytes` of memory with a worker a core, 0 if unknown. `at`: when it began to be looked at."""
+    `pixels` in all; `need_bytes` of memory with a worker a core, 0 if unknown."""
 
     photographs: int = 0
     pixels: int = 0
@@ -43,13 +43,12 @@ class Look:
     reason: str = ""
     hint: str = ""
     thumbnail: Picture | None = None
-    at: float = field(default_factory=time.time, compare=False)
 
 
 def look_at(root: Path, assignments: Sequence[str]) -> Look:
     """Whatever is wrong with the project is in the answer: nothing is raised for it."""
     captures: Sequence[Capture] = ()
-    thumbnail, at = None, time.time()
+    thumbnail = None
     try:
         project, options = Project.at(root), project_options(root, list(assignments))
         captures = discover(project.images).captures
@@ -57,13 +56,13 @@ def look_at(root: Path, assignments: Sequence[str]) -> Look:
         if _is_up_to_date(project, options):
             record = project.read_record("captures") or {}
             pixels = int(record.get("pixels", 0))
-            return Look(len(captures), pixels, up_to_date=True, thumbnail=thumbnail, at=at)
+            return Look(len(captures), pixels, up_to_date=True, thumbnail=thumbnail)
         with local_executor() as executor:
             surveyed, _ = survey(captures, executor, SILENT, strict=False)
     except KnownError as error:
-        return Look(len(captures), reason=str(error), hint=error.hint, thumbnail=thumbnail, at=at)
+        return Look(len(captures), reason=str(error), hint=error.hint, thumbnail=thumbnail)
     pixels = sum(one.width * one.height for one in surveyed)
-    return Look(len(captures), pixels, need_of(surveyed, options), thumbnail=thumbnail, at=at)
+    return Look(len(captures), pixels, need_of(surveyed, options), thumbnail=thumbnail)
 
 
 def need_of(surveyed: Sequence[Surveyed], options: Options) -> int:
@@ -77,6 +76,8 @@ def need_of(surveyed: Sequence[Surveyed], options: Options) -> int:
     if options.dense.enabled:
         backend = pick_backend(options.dense.backend)
         needs.append(dense_cost(sizes, options.dense.max_image_size, backend, workers, 0).memory_bytes)
+    demands = demands_of(options, Set.of_survey(surveyed))
+    needs += [demand.base_bytes - BASE_BYTES for demand in demands if demand.stage == "mesh"]
     return BASE_BYTES + max(needs)
 
 

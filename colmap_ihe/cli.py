@@ -11,6 +11,7 @@ import warnings
 from collections.abc import Sequence
 from typing import Any
 
+from colmap_ihe import memory
 from colmap_ihe.arguments import Run, parser_of
 from colmap_ihe.colmap.native import hear_colmap
 from colmap_ihe.errors import Cancelled, KnownError
@@ -78,6 +79,7 @@ def _follower(parsed: argparse.Namespace) -> Follower:
 
 
 def entry_point() -> None:
+    memory.begin_sparing()
     status_code = main()
     sys.stderr.flush()
     # A mapper that cannot be asked to stop may still be on its thread: Python's own exit would wait for it.

@@ -1,19 +1,25 @@
 """What is in the user's files: digests of photographs, masks and calibration frames, by which the road tells
-whether something changed. The digest of a file is read again where its size or time have changed.
+whether something changed. The digest of a file is read again where its size, its times or its place on the disk have
+changed, and where a change could hide: the clock of the disk may be coarse, slow or have been set back.
 """
 
 from __future__ import annotations
 
+import time
+from collections.abc import Collection, Mapping, Sequence
 from concurrent.futures import Executor
 from pathlib import Path
 from typing import Any
 
 from colmap_ihe.captures.discover import Discovery
+from colmap_ihe.errors import ProjectError
 from colmap_ihe.executor import in_order
 from colmap_ihe.files import digest_file, read_json
 from colmap_ihe.progress import Watch
 from colmap_ihe.project import Project
 
+_HIDING_NS = 3 * 10**9
+"""How soon after a file was read a change may carry the time that it had: FAT counts in steps of 2 s."""
 FRAMES = "../calibration/"  # before the names of its files, which no photograph can have
 
 
@@ -26,8 +32,8 @@ def content_of(folder: Path) -> list[list[str]]:
 def digests_of(
     project: Project, discovery: Discovery, executor: Executor, watch: Watch
 ) -> dict[str, list[Any]]:
-    """Size, time and digest of the content of every photograph and calibration frame, read again where size or
-    time have changed."""
+    """Of every photograph and calibration frame what tells whether it changed, when it was read, and last the digest of
+    its content."""
     known = read_json(project.digests_file) or {}
     files = {c.name: c.path for c in discovery.captures}
     for frame in sorted(p for p in project.calibration.rglob("*") if p.is_file()):
@@ -37,7 +43,7 @@ def digests_of(
     changed = []
     for name, path in files.items():
         old = known.get(name, [])
-        if _is_digest(old) and old[:2] == _size_and_time(path):
+        if _still_holds(old, path):
             found[name] = old
             watch.advance()
         else:
@@ -49,21 +55,40 @@ def digests_of(
     return found
 
 
-def _is_digest(known: Any) -> bool:
-    return isinstance(known, list) and len(known) == 3 and isinstance(known[2], str)
+def require_unchanged(
+    discovery: Discovery, digests: Mapping[str, Sequence[Any]], names: Collection[str]
+) -> None:
+    """Raises `ProjectError` if a photograph of these, which were left out, does not hold any more what it held when the
+    run began: then not what it holds was the reason, but a disk that went."""
+    for capture in discovery.captures:
+        if capture.name in names and _about(capture.path)[-1] != digests[capture.name][-1]:
+            raise ProjectError(
+                f"{capture.path}: changed while it was worked on, or its disk went",
+                hint="see that the disk is connected and nobody writes there; the same command goes on from here",
+            )
 
 
-def _size_and_time(path: Path) -> list[int]:
+def _stamp(path: Path) -> list[int]:
+    """Size, times of change of the content and of anything, place on the disk. The second time is the system's own:
+    programs that copy or edit cannot set it. Raises OSError."""
+    about = path.stat()
+    return [about.st_size, about.st_mtime_ns, about.st_ctime_ns, about.st_ino]
+
+
+def _still_holds(known: Any, path: Path) -> bool:
+    """Whether what is known of a file is of what it holds now."""
     try:
-        about = path.stat()
-    except OSError:
-        return []
-    return [about.st_size, about.st_mtime_ns]
+        *stamp, read_ns, digest = known
+        _, modified, changed, _ = stamp
+        hidden = changed > read_ns - _HIDING_NS or abs(read_ns - modified) < _HIDING_NS
+        return isinstance(digest, str) and not hidden and stamp == _stamp(path)
+    except (OSError, ValueError, TypeError):
+        return False
 
 
 def _about(path: Path) -> list[Any]:
+    read_ns = time.time_ns()  # by the clock of this machine, which need not be that of the disk
     try:
-        about = path.stat()
-        return [about.st_size, about.st_mtime_ns, digest_file(path)]
+        return [*_stamp(path), read_ns, digest_file(path)]
     except OSError as error:
-        return [0, 0, f"unreadable: {error.strerror}"]
+        return [0, 0, 0, 0, 0, f"unreadable: {error.strerror}"]

@@ -40,6 +40,10 @@ class DiskFullError(KnownError):
     """The disk has no room for what is to be written."""
 
 
+class ShortOfMemoryError(KnownError):
+    """Memory ran out."""
+
+
 class MappingError(KnownError):
     """COLMAP ran, and the photographs do not give a model."""
 

@@ -6,11 +6,12 @@ import errno
 import hashlib
 import json
 import os
+import re
 import secrets
 import shutil
 import stat
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from io import BytesIO
 from pathlib import Path, PurePosixPath
 from typing import Any, BinaryIO
@@ -20,8 +21,12 @@ from numpy.typing import NDArray
 
 from colmap_ihe.errors import DiskFullError, ProjectError
 
+_UNFINISHED = re.compile(r"\.[0-9a-f]{24}\.[0-9a-f]+\.tmp")  # of `write_bytes`, when it was killed
+_GONE = (errno.EIO, errno.ENODEV, errno.ENXIO, errno.ENOTCONN, errno.ETIMEDOUT, errno.EHOSTDOWN)
+_NO_ANSWER = {*_GONE, *(getattr(errno, name) for name in ("ESTALE", "EREMOTEIO") if hasattr(errno, name))}
 _MOST_JSON = 1 << 28  # bytes: digests of a million photographs
 _LONGEST_NAME, _LONGEST_PATH = 255, 3000  # bytes, with room for the folder before it
+_held: dict[Path, os.stat_result] = {}
 
 
 def open_file(path: Path) -> BinaryIO:
@@ -72,7 +77,8 @@ def odd_below(folder: Path, deep: bool = True) -> Iterator[Path]:
 
 @contextmanager
 def room_on_disk(path: Path) -> Iterator[None]:
-    """Turns the system's errors of a full or read-only disk into one line that names `path`."""
+    """Turns the system's errors of a full or read-only disk, or one that is not there any more, into one line that
+    names `path`."""
     try:
         yield
     except OSError as error:
@@ -84,7 +90,42 @@ def room_on_disk(path: Path) -> Iterator[None]:
             raise ProjectError(
                 f"{error.filename or path}: not writable", hint="give write permission, or use another folder"
             ) from error
+        if error.errno in _NO_ANSWER:
+            raise ProjectError(
+                f"{error.filename or path}: its disk does not answer ({error.strerror})",
+                hint="connect it again; the same command goes on from here",
+            ) from error
         raise
+
+
+@contextmanager
+def holding(folder: Path) -> Iterator[None]:
+    """While this lasts nothing is written below `folder` by this process when it is not the same folder any more: a
+    disk that goes leaves its mount point, which would be filled in its stead. What fails for that says so."""
+    _held[folder] = folder.stat()
+    try:
+        yield
+    except Exception:
+        require_held(folder)
+        raise
+    finally:
+        del _held[folder]
+
+
+def require_held(path: Path) -> None:
+    """Raises `ProjectError` if `path` lies in a folder that is held and is gone."""
+    for folder, known in tuple(_held.items()):
+        if not path.is_relative_to(folder):
+            continue
+        try:
+            same = os.path.samestat(folder.stat(), known)
+        except OSError:
+            same = False
+        if not same:
+            raise ProjectError(
+                f"{folder}: the folder is gone, or another one is in its place",
+                hint="connect its disk again, or move it back; the same command goes on from here",
+            )
 
 
 def require_room(folder: Path, needed: int) -> None:
@@ -103,6 +144,7 @@ def write_bytes(path: Path, content: bytes) -> None:
     temporary = path.with_name(f".{fingerprint_of(path.name)}.{secrets.token_hex(4)}.tmp")
     try:
         with room_on_disk(path):
+            require_held(path)
             path.parent.mkdir(parents=True, exist_ok=True)
             with temporary.open("wb") as handle:
                 handle.write(content)
@@ -110,7 +152,16 @@ def write_bytes(path: Path, content: bytes) -> None:
                 os.fsync(handle.fileno())
             temporary.replace(path)
     finally:
-        temporary.unlink(missing_ok=True)
+        with suppress(OSError):
+            temporary.unlink(missing_ok=True)
+
+
+def remove_unfinished(folder: Path) -> None:
+    """Removes what `write_bytes` left below `folder` when it was killed; nobody may be writing there."""
+    for parent, _, names in os.walk(folder):
+        for name in names:
+            if _UNFINISHED.fullmatch(name):
+                (Path(parent) / name).unlink(missing_ok=True)
 
 
 def write_json(path: Path, values: Any) -> None:
@@ -127,14 +178,14 @@ def write_array(path: Path, array: NDArray[Any]) -> None:
 
 def replace_folder(temporary: Path, final: Path) -> None:
     """Puts a finished folder in the place of another."""
+    old = final.with_name(f".{final.name}.old")
     if final.exists():
-        old = final.with_name(f".{final.name}.old")
         shutil.rmtree(old, ignore_errors=True)
         final.rename(old)
         temporary.rename(final)
-        shutil.rmtree(old)
-    else:
+    else:  # also where a kill came between the two
         temporary.rename(final)
+    shutil.rmtree(old, ignore_errors=True)
 
 
 def fingerprint_of(*parts: Any) -> str:
@@ -150,6 +201,15 @@ def digest_file(path: Path) -> str:
         while chunk := handle.read(1 << 20):
             digest.update(chunk)
     return digest.hexdigest()
+
+
+def stamp_of(path: Path) -> tuple[int, ...]:
+    """What tells one writing of a file from the next, whatever the clock says; empty if there is none."""
+    try:
+        about = path.stat()
+    except OSError:
+        return ()
+    return about.st_ino, about.st_size, about.st_mtime_ns, about.st_ctime_ns
 
 
 def read_json(path: Path) -> dict[str, Any] | None:

@@ -167,13 +167,13 @@ def gather(
     gathered: dict[Encoding, Gathered] = {}
     contrasts: dict[str, Contrast] = {}
     parts = list(chunks(captures, width_of(executor)))
-    work = partial(count, counting, frozenset(chosen))
+    work, by_name = partial(count, counting, frozenset(chosen)), {c.name: c for c in captures}
     for chunk, found in zip(
         parts, in_order(executor, work, parts, at_once(captures, executor), watch), strict=True
     ):
         watch.advance(len(chunk))
         for name, error in found.errors.items():
-            leave_out(name, error, counting.strict, left_out)
+            leave_out(by_name[name], error, counting.strict, left_out)
         if found.sums:
             encoding = found.sums[0].encoding
             if encoding not in gathered:

@@ -19,7 +19,7 @@ from typing import Any
 
 from colmap_ihe import memory
 from colmap_ihe.commands import project_options
-from colmap_ihe.errors import BusyError, Cancelled, KnownError, NativeError
+from colmap_ihe.errors import BusyError, Cancelled, KnownError, NativeError, ShortOfMemoryError
 from colmap_ihe.job import GOES_ON, LESS_MEMORY
 from colmap_ihe.pipeline import reconstruct
 from colmap_ihe.progress import Silent, Watch
@@ -119,8 +119,8 @@ def _run(job: dict[str, Any], teller: _Teller) -> tuple[str, str, str]:
         return "stopped", "stopped", GOES_ON
     except BusyError as error:
         return "busy", str(error), error.hint
-    except MemoryError:
-        return "out_of_memory", "memory ran out", LESS_MEMORY
+    except (MemoryError, ShortOfMemoryError) as error:
+        return "out_of_memory", str(error) or "memory ran out", LESS_MEMORY
     except KnownError as error:
         if isinstance(error, NativeError) and "bad_alloc" in str(error):
             return "out_of_memory", f"memory ran out: {error}", LESS_MEMORY

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import fcntl
 import os
-import re
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -17,10 +16,17 @@ from typing import Any
 
 from colmap_ihe.errors import ProjectError
 from colmap_ihe.executor import local_executor
-from colmap_ihe.files import digest_file, is_name_below, leads_out, read_json, room_on_disk, write_json
+from colmap_ihe.files import (
+    digest_file,
+    is_name_below,
+    leads_out,
+    read_json,
+    remove_unfinished,
+    room_on_disk,
+    write_json,
+)
 
 RECORD = ".colmap-ihe.json"
-_UNFINISHED = re.compile(r"\.[0-9a-f]{24}\.[0-9a-f]+\.tmp")  # of `write_bytes`, when it was killed
 
 
 class Ledger:
@@ -131,9 +137,7 @@ def opened(folder: Path) -> Iterator[Ledger]:
             raise ProjectError(
                 f"{folder}: another run is writing into it", hint="wait for it, or stop it"
             ) from error
-        for path in folder.rglob(".*.tmp"):
-            if _UNFINISHED.fullmatch(path.name):
-                path.unlink(missing_ok=True)
+        remove_unfinished(folder)
         yield Ledger(folder)
     finally:
         with suppress(OSError):  # it is not empty

@@ -2,14 +2,31 @@
 
 from __future__ import annotations
 
+import errno
+import logging
+import os
+import resource
+import sys
 from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Protocol
+
+from colmap_ihe.errors import ShortOfMemoryError
+
+logger = logging.getLogger(__name__)
 
 _PROC, _CGROUP = Path("/proc"), Path("/sys/fs/cgroup")
 _KEPT_FREE = 0.1  # of what is available, for all else
 _UNLIMITED = 1 << 60  # cgroup v1 says "no limit" by a number near 2^63
-_RAW_BYTES, _JPEG_BYTES, _OTHER_BYTES = 60, 30, 50
+_LIMITS = {
+    resource.RLIMIT_AS: "VmSize",
+    resource.RLIMIT_DATA: "VmData",
+}  # and what the system calls what is used
+_RESERVED = 150_000_000  # bytes of addresses that are never used: stacks of threads that libraries start
+_SPARING = {"MALLOC_ARENA_MAX": "1", "OPENBLAS_NUM_THREADS": "1"}
+_SHORT = ("std::bad_alloc", "Insufficient memory", "can't start new thread", "Cannot allocate memory")
+RAW_BYTES, JPEG_BYTES, OTHER_BYTES = 60, 30, 50
 """A pixel, decoder and run together, at the most: LibRaw's mosaic and channels, CMYK, or 16 bits on their way to
 8; then the photograph, and what is made from it. Measured, with some to spare: docs/decisions/0008."""
 
@@ -33,10 +50,10 @@ def keep_within(share: int) -> None:
 
 
 def available() -> int:
-    """Bytes that this process may still take: of the machine, of its container where that has fewer, or of its own
-    share. 0 if the system does not say."""
+    """Bytes that this process may still take: of the machine, of its container where that has fewer, within its own
+    limits (`ulimit -v` and `-d`), or of its own share. 0 if the system does not say."""
     machine = _meminfo()
-    rooms = [room for room in (machine, *_cgroup_rooms()) if room is not None]
+    rooms = [room for room in (machine, *_cgroup_rooms(), *_limit_rooms()) if room is not None]
     if _share:
         rooms.append(_share - taken("self")[0])
     return max(1, min(rooms)) if rooms else 0
@@ -53,6 +70,14 @@ def taken(process: int | str) -> tuple[int, int]:
     return now, most
 
 
+def begin_sparing() -> None:
+    """Where address space or data of this process are limited, begins it anew as one that reserves little: each thread
+    has a heap of 64 MB else, and each core a part of BLAS, used or not, from when libraries are loaded on."""
+    missing = {name: value for name, value in _SPARING.items() if name not in os.environ}
+    if missing and any(_limit_of(kind) is not None for kind in _LIMITS):
+        os.execve(sys.executable, [sys.executable, *sys.orig_argv[1:]], os.environ | missing)
+
+
 def needed(photographs: Sequence[_Photograph]) -> int:
     """Bytes for the one that takes most, 0 if nothing is known of any."""
     return max((p.pixels * _bytes_a_pixel(p) for p in photographs), default=0)
@@ -60,8 +85,8 @@ def needed(photographs: Sequence[_Photograph]) -> int:
 
 def _bytes_a_pixel(photograph: _Photograph) -> int:
     if photograph.kind == "raw":
-        return _RAW_BYTES
-    return _JPEG_BYTES if photograph.name.lower().endswith((".jpg", ".jpeg", ".jpe")) else _OTHER_BYTES
+        return RAW_BYTES
+    return JPEG_BYTES if photograph.name.lower().endswith((".jpg", ".jpeg", ".jpe")) else OTHER_BYTES
 
 
 def at_once(photographs: Sequence[_Photograph], workers: int) -> int:
@@ -77,18 +102,48 @@ def most_at_once(need: int, room: int, workers: int) -> int:
     return max(1, min(workers, int(room * (1 - _KEPT_FREE)) // need))
 
 
+def workers_for(what: str, one: int, workers: int) -> int:
+    """How many of `workers` there is memory for if each takes `one` bytes; says so in the log where they are fewer."""
+    room = available()
+    count = most_at_once(one, room, workers)
+    if count < workers:
+        logger.info(
+            "%s: %d of %d threads, for each takes up to %s of memory and %s are free",
+            *(what, count, workers, in_bytes(one), in_bytes(room)),
+        )
+    return count
+
+
+@contextmanager
+def said_when_short(what: str) -> Iterator[None]:
+    """Turns what libraries raise where memory runs out into one `ShortOfMemoryError` that says while doing `what`."""
+    free = available()
+    try:
+        yield
+    except Exception as error:
+        short = isinstance(error, MemoryError) or (isinstance(error, OSError) and error.errno == errno.ENOMEM)
+        if not short and not any(words in str(error) for words in _SHORT):
+            raise
+        raise ShortOfMemoryError(
+            f"{what}: memory ran out; {in_bytes(free)} were free when it began",
+            hint="close other programs, allow more (ulimit -v), or set features.max_image_size or"
+            " dense.max_image_size lower; the same command goes on from here",
+        ) from error
+
+
 def in_words(photographs: Sequence[_Photograph], count: int) -> str:
     """How many at a time, and why, for the log."""
     need, room = needed(photographs), available()
     if not need:
         return f"{count} photographs at a time"
     return (
-        f"{count} photographs at a time: the largest takes up to {_size(need)} of memory while it is worked on,"
-        f" and {_size(room)} are free"
+        f"{count} photographs at a time: the largest takes up to {in_bytes(need)} of memory while it is worked on,"
+        f" and {in_bytes(room)} are free"
     )
 
 
-def _size(count: int) -> str:
+def in_bytes(count: int) -> str:
+    """A number of bytes in words."""
     return f"{count / 1e9:.1f} GB" if count >= 10**9 else f"{count / 1e6:.0f} MB"
 
 
@@ -98,6 +153,24 @@ def _meminfo() -> int | None:
         return next(int(line.split()[1]) * 1024 for line in lines if line.startswith("MemAvailable:"))
     except (OSError, ValueError, IndexError, StopIteration):
         return None
+
+
+def _limit_rooms() -> Iterator[int]:
+    """What this process may still take within limits of its own."""
+    try:
+        lines = (_PROC / "self/status").read_text(encoding="utf-8", errors="replace").splitlines()
+    except OSError:
+        return
+    values = dict(line.split(":", 1) for line in lines if ":" in line)
+    for kind, name in _LIMITS.items():
+        most = _limit_of(kind)
+        if most is not None and name in values:
+            yield max(0, most - int(values[name].split()[0]) * 1024 - _RESERVED)
+
+
+def _limit_of(kind: int) -> int | None:
+    soft, _ = resource.getrlimit(kind)
+    return None if soft == resource.RLIM_INFINITY else soft
 
 
 def _cgroup_rooms() -> Iterator[int]:

@@ -12,8 +12,9 @@ from pathlib import Path
 from typing import Any
 
 from colmap_ihe.captures.recipe import FILES
-from colmap_ihe.colmap.matching import forget_matches
+from colmap_ihe.colmap.matching import VOCABULARY, forget_matches
 from colmap_ihe.colmap.workspace import remove_database
+from colmap_ihe.files import remove_unfinished as _remove_unfinished
 from colmap_ihe.project import Project
 
 
@@ -36,6 +37,40 @@ def remove(stage: str, project: Project) -> None:
     elif stage == "mesh":
         for file in project.dense.glob("mesh.*"):
             file.unlink(missing_ok=True)
+
+
+def bytes_of(stage: str, project: Project) -> int:
+    """Bytes of what `stage` has made, or a part of it, on the disk."""
+    mesh = list(project.dense.glob("mesh.*"))
+    places = {
+        "fit": [project.histogram_file],
+        "convert": [project.grey, project.colour],
+        "features": [project.database],
+        "sparse": [project.sparse],
+        "dense": [project.dense],
+        "mesh": mesh,
+        "page": [project.report],
+    }.get(stage, [])
+    size = sum(map(_size_of, places))
+    return size - sum(map(_size_of, mesh)) if stage == "dense" else size
+
+
+def _size_of(place: Path) -> int:
+    if place.is_file():
+        return place.stat().st_size
+    return sum(file.stat().st_size for file in place.rglob("*") if file.is_file())
+
+
+def remove_unfinished(project: Project) -> None:
+    """Removes what a run that was killed left half-written, whatever this one will do. Nobody else may be at it."""
+    for folder in (*project.made_folders, project.records):
+        _remove_unfinished(folder)
+    for folder in project.workspace.glob(".*.old"):
+        shutil.rmtree(folder, ignore_errors=True)
+    for file in project.dense.glob("*.part.ply*"):
+        file.unlink(missing_ok=True)
+    shutil.rmtree(project.dense / "stereo" / ".cell", ignore_errors=True)
+    (project.workspace / VOCABULARY).unlink(missing_ok=True)
 
 
 def remove_masters(project: Project, recipes: Mapping[str, Mapping[str, Any]]) -> None:

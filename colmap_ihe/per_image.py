@@ -51,7 +51,7 @@ def each_usable(
     for capture, result in zip(captures, in_order(executor, guarded, photographs, most, watch), strict=True):
         watch.advance()
         if isinstance(result, PhotographError):
-            leave_out(capture.name, result, strict, left_out)
+            leave_out(capture, result, strict, left_out)
             continue
         usable += 1
         yield result
@@ -69,11 +69,21 @@ def at_once(captures: Sequence[Capture], executor: Executor) -> int | None:
     return count if count < local_workers() else None
 
 
-def leave_out(name: str, error: PhotographError, strict: bool, left_out: LeftOut) -> None:
-    """Notes a photograph that cannot be used; raises the error if strict."""
+def leave_out(capture: Capture, error: PhotographError, strict: bool, left_out: LeftOut) -> None:
+    """Notes a photograph that cannot be used; raises the error if strict, and `ProjectError` where it is not broken but
+    gone: a disk that goes half-way must not come to a smaller set."""
+    try:
+        capture.path.lstat()  # a link to nowhere was none before
+    except PermissionError:
+        pass
+    except OSError as gone:
+        raise ProjectError(
+            f"{capture.path}: was there when the run began, and is not any more ({gone.strerror})",
+            hint="connect its disk again, or if it was taken out go on without it: by the same command",
+        ) from error
     if strict:
         raise error
-    left_out[name] = f"{error}; {error.hint}" if error.hint else str(error)
+    left_out[capture.name] = f"{error}; {error.hint}" if error.hint else str(error)
 
 
 class _Refusing(Protocol):

@@ -3,23 +3,24 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from concurrent.futures import Executor
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from colmap_ihe import outputs, preflight, stages
+from colmap_ihe import foreseen, memory, outputs, preflight, scratch, stages
 from colmap_ihe.again import Noted, note_run, unlike
 from colmap_ihe.captures.discover import discover
 from colmap_ihe.cluster.connect import workers_for
 from colmap_ihe.colmap.native import logged_to
-from colmap_ihe.digests import digests_of
+from colmap_ihe.demands import Set, demands_of
+from colmap_ihe.digests import digests_of, require_unchanged
 from colmap_ihe.errors import OptionError, PhotographError
 from colmap_ihe.executor import local_workers
 from colmap_ihe.expected import Known, expected
-from colmap_ihe.files import room_on_disk, write_json
+from colmap_ihe.files import holding, require_held, room_on_disk, write_json
 from colmap_ihe.options import Options
 from colmap_ihe.pages import page_of
 from colmap_ihe.progress import SILENT, Audience
@@ -91,13 +92,16 @@ def reconstruct(
         place.claim()
         stack.enter_context(limited(options.machine.threads))
         stack.enter_context(place.locked())
+        stack.enter_context(holding(place.root))
+        scratch.sweep()
+        outputs.remove_unfinished(place)
         stack.enter_context(logged_to(place.native_log))
         workers = executor or stack.enter_context(
             workers_for(options.cluster, place, [discovery.captures[0].path], audience)
         )
         run = Run(place, options, discovery, workers, developed=developed)
         with audience.stage("content") as watch:
-            digests = digests_of(place, run.discovery, workers, watch)
+            run.digests = digests = digests_of(place, run.discovery, workers, watch)
             write_json(place.digests_file, digests)
             note_run(place, options, digests)
         for text in unlike(noted, place, options, digests) if noted else ():
@@ -135,12 +139,37 @@ def _up_to(
                 raise PhotographError(next(iter(record["left_out"].values())))
             audience.kept(stage.name)
         else:
+            if demand := run.demands.get(stage.name):
+                _tell(audience, foreseen.memory_warnings(demand))
             record = _run_stage(stage, run, prints[stage.name], forced, audience)
             ran.append(stage.name)
         run.records[stage.name] = record
         parts = expected(options, Known.from_records(run.records), NAMES[last])
         audience.foresee([part for part in parts if part.stage not in run.records])
+        if stage.name == "captures":
+            run.demands = {one.stage: one for one in demands_of(options, Set.of(record, run.captures()))}
+            due = _due(place, options, prints, start, last)
+            _tell(audience, foreseen.disk_warnings(place, list(run.demands.values()), due))
     return tuple(ran)
+
+
+def _due(
+    place: Project, options: Options, prints: Mapping[str, str], start: str | None, last: int
+) -> tuple[str, ...]:
+    """The names of the stages after `captures` that will run, and of the page after them."""
+    for number, stage in enumerate(ROAD[1 : last + 1], 1):
+        if switched_off(stage.name, options):
+            continue
+        record = place.read_record(stage.name)
+        forced = start is not None and number >= NAMES.index(start)
+        if forced or record is None or why_stale(place, stage, record, prints):
+            return (*NAMES[number : last + 1], *(["page"] if last >= NAMES.index("sparse") else []))
+    return ()
+
+
+def _tell(audience: Audience, warnings: Iterable[str]) -> None:
+    for text in warnings:
+        audience.warn(text)
 
 
 def _check_range(start: str | None, until: str | None, options: Options) -> None:
@@ -156,6 +185,7 @@ def _check_range(start: str | None, until: str | None, options: Options) -> None
 def _run_stage(stage: Stage, run: Run, fingerprint: str, forced: bool, audience: Audience) -> Record:
     """Runs one stage and writes its record last; those after it are no longer true, and go first."""
     project = run.project
+    require_held(project.root)
     for later in NAMES[NAMES.index(stage.name) + 1 :]:
         project.drop_record(later)
     project.summary_file.unlink(missing_ok=True)
@@ -165,8 +195,9 @@ def _run_stage(stage: Stage, run: Run, fingerprint: str, forced: bool, audience:
         outputs.remove(stage.name, project)
         project.begin(stage.name, fingerprint)
     began = time.monotonic()
-    with audience.stage(stage.name) as watch:
+    with audience.stage(stage.name) as watch, memory.said_when_short(stage.name):
         result = stage.run(run, watch)
+        require_unchanged(run.discovery, run.digests, result.get("left_out", {}))
     record = {
         "stage": stage.name,
         "fingerprint": fingerprint,
@@ -178,9 +209,9 @@ def _run_stage(stage: Stage, run: Run, fingerprint: str, forced: bool, audience:
         "resumed": run.resumed,
         **result,
     }
+    require_held(project.root)
     project.write_record(stage.name, record)
-    for text in record.get("warnings", []):
-        audience.warn(text)
+    _tell(audience, record.get("warnings", []))
     for name, reason in record.get("left_out", {}).items():
         audience.warn(f"left out: {reason if name in reason else f'{name}: {reason}'}")
     return record

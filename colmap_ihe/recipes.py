@@ -8,7 +8,6 @@ from concurrent.futures import Executor
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
@@ -31,6 +30,7 @@ from colmap_ihe.options import CamerasOptions, DevelopOptions
 from colmap_ihe.per_image import LeftOut
 from colmap_ihe.preprocess import Surveyed, survey
 from colmap_ihe.progress import Audience, Watch
+from colmap_ihe.scratch import scratch_folder
 
 
 @dataclass
@@ -177,11 +177,11 @@ def prepared_set(
             f"{calibration}: no such folder of calibration frames",
             hint="name a folder with bias/, darks/, flats/ or bad-pixels.txt in it",
         )
-    with TemporaryDirectory(prefix="colmap-ihe-") as store:
+    with scratch_folder() as store:
         with audience.stage("captures") as watch:
             surveyed, left_out = survey(captures, executor, watch, strict=strict, cameras=cameras)
             options = options or DevelopOptions()
-            found = with_recipes(surveyed, options, calibration, Path(store), executor, watch, strict=strict)
+            found = with_recipes(surveyed, options, calibration, store, executor, watch, strict=strict)
         for text in found.warnings:
             audience.warn(text)
         yield replace(found, left_out=left_out)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -9,6 +10,7 @@ from typing import Any
 
 from colmap_ihe.captures.discover import Capture, Discovery
 from colmap_ihe.captures.recipe import recipe_from_dict
+from colmap_ihe.demands import Demand
 from colmap_ihe.options import Options
 from colmap_ihe.preprocess import Surveyed
 from colmap_ihe.project import Project
@@ -22,7 +24,8 @@ class Run:
 
     `records` holds the records of the stages before this one; `resumed` is True if this stage was begun
     with the same fingerprint and not finished, so that its files may be kept. `developed`: where RAW photographs are
-    kept developed for other runs on them, if anywhere.
+    kept developed for other runs on them, if anywhere. `digests` as `digests_of` found them when the run began.
+    `demands` of its stages, by name, once `captures` is done.
     """
 
     project: Project
@@ -33,6 +36,8 @@ class Run:
     resumed: bool = False
     surveyed: list[Surveyed] = field(default_factory=list)
     developed: Path | None = None
+    digests: Mapping[str, Sequence[Any]] = field(default_factory=dict)
+    demands: Mapping[str, Demand] = field(default_factory=dict)
 
     @property
     def strict(self) -> bool:

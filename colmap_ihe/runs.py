@@ -182,8 +182,10 @@ def _status(parsed: argparse.Namespace, follower: Follower) -> None:
     if parsed.json:
         _result(follower, [asdict(state) for state in states])
         return
-    rows = [(s.name, s.state, "" if s.seconds is None else f"{s.seconds:.0f} s", s.why) for s in states]
-    print_table("", rows, ("stage", "state", "time", "why"))
+    rows = [
+        (s.name, s.state, "" if s.seconds is None else f"{s.seconds:.0f} s", s.why, s.takes) for s in states
+    ]
+    print_table("", rows, ("stage", "state", "time", "why", "will take"))
 
 
 def _compare(parsed: argparse.Namespace, follower: Follower) -> None:

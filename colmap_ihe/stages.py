@@ -9,7 +9,6 @@ from __future__ import annotations
 import shutil
 from collections import Counter
 from dataclasses import asdict, replace
-from functools import partial
 from pathlib import Path
 
 from colmap_ihe import misfit, oddities, outputs, weights_file
@@ -33,10 +32,6 @@ from colmap_ihe.progress import Watch
 from colmap_ihe.recipes import recipe_notes, with_recipes
 from colmap_ihe.run import Record, Run
 from colmap_ihe.stored import Stored, write_stored
-
-_DATABASE_BYTES = 4_000_000  # features and matches of one image, roughly
-_CLOUD_BYTES = 27  # of a point
-_FACE_BYTES = 200  # of a face that is wanted, with those that are simplified away
 
 
 def captures(run: Run, watch: Watch) -> Record:
@@ -117,8 +112,6 @@ def convert(run: Run, watch: Watch) -> Record:
     project = run.project
     for half_written in (*project.grey.rglob(".*.tmp"), *project.colour.rglob(".*.tmp")):
         half_written.unlink()
-    if not run.resumed:
-        require_room(project.root, run.records["captures"]["pixels"] * 3)
     found = fit_of(run.records["fit"])
     captures_left = {c.name for c in run.captures()}
     surveyed = run.surveyed
@@ -148,7 +141,6 @@ def features(run: Run, watch: Watch) -> Record:
         remove_database(project.database)
     masks, mask_warnings = _masks(run)
     names = run.grey_names()
-    require_room(project.root, len(names) * _DATABASE_BYTES)
     counts = extract_features(
         project.database,
         project.grey,
@@ -212,6 +204,7 @@ def sparse(run: Run, watch: Watch) -> Record:
 
 def dense(run: Run, watch: Watch) -> Record:
     project = run.project
+    there = outputs.bytes_of("dense", project)
     return dense_cloud(
         project.sparse / "0",
         project.grey,
@@ -221,14 +214,12 @@ def dense(run: Run, watch: Watch) -> Record:
         run.options.dense,
         run.executor,
         watch,
-        partial(require_room, project.root),
+        lambda wanted: require_room(project.root, wanted - there),
     )
 
 
 def mesh(run: Run, watch: Watch) -> Record:
     project, options = run.project, run.options.mesh
-    points = run.records["dense"]["points"]
-    require_room(project.root, points * _CLOUD_BYTES + options.faces * _FACE_BYTES)
     try:
         made = surface.reconstruct_surface(
             project.dense / "fused.ply", project.mesh, options.faces, options=options.colmap, watch=watch

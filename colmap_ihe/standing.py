@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
-from colmap_ihe.captures.discover import discover
+from colmap_ihe.captures.discover import Discovery, discover
+from colmap_ihe.demands import Set, demands_of
 from colmap_ihe.digests import digests_of
 from colmap_ihe.executor import local_executor
+from colmap_ihe.foreseen import in_words
 from colmap_ihe.options import Options
 from colmap_ihe.progress import SILENT
 from colmap_ihe.project import Project
@@ -26,12 +28,14 @@ from colmap_ihe.run import Record
 
 @dataclass(frozen=True)
 class StageState:
-    """Where one stage stands: "done", "stale" (and why), or "to do"."""
+    """Where one stage stands: "done", "stale" (and why), or "to do". `takes`: memory and disk that it will take, in
+    words, where it is to run and the photographs were looked at."""
 
     name: str
     state: str
     why: str
     seconds: float | None
+    takes: str = ""
 
 
 def status(
@@ -60,7 +64,18 @@ def status(
             states.append(StageState(stage.name, "done", "", record["seconds"]))
         if states[-1].state in ("stale", "to do") and not stale_before:
             stale_before = stage.name
-    return states
+    return _with_demands(states, place, options, discovery)
+
+
+def _with_demands(
+    states: list[StageState], place: Project, options: Options, discovery: Discovery
+) -> list[StageState]:
+    first = place.read_record("captures")
+    if first is None:
+        return states
+    captures = [replace(c, pixels=int(first["largest"])) for c in discovery.captures]
+    takes = {one.stage: in_words(one) for one in demands_of(options, Set.of(first, captures))}
+    return [replace(s, takes=takes.get(s.name, "")) if s.state in ("stale", "to do") else s for s in states]
 
 
 def _what_changed(record: Record, stage: Stage, options: Options, before: str) -> str:

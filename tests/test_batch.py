@@ -210,7 +210,7 @@ def test_need_grows_with_pixels_and_falls_with_options() -> None:
 
 
 def test_remaining_time_is_by_megapixels() -> None:
-    running = entry(state="running", began=time.time() - 30)
+    running = entry(state="running", began_s=time.monotonic() - 30)
     assert remaining_of([running, entry()], 10) == pytest.approx(70 + 100, abs=1)
     assert remaining_of([running, running, entry()], 10) == pytest.approx((70 + 70 + 100) / 2, abs=1)
     assert remaining_of([entry(), Entry(Path("q"))], 10) is None

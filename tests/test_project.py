@@ -48,7 +48,8 @@ def test_a_write_makes_the_folders_above_and_leaves_nothing_else(tmp_path: Path)
         (errno.ENOSPC, DiskFullError),
         (errno.EDQUOT, DiskFullError),
         (errno.EACCES, ProjectError),
-        (errno.EIO, OSError),
+        (errno.EIO, ProjectError),
+        (errno.EINVAL, OSError),
     ],
 )
 def test_a_failed_write_leaves_the_old_file_and_no_other(

@@ -217,13 +217,13 @@ def _memory_limit(size: int) -> Iterator[None]:
     if held is None:
         yield
         return
-    _, hard = resource.getrlimit(resource.RLIMIT_DATA)
-    soft = held + size if hard == resource.RLIM_INFINITY else min(held + size, hard)
+    before, hard = resource.getrlimit(resource.RLIMIT_DATA)
+    soft = held + size if before == resource.RLIM_INFINITY else min(held + size, before)
     resource.setrlimit(resource.RLIMIT_DATA, (soft, hard))
     try:
         yield
     finally:
-        resource.setrlimit(resource.RLIMIT_DATA, (hard, hard))
+        resource.setrlimit(resource.RLIMIT_DATA, (before, hard))
 
 
 def _data_bytes() -> int | None:

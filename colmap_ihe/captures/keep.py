@@ -31,6 +31,7 @@ def kept_file(capture: Capture) -> Path | None:
         str(capture.path.absolute()),
         about.st_size,
         about.st_mtime_ns,
+        about.st_ctime_ns,
         recipe.identity(),
         rawpy.libraw_version,
     )

@@ -9,10 +9,11 @@ import sys
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import BinaryIO
 
 from distributed import LocalCluster
+
+from colmap_ihe.scratch import scratch_folder
 
 _END_SECONDS = 10
 _START = (
@@ -28,7 +29,7 @@ def local_workers(count: int, log: Path) -> Iterator[str]:
     They are fresh Pythons in a session of their own: none of `multiprocessing`, which would run the user's script
     again, and Ctrl-C in the terminal is for us. They end with the scheduler, however this process ends.
     """
-    with TemporaryDirectory(prefix="colmap-ihe-workers-", ignore_cleanup_errors=True) as scratch:
+    with scratch_folder() as scratch:
         cluster = LocalCluster(
             n_workers=0, dashboard_address="127.0.0.1:0", silence_logs=50, host="127.0.0.1"
         )
@@ -52,9 +53,17 @@ def local_workers(count: int, log: Path) -> Iterator[str]:
             cluster.close(timeout=_END_SECONDS)
 
 
-def _started(address: str, name: str, scratch: str, words: BinaryIO) -> subprocess.Popen[bytes]:
+def _started(address: str, name: str, scratch: Path, words: BinaryIO) -> subprocess.Popen[bytes]:
     worker = [sys.executable, "-c", _START, json.dumps(sys.path), address, "--nthreads", "1", "--name", name]
-    limits = ["--memory-limit", "0", "--no-dashboard", "--local-directory", scratch, "--death-timeout", "60"]
+    limits = [
+        "--memory-limit",
+        "0",
+        "--no-dashboard",
+        "--local-directory",
+        str(scratch),
+        "--death-timeout",
+        "60",
+    ]
     return subprocess.Popen(
         [*worker, *limits],
         stdin=subprocess.DEVNULL,

@@ -14,19 +14,21 @@ STEREO_BYTES_A_PIXEL = 200
 """Of one depth map on the way: five sources and their common frames. Measured with benchmarks/dense.py."""
 _CORE_SECONDS_A_MEGAPIXEL = 4.8
 """Of semi-global matching with fusion, on a server's core of 2 to 3 GHz; likewise."""
-_FILES_BYTES_A_PIXEL = 30  # grey, colour, depth and normals of a pixel, and its share of the cloud
+_FILES_BYTES_A_PIXEL = 28  # grey, colour, depth and normals of a pixel, and its share of the cloud
 
 
 @dataclass(frozen=True)
 class DenseCost:
     """An estimate. `at_once`: depth maps that are worked on at a time; None where the GPU does that.
-    `minutes`: None where it was never measured."""
+    `fusion_bytes` of `memory_bytes`, which comes after the
+    maps. `minutes`: None where it was never measured."""
 
     backend: Backend
     images: int
     megapixels: float
     at_once: int | None
     memory_bytes: int
+    fusion_bytes: int
     disk_bytes: int
     minutes: float | None
 
@@ -69,6 +71,7 @@ def dense_cost(
         megapixels=sum(pixels) / 1e6,
         at_once=at_once,
         memory_bytes=max(stereo, fusion),
+        fusion_bytes=fusion,
         disk_bytes=_FILES_BYTES_A_PIXEL * sum(pixels),
         minutes=seconds / 60 if backend == "sgm" else None,
     )

@@ -19,6 +19,7 @@ from colmap_ihe.colmap.native import pycolmap
 from colmap_ihe.colmap.undistort import read_grey, read_mask
 from colmap_ihe.errors import Cancelled, ProjectError
 from colmap_ihe.executor import TaskWatch
+from colmap_ihe.files import require_held
 from colmap_ihe.progress import SILENT, Watch
 from colmap_ihe.stereo.depth import StereoOptions, depth_and_normals
 from colmap_ihe.stereo.sources import Sources, choose_sources
@@ -233,6 +234,7 @@ def write_map(values: Array, path: Path) -> None:
     """
     planes = np.atleast_3d(values).transpose(2, 0, 1).astype("<f4")
     channels, height, width = planes.shape
+    require_held(path)
     path.parent.mkdir(parents=True, exist_ok=True)
     part = path.with_name(f"{path.name}.{secrets.token_hex(4)}.part")  # no other worker's
     part.write_bytes(f"{width}&{height}&{channels}&".encode() + planes.tobytes())

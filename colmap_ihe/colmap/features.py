@@ -8,11 +8,12 @@ from concurrent.futures import Executor
 from dataclasses import dataclass
 from pathlib import Path
 
+from colmap_ihe import memory
 from colmap_ihe.colmap.feature_shards import extract_in_shards, extraction_options
 from colmap_ihe.colmap.native import called, pycolmap
 from colmap_ihe.colmap.workspace import counting_rows, remove_database
 from colmap_ihe.errors import NativeError, OptionError
-from colmap_ihe.executor import shares_memory
+from colmap_ihe.executor import local_workers, shares_memory
 from colmap_ihe.options import CameraOptions, FeaturesOptions
 from colmap_ihe.progress import Watch
 
@@ -69,6 +70,9 @@ def extract_features(
     if not database.exists():
         _import_images(database, grey, names, camera, reader, watch)
     if shares_memory(executor):
+        if extraction.num_threads <= 0:
+            one = features_bytes(_sizes(database), options, 1)
+            extraction.num_threads = memory.workers_for("features", one, local_workers())
         with counting_rows(database, "keypoints") as rows:
             called(
                 pycolmap.extract_features,
@@ -116,6 +120,11 @@ def _import_images(
         cancellable=False,
     )
     unfinished.replace(database)
+
+
+def _sizes(database: Path) -> list[tuple[int, int]]:
+    with pycolmap.Database.open(database) as opened:
+        return [(camera.width, camera.height) for camera in opened.read_all_cameras()]
 
 
 def count_features(database: Path, names: Sequence[str]) -> FeatureCounts:

@@ -11,16 +11,20 @@ from typing import Any
 
 import numpy as np
 
+from colmap_ihe import memory
 from colmap_ihe.colmap.match_blocks import match_in_blocks, verification_options
 from colmap_ihe.colmap.native import apply_options, called, pycolmap
 from colmap_ihe.colmap.workspace import counting_rows
 from colmap_ihe.errors import MappingError, ProjectError
-from colmap_ihe.executor import shares_memory
+from colmap_ihe.executor import local_workers, shares_memory
 from colmap_ihe.options import MatchesOptions
 from colmap_ihe.progress import Watch
 
 EXHAUSTIVE_UP_TO = 200
 """Photographs: 19,900 pairs, about an hour on two cores; past it time grows with the square."""
+MATCH_BYTES_A_FEATURE = 3_000
+"""Of the image with most features, a thread: 2,400 measured with `benchmarks/limits.py threads`."""
+VOCABULARY = "vocabulary.bin"
 _VOCABULARY_FEATURES = 400_000
 _VOCABULARY_IMAGES = 2000  # of which there are features in a vocabulary, spread over the set
 _GPS_SHARE = 0.9
@@ -89,10 +93,16 @@ def match_features(
     function, pairs = _function(strategy, images)
     wants_tree = strategy == "vocabtree" or options.pairing.get("loop_detection")
     if wants_tree and "vocab_tree_path" not in options.pairing:
-        tree = scratch / "vocabulary.bin"
+        tree = scratch / VOCABULARY
         build_vocabulary(database, tree, watch)
         pairing.vocab_tree_path = tree
     if shares_memory(executor):
+        if matching.num_threads <= 0:
+            with pycolmap.Database.open(database) as opened:
+                one = MATCH_BYTES_A_FEATURE * max(
+                    (opened.num_keypoints_for_image(i.image_id) for i in opened.read_all_images()), default=0
+                )
+            matching.num_threads = memory.workers_for("matches", one, local_workers())
         watch.start(pairs, "pairs")
         with counting_rows(database, "two_view_geometries") as rows:
             called(
@@ -108,6 +118,7 @@ def match_features(
         chosen = called(_pairs, database, strategy, pairing, watch=watch, cancellable=False)
         watch.start(len(chosen), "pairs")
         match_in_blocks(database, chosen, options, parts, executor, watch)
+    (scratch / VOCABULARY).unlink(missing_ok=True)
     with pycolmap.Database.open(database) as opened:
         # COLMAP keeps a row for a pair without an inlier too, and counts it as verified.
         inliers = np.array(opened.read_two_view_geometry_num_inliers()[1], np.int64)

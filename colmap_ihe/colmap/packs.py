@@ -12,7 +12,6 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from io import BytesIO
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Any, TypeVar
 
 import numpy as np
@@ -21,6 +20,7 @@ from numpy.typing import NDArray
 from colmap_ihe.colmap.native import pycolmap, translated
 from colmap_ihe.errors import DiskFullError, NativeError
 from colmap_ihe.files import room_on_disk, write_bytes
+from colmap_ihe.scratch import scratch_folder
 
 _Item = TypeVar("_Item")
 _LITTLE = 1 << 20  # bytes free with which nothing can be written: a database grows in steps
@@ -87,10 +87,10 @@ def merge_pack(database: Path, pack: Path) -> int:
 def room_of_a_task() -> Iterator[Path]:
     """A folder on a disk of the worker's own, while a task lasts. Raises `DiskFullError` where that is full,
     whatever COLMAP makes of it, else `NativeError`."""
-    with TemporaryDirectory(prefix="colmap-ihe-", ignore_cleanup_errors=True) as folder:
+    with scratch_folder() as folder:
         try:
-            with room_on_disk(Path(folder)):
-                yield Path(folder)
+            with room_on_disk(folder):
+                yield folder
         except (RuntimeError, NativeError) as error:
             if shutil.disk_usage(folder).free < _LITTLE:
                 raise DiskFullError(

@@ -3,21 +3,20 @@
 from __future__ import annotations
 
 from functools import lru_cache
-from pathlib import Path
-from tempfile import TemporaryDirectory
 
 import numpy as np
 
 from colmap_ihe.captures.encode import encode_image
 from colmap_ihe.captures.exif import FOCAL_LENGTH, MAKE, MODEL, put_together, rational, text
 from colmap_ihe.colmap.native import pycolmap
+from colmap_ihe.scratch import scratch_folder
 
 
 @lru_cache(maxsize=1024)
 def knows_sensor(make: str, model: str) -> bool:
     """Whether COLMAP knows how wide the sensor of this camera is, so that a focal length in mm is enough."""
     exif = put_together({MAKE: text(make), MODEL: text(model)}, {FOCAL_LENGTH: rational(10.0)}, {})
-    with TemporaryDirectory() as folder:
-        image = Path(folder) / "camera.png"
+    with scratch_folder() as folder:
+        image = folder / "camera.png"
         image.write_bytes(encode_image(np.zeros((2, 2), np.uint8), exif, "png"))
         return bool(pycolmap.infer_camera_from_image(image).has_prior_focal_length)

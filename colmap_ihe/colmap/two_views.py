@@ -10,15 +10,17 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from tempfile import TemporaryDirectory
 
 import numpy as np
 from numpy.typing import NDArray
 
+from colmap_ihe.colmap.features import FEATURE_BYTES_A_PIXEL
 from colmap_ihe.colmap.native import called, pycolmap
 from colmap_ihe.errors import DiskFullError
 from colmap_ihe.executor import local_workers
+from colmap_ihe.memory import workers_for
 from colmap_ihe.progress import SILENT, Watch
+from colmap_ihe.scratch import scratch_folder
 
 _MAX_RATIO, _MAX_ANGLE = 0.8, 0.7  # COLMAP's defaults; angles between descriptors in radians
 _UNIT = 512.0  # the length of a descriptor that COLMAP has cut to 8 bit
@@ -76,13 +78,14 @@ def features_of(
         return []
     options = pycolmap.FeatureExtractionOptions()
     options.use_gpu = False
-    options.num_threads = min(local_workers(), len(images))
+    one = FEATURE_BYTES_A_PIXEL * max(grey.size for grey in images) * 4 ** -(first_octave + 1)
+    options.num_threads = min(workers_for("features of pairs", round(one), local_workers()), len(images))
     options.max_image_size = max(max(grey.shape) for grey in images)
     options.sift.first_octave = first_octave
     options.sift.max_num_features = 1_000_000
     names = [f"{number:06}.pgm" for number in range(len(images))]
-    with TemporaryDirectory(prefix="colmap-ihe-") as temporary:
-        folder, database = Path(temporary) / "images", Path(temporary) / "features.db"
+    with scratch_folder() as scratch:
+        folder, database = scratch / "images", scratch / "features.db"
         _write_images(folder, dict(zip(names, images, strict=True)))
         called(
             pycolmap.extract_features,

@@ -13,12 +13,16 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from colmap_ihe import memory
 from colmap_ihe.captures.png import encode_png
 from colmap_ihe.colmap.native import called, pycolmap
 from colmap_ihe.errors import ProjectError
-from colmap_ihe.files import write_bytes
+from colmap_ihe.executor import local_workers
+from colmap_ihe.files import require_held, write_bytes
 from colmap_ihe.progress import SILENT, Watch
 
+UNDISTORT_BYTES_A_PIXEL = 8
+"""Of a photograph in colour on its way, a thread: 4 to 7 measured with `benchmarks/limits.py threads`."""
 _WHITE = 255
 _MADE = ("images", "sparse", "masks", "grey/images", "grey/sparse")
 
@@ -44,13 +48,23 @@ def undistort(
     model = pycolmap.Reconstruction(sparse_model)
     names = [model.images[image_id].name for image_id in model.reg_image_ids()]
     options = pycolmap.UndistortCameraOptions(max_image_size=max_image_size)
+    cameras = model.cameras.values()
+    one = UNDISTORT_BYTES_A_PIXEL * max((camera.width * camera.height for camera in cameras), default=0)
+    threads = memory.workers_for("undistortion", one, local_workers())
     workspaces = {dense_dir / "grey": grey_dir, dense_dir: colour_dir}
     watch.start(len(workspaces), "undistorted sets")
     for workspace, images in workspaces.items():
         _require_files(images, names)
+        require_held(workspace)
         workspace.mkdir(parents=True, exist_ok=True)
         called(
-            pycolmap.undistort_images, workspace, sparse_model, images, undistort_options=options, watch=watch
+            pycolmap.undistort_images,
+            workspace,
+            sparse_model,
+            images,
+            undistort_options=options,
+            num_threads=threads,
+            watch=watch,
         )
         _require_files(workspace / "images", names)
         watch.advance()
