@@ -97,6 +97,7 @@ def reconstruct(
             digests = digests_of(place, run.discovery, workers, watch)
             write_json(place.digests_file, digests)
             note_run(place, options, digests)
+        run.contents = {c.name: digests[c.name][-1] for c in discovery.captures}
         for text in unlike(noted, digests) if noted else ():
             audience.warn(text)
         prints = fingerprints(place, options, run.discovery, digests)

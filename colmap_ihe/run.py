@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from concurrent.futures import Executor
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -22,7 +23,7 @@ class Run:
 
     `records` holds the records of the stages before this one; `resumed` is True if this stage was begun
     with the same fingerprint and not finished, so that its files may be kept. `developed`: where RAW photographs are
-    kept developed for other runs on them, if anywhere.
+    kept developed for other runs on them, if anywhere. `contents`: the digest of each photograph's content by name.
     """
 
     project: Project
@@ -33,6 +34,7 @@ class Run:
     resumed: bool = False
     surveyed: list[Surveyed] = field(default_factory=list)
     developed: Path | None = None
+    contents: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def strict(self) -> bool:

@@ -115,10 +115,7 @@ def match_features(
             strategy, opened.num_matched_image_pairs(), int(np.count_nonzero(inliers)), int(inliers.sum())
         )
     if not counts.pairs_verified:
-        raise MappingError(
-            f"no two of the {images} photographs match",
-            hint="they need to overlap by about two thirds; check that they show one object, sharp and not too dark",
-        )
+        raise MappingError(f"no two of the {images} photographs match")
     return counts
 
 
