@@ -9,12 +9,16 @@ from colmap_ihe.colmap.conflicts import Conflicts, conflicts_of
 from colmap_ihe.colmap.mapping import Model
 from colmap_ihe.colmap.measures import putative_and_inliers
 from colmap_ihe.colmap.motion import Motion, motions_of
-from colmap_ihe.colmap.plausible import FLAT, Taken, cameras_of, thickness_of
+from colmap_ihe.colmap.plausible import FLAT, Shape, Taken, cameras_of, shape_of
 
 FOCAL_FACTOR = 1.15
 """Between a focal length found and that of EXIF: 1.05 at most in the sound sets of docs/degenerate.md."""
 ASPECT_FACTOR = 1.05
 """Of a camera's focal lengths across and down: 1.012 at most there, and no real camera has another than 1."""
+FOUND_AGAIN = 0.22
+"""Share of features that match in the photograph most like theirs: 0.30 to 0.75 in sound sets, 0.20 before a crowd."""
+TURNED_TO = 45.0
+"""Degrees between the directions of two photographs of a wall, from which on it tells their focal length."""
 SAME_PLACE = 0.1
 """Degrees between rays to one point of two photographs of one view."""
 _SHOWN = 5
@@ -38,7 +42,7 @@ def why_no_match(database: Path, by_grey: Mapping[str, str], images: int) -> Adv
             f": {first} and {second}, which are most alike, share {best[0]} putative matches and no geometry"
         )
     return said, (
-        "neighbours need to show the same by about two thirds; check that all show one object, sharp and not too"
+        "neighbours have to overlap by about two thirds; check that all show one object, sharp and not too"
         " dark, and that nothing was taken between them that is not here"
     )
 
@@ -50,7 +54,7 @@ def why_no_model(database: Path, images: int) -> Advice:
     turned = [m for m in motions if m.only_turned]
     matching = "the only pair that matches" if len(motions) == 1 else f"the {len(motions)} pairs that match"
     if motions and all(m.parallax < SAME_PLACE and m.turn < SAME_PLACE for m in motions):
-        return f"{said}: {matching} show the same view from the same place", (
+        return f"{said}: those that match show the same view from the same place", (
             "depth shows only from two places: step sideways between photographs, by about a tenth of the distance"
         )
     if len(turned) > len(motions) / 2:
@@ -70,6 +74,16 @@ def why_no_model(database: Path, images: int) -> Advice:
     return said, "photographs need overlap and the camera must move sideways between them, not only turn"
 
 
+def match_warnings(found_again: float) -> list[str]:
+    if found_again >= FOUND_AGAIN:
+        return []
+    return [
+        f"only {100 * found_again:.0f} % of a photograph's features are found again in the one most like it, 30 to 75 %"
+        " are usual: something moved (people, foliage, water), the light was another, or they overlap little. What"
+        " stood still is reconstructed all the same; masks keep the rest out of it (docs/dense.md)"
+    ]
+
+
 def model_warnings(
     models: Sequence[Model],
     folder: Path,
@@ -86,7 +100,7 @@ def model_warnings(
         *_without_a_place(models, database, by_grey, missing),
         *fold_warnings(conflicts_of(largest, database), by_grey),
         *camera_warnings(cameras, by_grey),
-        *flat_warnings(thickness_of(largest), cameras),
+        *flat_warnings(shape_of(largest), cameras),
     ]
 
 
@@ -187,12 +201,12 @@ def _hold(camera: Taken) -> str:
     return held if camera.prior else f"give the focal length (docs/options.md) and {held}"
 
 
-def flat_warnings(thickness: float, cameras: Sequence[Taken]) -> list[str]:
-    if thickness >= FLAT:
+def flat_warnings(shape: Shape, cameras: Sequence[Taken]) -> list[str]:
+    if shape.thickness >= FLAT or shape.turned >= TURNED_TO:
         return []
     unknown = next((camera for camera in cameras if not camera.prior), cameras[0])
     return [
-        f"all points lie within {max(0.1, 100 * thickness):.1f} % of one plane: a flat wall hardly tells focal lengths,"
-        " and the model may be bent a little; add photographs that are turned to the side, or that show something"
-        f" before the wall, or {_hold(unknown)}"
+        f"all points lie within {max(0.1, 100 * shape.thickness):.1f} % of one plane, and all photographs look much the"
+        " same way: that hardly tells focal lengths, and the model may be bent a little; add photographs that are"
+        f" turned by 45 degrees and more, or that show something before the wall, or {_hold(unknown)}"
     ]

@@ -191,7 +191,7 @@ def matches(run: Run, watch: Watch) -> Record:
     except MappingError as error:
         said, hint = doubts.why_no_match(project.database, _by_grey(run), images)
         raise MappingError(said, hint) from error
-    return {**asdict(counts), "warnings": []}
+    return {**asdict(counts), "warnings": doubts.match_warnings(counts.found_again)}
 
 
 def sparse(run: Run, watch: Watch) -> Record:

@@ -216,7 +216,18 @@ def crowd(images: Path, people: int) -> None:
 
 def all_black(images: Path) -> None:
     for number in range(3):
-        save(np.zeros((*SIZE[::-1], 3), np.uint8), images / f"shot_{number + 1:02}.jpg", PhotoExif())
+        taken = PhotoExif(taken=f"2016:06:21 10:0{number}:00")
+        save(np.zeros((*SIZE[::-1], 3), np.uint8), images / f"shot_{number + 1:02}.jpg", taken)
+
+
+def one_black(images: Path) -> None:
+    """A sound set, and one photograph with the lens cap on."""
+    sound(images)
+    save(
+        np.zeros((*SIZE[::-1], 3), np.uint8),
+        images / "cap.jpg",
+        PhotoExif(model="Demo camera", focal_length_35mm=28),
+    )
 
 
 def one_colour(images: Path) -> None:
@@ -236,6 +247,12 @@ def wrong_focal_lengths(images: Path) -> None:
             focal_35mm=FOCAL_35MM // 2 if wrong else FOCAL_35MM,
             model="Other camera" if wrong else "Demo camera",
         )
+
+
+def lone_shot(images: Path) -> None:
+    """A sound set and one photograph of something else."""
+    sound(images)
+    photograph(relief(9), row_of_views(1, width=0)[0], images / "elsewhere.jpg")
 
 
 def double_focal_lengths(images: Path) -> None:
@@ -308,9 +325,11 @@ SETS: Mapping[str, Callable[[Path], None]] = {
         moving_crowd,
         thick_crowd,
         all_black,
+        one_black,
         one_colour,
         wrong_focal_lengths,
         double_focal_lengths,
+        lone_shot,
         two_halves,
         two_wings,
         repeated_facade,

@@ -17,7 +17,7 @@ TURNED_DEGREES = 0.2
 """Matches that a turn on the spot explains to this angle, in the median, show no depth."""
 _KNOWN, _GUESSED = (
     np.geomspace(0.8, 1.25, 9),
-    np.geomspace(0.5, 2.0, 17),
+    np.geomspace(0.5, 1.5, 17),
 )  # factors of focal lengths that are tried
 _SAMPLE = 400  # matches of a pair that are looked at
 _ROUNDS = 3  # of fitting a turn to those matches that the one before explains best
@@ -60,8 +60,8 @@ def _motion(
     matches = np.asarray(opened.read_two_view_geometry(*ids).inlier_matches, np.intp).reshape(-1, 2)
     some = matches[:: -(-len(matches) // _SAMPLE)]
     places = [np.asarray(opened.read_keypoints(i), np.float64)[some[:, n], :2] for n, i in enumerate(ids)]
-    taken_by = [cameras[names[i][1]] for i in ids]
-    parallax, turn = parallax_of(*places, *taken_by)
+    one, other = (cameras[names[i][1]] for i in ids)
+    parallax, turn = parallax_of(places[0], places[1], one, other)
     return Motion(names[ids[0]][0], names[ids[1]][0], len(matches), parallax, turn)
 
 
@@ -69,21 +69,21 @@ def parallax_of(
     first: _F64, second: _F64, camera: pycolmap.Camera, other: pycolmap.Camera
 ) -> tuple[float, float]:
     """Median angles in degrees between the rays to matched places, (N, 2) pixels each: after the best turn, and
-    without any. The focal length is part of the fit, within what may be known of it."""
+    without any, at the cameras' focal lengths. Those are part of the fit, within what may be known of them."""
     known = camera.has_prior_focal_length and other.has_prior_focal_length
     found = [
-        (_after_turn(ones, others), ones, others)
-        for ones, others in _rays(first, second, camera, other, _KNOWN if known else _GUESSED)
+        (factor * _after_turn(ones, others), factor, ones, others)  # a longer lens makes all angles small
+        for factor, ones, others in _rays(first, second, camera, other, _KNOWN if known else _GUESSED)
     ]
-    parallax, ones, others = min(found, key=lambda f: f[0])
-    return parallax, float(np.median(_angles(ones, others)))
+    parallax, factor, ones, others = min(found, key=lambda f: f[0])
+    return parallax, factor * float(np.median(_angles(ones, others)))
 
 
 def _rays(
     first: _F64, second: _F64, camera: pycolmap.Camera, other: pycolmap.Camera, factors: _F64
-) -> Iterator[tuple[_F64, _F64]]:
+) -> Iterator[tuple[float, _F64, _F64]]:
     for factor in factors:
-        yield _directions(first, camera, factor), _directions(second, other, factor)
+        yield factor, _directions(first, camera, factor), _directions(second, other, factor)
 
 
 def _directions(places: _F64, camera: pycolmap.Camera, factor: float) -> _F64:
@@ -106,4 +106,4 @@ def _after_turn(ones: _F64, others: _F64) -> float:
 
 
 def _angles(ones: _F64, others: _F64) -> _F64:
-    return np.degrees(2 * np.arcsin(np.clip(np.linalg.norm(ones - others, axis=1) / 2, 0, 1)))
+    return np.asarray(np.degrees(2 * np.arcsin(np.clip(np.linalg.norm(ones - others, axis=1) / 2, 0, 1))))

@@ -51,18 +51,30 @@ def cameras_of(folder: Path, database: Path) -> list[Taken]:
     return found
 
 
-def thickness_of(folder: Path) -> float:
-    """How far the points of the model in `folder` lie from the plane nearest to them, over their extent in it; 1 for
-    too few points to tell."""
+@dataclass(frozen=True)
+class Shape:
+    """Of a model. `thickness`: how far its points lie from the plane nearest to them, over their extent; 1 for too few
+    points to tell. `turned`: the most degrees between the directions that two photographs look in."""
+
+    thickness: float
+    turned: float
+
+
+def shape_of(folder: Path) -> Shape:
+    """Of the model in `folder`."""
     model = pycolmap.Reconstruction(folder)
     xyz = np.array([p.xyz for p in model.points3D.values() if p.track.length() > 2], np.float64).reshape(
         -1, 3
     )
-    return thickness(xyz)
+    axes = np.array([model.images[i].cam_from_world().rotation.matrix()[2] for i in model.reg_image_ids()])
+    mean = axes.mean(axis=0)
+    # Twice the widest from the mean: exact for a fan, and does not grow with the square of the photographs.
+    away = np.degrees(np.arccos(np.clip(axes @ mean / max(1e-9, float(np.linalg.norm(mean))), -1, 1)))
+    return Shape(thickness(xyz), 2 * float(away.max()))
 
 
 def thickness(xyz: NDArray[np.float64]) -> float:
-    """Of (N, 3) points: the plane is fitted again to those near it, and strays do not count."""
+    """Of (N, 3) points, as in `Shape`: the plane is fitted again to those near it, and strays do not count."""
     if len(xyz) < _LEAST_POINTS:
         return 1.0
     kept = xyz
