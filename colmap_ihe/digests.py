@@ -1,5 +1,6 @@
 """What is in the user's files: digests of photographs, masks and calibration frames, by which the road tells
-whether something changed. The digest of a file is read again where its size or time have changed.
+whether something changed. The digest of a file is read again where its size or times have changed: the time of
+its content, which whoever writes it can set, and that of its entry on the disk, which nobody can.
 """
 
 from __future__ import annotations
@@ -17,27 +18,27 @@ from colmap_ihe.project import Project
 FRAMES = "../calibration/"  # before the names of its files, which no photograph can have
 
 
-def content_of(folder: Path) -> list[list[str]]:
-    """Name and digest of every file of a folder, in order; empty if there is no such folder."""
-    files = sorted(p for p in folder.rglob("*") if p.is_file()) if folder.is_dir() else []
-    return [[p.relative_to(folder).as_posix(), digest_file(p)] for p in files]
+def masks_in(folder: Path) -> dict[str, str]:
+    """Name and digest of every PNG below a folder; none if there is no such folder."""
+    files = sorted(p for p in folder.rglob("*.png") if p.is_file()) if folder.is_dir() else []
+    return {p.relative_to(folder).as_posix(): digest_file(p) for p in files}
 
 
 def digests_of(
     project: Project, discovery: Discovery, executor: Executor, watch: Watch
 ) -> dict[str, list[Any]]:
-    """Size, time and digest of the content of every photograph and calibration frame, read again where size or
-    time have changed."""
+    """Size, times and digest of the content of every photograph and calibration frame, read again where size or
+    times have changed."""
     known = read_json(project.digests_file) or {}
     files = {c.name: c.path for c in discovery.captures}
-    for frame in sorted(p for p in project.calibration.rglob("*") if p.is_file()):
+    for frame in sorted(p for p in project.calibration.rglob("*") if p.is_file() and p.name[0] != "."):
         files[FRAMES + frame.relative_to(project.calibration).as_posix()] = frame
     watch.start(len(files))
     found: dict[str, list[Any]] = {name: [] for name in files}
     changed = []
     for name, path in files.items():
         old = known.get(name, [])
-        if old and old[:2] == _size_and_time(path):
+        if old and old[:-1] == _size_and_times(path):
             found[name] = old
             watch.advance()
         else:
@@ -49,17 +50,16 @@ def digests_of(
     return found
 
 
-def _size_and_time(path: Path) -> list[int]:
+def _size_and_times(path: Path) -> list[int]:
     try:
         about = path.stat()
     except OSError:
         return []
-    return [about.st_size, about.st_mtime_ns]
+    return [about.st_size, about.st_mtime_ns, about.st_ctime_ns]
 
 
 def _about(path: Path) -> list[Any]:
     try:
-        about = path.stat()
-        return [about.st_size, about.st_mtime_ns, digest_file(path)]
+        return [*_size_and_times(path), digest_file(path)]
     except OSError as error:
-        return [0, 0, f"unreadable: {error.strerror}"]
+        return [0, 0, 0, f"unreadable: {error.strerror}"]

@@ -29,6 +29,7 @@ from colmap_ihe.road import (
     ROAD,
     Stage,
     fingerprints,
+    inputs_of,
     options_of_stage,
     switched_off,
     versions_of,
@@ -97,10 +98,10 @@ def reconstruct(
             digests = digests_of(place, run.discovery, workers, watch)
             write_json(place.digests_file, digests)
             note_run(place, options, digests)
-        run.contents = {c.name: digests[c.name][-1] for c in discovery.captures}
         for text in unlike(noted, digests) if noted else ():
             audience.warn(text)
-        prints = fingerprints(place, options, run.discovery, digests)
+        run.inputs = inputs_of(place, options, run.discovery, digests)
+        prints = fingerprints(options, run.inputs)
         last = NAMES.index(until) if until else len(ROAD) - 1
         ran = _up_to(last, run, prints, start, audience)
         for stage in ROAD[last + 1 :]:  # not asked for, but still true
@@ -155,6 +156,7 @@ def _check_range(start: str | None, until: str | None, options: Options) -> None
 def _run_stage(stage: Stage, run: Run, fingerprint: str, forced: bool, audience: Audience) -> Record:
     """Runs one stage and writes its record last; those after it are no longer true, and go first."""
     project = run.project
+    _set_aside(stage, run, audience)
     for later in NAMES[NAMES.index(stage.name) + 1 :]:
         project.drop_record(later)
     project.summary_file.unlink(missing_ok=True)
@@ -171,14 +173,29 @@ def _run_stage(stage: Stage, run: Run, fingerprint: str, forced: bool, audience:
         "fingerprint": fingerprint,
         "options": options_of_stage(run.options, stage),
         "versions": versions_of(stage),
+        "inputs": run.inputs.get(stage.name, {}),
         "seed": run.options.sparse.seed,
         "seconds": round(time.monotonic() - began, 2),
         "resumed": run.resumed,
         **result,
     }
+    record["made"] = outputs.made_by(stage.name, project, record)
     project.write_record(stage.name, record)
     for text in record.get("warnings", []):
         audience.warn(text)
     for name, reason in record.get("left_out", {}).items():
         audience.warn(f"left out: {reason if name in reason else f'{name}: {reason}'}")
     return record
+
+
+def _set_aside(stage: Stage, run: Run, audience: Audience) -> None:
+    """What somebody has changed of what this stage and those after it left is kept: they write it anew."""
+    for name in NAMES[NAMES.index(stage.name) :]:
+        record = run.project.read_record(name)
+        if record is None:
+            continue
+        for file in outputs.set_aside(name, run.project, record):
+            where = file.relative_to(run.project.root)
+            audience.warn(
+                f"{file.name} was changed since it was written and is made anew; yours is kept as {where}"
+            )

@@ -23,7 +23,8 @@ class Run:
 
     `records` holds the records of the stages before this one; `resumed` is True if this stage was begun
     with the same fingerprint and not finished, so that its files may be kept. `developed`: where RAW photographs are
-    kept developed for other runs on them, if anywhere. `contents`: the digest of each photograph's content by name.
+    kept developed for other runs on them, if anywhere. `inputs`: by stage, kind and name, the digests of the user's
+    files.
     """
 
     project: Project
@@ -34,11 +35,16 @@ class Run:
     resumed: bool = False
     surveyed: list[Surveyed] = field(default_factory=list)
     developed: Path | None = None
-    contents: Mapping[str, str] = field(default_factory=dict)
+    inputs: Mapping[str, Mapping[str, Mapping[str, str]]] = field(default_factory=dict)
 
     @property
     def strict(self) -> bool:
         return self.options.captures.strict
+
+    @property
+    def contents(self) -> Mapping[str, str]:
+        """The digest of each photograph's content by name."""
+        return self.inputs.get("captures", {}).get("photographs", {})
 
     def captures(self) -> list[Capture]:
         """The captures that every stage so far could use, with their recipes."""

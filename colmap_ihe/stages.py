@@ -172,7 +172,12 @@ def features(run: Run, watch: Watch) -> Record:
             f"{counts.images - counts.with_focal_prior} of {counts.images} photographs do not say their focal"
             " length: COLMAP guesses it; if you know it, give it in `cameras:` or as camera.params"
         )
-    return {**asdict(counts), "left_out": left_out, "warnings": warnings}
+    return {
+        **asdict(counts),
+        "database": outputs.state_of_database(project),
+        "left_out": left_out,
+        "warnings": warnings,
+    }
 
 
 def matches(run: Run, watch: Watch) -> Record:
@@ -191,7 +196,11 @@ def matches(run: Run, watch: Watch) -> Record:
     except MappingError as error:
         said, hint = doubts.why_no_match(project.database, _by_grey(run), images)
         raise MappingError(said, hint) from error
-    return {**asdict(counts), "warnings": doubts.match_warnings(counts.found_again)}
+    return {
+        **asdict(counts),
+        "database": outputs.state_of_database(project),
+        "warnings": doubts.match_warnings(counts.found_again),
+    }
 
 
 def sparse(run: Run, watch: Watch) -> Record:

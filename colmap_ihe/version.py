@@ -5,6 +5,7 @@ from __future__ import annotations
 from importlib import metadata
 
 import cv2
+import numpy as np
 import rawpy
 
 from colmap_ihe.colmap.native import pycolmap
@@ -13,11 +14,14 @@ __version__ = "0.1.0"
 
 
 def library_versions(*names: str) -> dict[str, str]:
-    """Versions of pycolmap, opencv, rawpy or libraw, by these names."""
-    known = {
+    """Versions of pycolmap, opencv, numpy, rawpy, libraw, pillow, simplejpeg or tifffile, by these names."""
+    known: dict[str, str] = {
         "pycolmap": pycolmap.__version__,
         "opencv": cv2.__version__,
+        "numpy": np.__version__,
         "rawpy": metadata.version("rawpy"),
         "libraw": ".".join(map(str, rawpy.libraw_version)),
     }
+    for name in ("pillow", "simplejpeg", "tifffile"):
+        known[name] = metadata.version(name)
     return {name: known[name] for name in names}
