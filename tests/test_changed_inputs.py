@@ -39,7 +39,26 @@ def since(stage: str) -> tuple[str, ...]:
 @pytest.fixture
 def quick_stages(_finished: tuple[Path, dict[str, Any]], monkeypatch: pytest.MonkeyPatch) -> None:
     """Each stage leaves what it left in the finished project, at once."""
-    whole = Project.at(_finished[0])
+    _quicken(Project.at(_finished[0]), monkeypatch)
+
+
+@pytest.fixture(scope="module")
+def _settled(_finished: tuple[Path, dict[str, Any]], tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The finished project as if it had been run with the defaults."""
+    project = tmp_path_factory.mktemp("settled") / "project"
+    shutil.copytree(_finished[0], project)
+    with pytest.MonkeyPatch.context() as patch:
+        _quicken(Project.at(_finished[0]), patch)
+        reconstruct(project)
+    return project
+
+
+@pytest.fixture
+def settled(_settled: Path, tmp_path: Path) -> Path:
+    return Path(shutil.copytree(_settled, tmp_path / "project"))
+
+
+def _quicken(whole: Project, monkeypatch: pytest.MonkeyPatch) -> None:
 
     def as_before(name: str) -> Callable[[Run, Any], Record]:
         def stage(run: Run, _watch: object) -> Record:
@@ -173,7 +192,7 @@ CASES: dict[str, tuple[Callable[[Path], None], tuple[str, ...], str]] = {
         "its options changed: develop.green_equilibrium from true to false",
     ),
     "cameras": (
-        lambda p: (p / "project.yaml").write_text("cameras:\n  'x*': {focal_length: 20}\n"),
+        option("cameras.x*={focal_length: 20}"),
         ALL,
         "its options changed: cameras from [] to [['x*', {'focal_length': 20.0, 'override': False}]]",
     ),
@@ -240,30 +259,20 @@ CASES: dict[str, tuple[Callable[[Path], None], tuple[str, ...], str]] = {
 
 @pytest.mark.usefixtures("quick_stages")
 @pytest.mark.parametrize("case", CASES)
-def test_what_depends_on_a_change_runs_again_and_status_says_so(finished: Path, case: str) -> None:
+def test_what_depends_on_a_change_runs_again_and_status_says_so(settled: Path, case: str) -> None:
     change, expected, why = CASES[case]
-    yaml = finished / "project.yaml"
-    yaml.write_text("fit: {step: 0.1}\nmesh: {faces: 2000}\n")
-    _settle(finished)
+    yaml = settled / "project.yaml"
     yaml.write_text("")
-    _settle(finished)
-    assert {s.state for s in status(finished, load_options(yaml))} == {"done"}
-
-    change(finished)
+    change(settled)
     options = load_options(yaml)
-    states = status(finished, options)
+    states = status(settled, options)
     assert tuple(s.name for s in states if s.state != "done") == expected
     if expected and why:
         by_name = {s.name: s.why for s in states}
         assert by_name[expected[0]] == why
         assert {by_name[name] for name in expected[1:]} <= {f"{expected[0]} comes before it", why}
-    assert reconstruct(finished, options).stages_run == expected
-    assert {s.state for s in status(finished, options)} == {"done"}
-    assert reconstruct(finished, options).stages_run == ()
-
-
-def _settle(project: Path) -> None:
-    reconstruct(project, load_options(project / "project.yaml"))
+    assert reconstruct(settled, options).stages_run == expected
+    assert {s.state for s in status(settled, options)} == {"done"}
 
 
 @pytest.mark.usefixtures("quick_stages")
@@ -280,9 +289,8 @@ def _settle(project: Path) -> None:
     ],
 )
 def test_a_library_that_was_upgraded(
-    finished: Path, quick_options: MakeOptions, monkeypatch: pytest.MonkeyPatch, library: str, stage: str
+    settled: Path, monkeypatch: pytest.MonkeyPatch, library: str, stage: str
 ) -> None:
-    _settle(finished)
     known = versions.library_versions
 
     def upgraded(*names: str) -> dict[str, str]:
@@ -293,25 +301,24 @@ def test_a_library_that_was_upgraded(
         monkeypatch.setattr(road, "__version__", "99.1")
     else:
         monkeypatch.setattr(road, "library_versions", upgraded)
-    options = load_options(finished / "project.yaml")
-    states = {s.name: s for s in status(finished, options)}
+    options = load_options(settled / "project.yaml")
+    states = {s.name: s for s in status(settled, options)}
     assert [name for name in NAMES if states[name].state == "stale"] == list(since(stage))
     assert states[stage].why == f"a library changed: {library} from {now} to 99.1"
-    assert reconstruct(finished, options).stages_run == since(stage)
+    assert reconstruct(settled, options).stages_run == since(stage)
 
 
 @pytest.mark.usefixtures("quick_stages")
-def test_several_changes_are_all_named(finished: Path) -> None:
-    mask(finished)
-    frame(finished)
-    _settle(finished)
-    mask(finished, rows=80)
-    frame(finished, value=2)
-    removed(finished)
-    (finished / "images/portico_04.jpg").rename(finished / "images/a.jpg")
-    option("sparse.seed=3")(finished) if (finished / "project.yaml").exists() else None
-    (finished / "project.yaml").write_text("sparse: {seed: 3}\n")
-    why = {s.name: s.why for s in status(finished, load_options(finished / "project.yaml"))}
+def test_several_changes_are_all_named(settled: Path) -> None:
+    mask(settled)
+    frame(settled)
+    reconstruct(settled)
+    mask(settled, rows=80)
+    frame(settled, value=2)
+    removed(settled)
+    (settled / "images/portico_04.jpg").rename(settled / "images/a.jpg")
+    (settled / "project.yaml").write_text("sparse: {seed: 3}\n")
+    why = {s.name: s.why for s in status(settled, load_options(settled / "project.yaml"))}
     assert why["captures"] == (
         "the photographs changed: portico_04.jpg is now called a.jpg, portico_03.jpg is gone;"
         " the calibration frames changed: darks/d1.dng has another content"
@@ -322,19 +329,18 @@ def test_several_changes_are_all_named(finished: Path) -> None:
 
 
 @pytest.mark.usefixtures("quick_stages")
-def test_what_somebody_edited_is_kept(finished: Path) -> None:
+def test_what_somebody_edited_is_kept(settled: Path) -> None:
     """It is made anew, and theirs lies aside, however often."""
-    _settle(finished)
-    grey = finished / "workspace/images/portico_03.png"
+    grey = settled / "workspace/images/portico_03.png"
     for number in range(2):
         ours = grey.read_bytes()
         theirs = ours[:-60] + bytes([65 + number]) * 60
         grey.write_bytes(theirs)
-        done = reconstruct(finished, load_options(None))
+        done = reconstruct(settled, load_options(None))
         assert done.stages_run == since("convert")
         assert grey.read_bytes() == ours
         suffix = " (2)" if number else ""
-        assert (finished / f"set-aside/workspace/images/portico_03{suffix}.png").read_bytes() == theirs
+        assert (settled / f"set-aside/workspace/images/portico_03{suffix}.png").read_bytes() == theirs
 
 
 @pytest.mark.slow
