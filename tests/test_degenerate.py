@@ -6,8 +6,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-import degenerate
 import numpy as np
+import odd_sets
 import pytest
 
 from colmap_ihe.cli import main
@@ -27,7 +27,7 @@ QUICK = ("fit.measure=false", "dense.enabled=false")
 @pytest.fixture
 def run(tmp_path: Path, quick_options: MakeOptions) -> Callable[..., Reconstruction]:
     def run(name: str, *assignments: str) -> Reconstruction:
-        degenerate.SETS[name](tmp_path / "images")
+        odd_sets.SETS[name](tmp_path / "images")
         return reconstruct(tmp_path, quick_options(*QUICK, *assignments))
 
     return run
@@ -72,7 +72,7 @@ def test_no_model_can_be_made_and_what_was_made_stays(
 
 
 def test_it_is_one_line_and_exit_status_1(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
-    degenerate.one(tmp_path / "images")
+    odd_sets.one(tmp_path / "images")
     assert main(["reconstruct", str(tmp_path), "-q"]) == 1
     said = capsys.readouterr().err
     assert said.count("colmap-ihe: ") == 1
