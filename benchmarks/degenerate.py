@@ -49,6 +49,7 @@ def measured(project: Project) -> str:
     return " | ".join(
         (
             project.root.name,
+            f"{found.most:.2f}",
             f"{len(found.blind)} of {found.near}",
             f"{len(found.torn)} of {found.matched}",
             f"{max(max(c.aspect, 1 / c.aspect) for c in cameras):.3f}",
@@ -66,8 +67,10 @@ def main() -> None:
     parser.add_argument("--models", nargs="+", type=Path, metavar="FOLDER", help="finished projects")
     parsed = parser.parse_args()
     if parsed.models:
-        print("| set | blind pairs | torn pairs | focal across / down | focal / EXIF | thickness |")
-        print("|---|---|---|---|---|---|")
+        print(
+            "| set | most unseen | blind pairs | torn pairs | focal across / down | focal / EXIF | thickness |"
+        )
+        print("|---|---|---|---|---|---|---|")
         for folder in parsed.models:
             print(f"| {measured(Project(folder.resolve(), folder.resolve() / 'images'))} |")
         return

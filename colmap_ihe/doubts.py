@@ -14,7 +14,7 @@ from colmap_ihe.colmap.plausible import FLAT, Shape, Taken, cameras_of, shape_of
 FOCAL_FACTOR = 1.15
 """Between a focal length found and that of EXIF: 1.05 at most in the sound sets of docs/degenerate.md."""
 ASPECT_FACTOR = 1.05
-"""Of a camera's focal lengths across and down: 1.012 at most there, and no real camera has another than 1."""
+"""Of a camera's focal lengths across and down: 1.02 at most there, and no real camera has another than 1."""
 FOUND_AGAIN = 0.22
 """Share of features that match in the photograph most like theirs: 0.30 to 0.75 in sound sets, 0.20 before a crowd."""
 TURNED_TO = 45.0

@@ -37,13 +37,14 @@ _DEPTHS, _AROUND = (2, 98), 1.2  # percentiles of what a photograph sees, and ho
 @dataclass(frozen=True)
 class Conflicts:
     """Pairs by the names of their grey images. Of `near` pairs that the model puts side by side, `blind` are blind to
-    much of what the other sees (the share); of `matched` pairs, `torn` have so many verified matches that are not the
-    same points in the model."""
+    much of what the other sees: to this share, which is `most` in any pair. Of `matched` pairs, `torn` have so many
+    verified matches that are not the same points in the model."""
 
     near: int
     blind: tuple[tuple[str, str, float], ...]
     matched: int
     torn: tuple[tuple[str, str, int], ...]
+    most: float = 0.0
 
     @property
     def many_blind(self) -> bool:
@@ -86,12 +87,12 @@ def conflicts_of(folder: Path, database: Path) -> Conflicts:
     points = _Points(model)
     images = [_seen(model, model.images[i], points) for i in sorted(model.reg_image_ids())]
     images = [one for one in images if len(one.ids) >= _LEAST_COMMON]
-    near, blind = 0, []
+    near, blind, most = 0, [], 0.0
     for first, second in _side_by_side(images):
         share = _share_unseen(images[first], images[second], points)
         if share is None:
             continue
-        near += 1
+        near, most = near + 1, max(most, share)
         if share > DOUBTFUL:
             blind.append((str(images[first].image.name), str(images[second].image.name), round(share, 3)))
     matched, torn = _torn(model, database)
@@ -100,6 +101,7 @@ def conflicts_of(folder: Path, database: Path) -> Conflicts:
         tuple(sorted(blind, key=lambda b: (-b[2], b[:2]))),
         matched,
         tuple(sorted(torn, key=lambda t: (-t[2], t[:2]))),
+        round(most, 3),
     )
 
 
