@@ -13,7 +13,7 @@ from typing import Any
 
 from colmap_ihe.captures.recipe import FILES
 from colmap_ihe.colmap.matching import forget_matches
-from colmap_ihe.colmap.workspace import database_is_sound, remove_database
+from colmap_ihe.colmap.workspace import looks_whole, remove_database
 from colmap_ihe.files import sketch_file
 from colmap_ihe.project import Project
 
@@ -84,7 +84,7 @@ def made_by(stage: str, project: Project, record: Mapping[str, Any]) -> dict[str
 def altered(stage: str, project: Project, record: Mapping[str, Any]) -> list[Path]:
     """The files of a finished stage that are there and are not what it has left."""
     if stage == "features":
-        return [] if _database_holds(project) else [project.database]
+        return [] if looks_whole(project.database) else [project.database]
     made: Mapping[str, list[Any]] = record.get("made", {})
     files = {project.root / name: was for name, was in made.items() if (project.root / name).is_file()}
     return [file for file, was in files.items() if _state(file) != was[:2] and sketch_file(file) != was[2]]
@@ -108,18 +108,3 @@ def set_aside(stage: str, project: Project, record: Mapping[str, Any]) -> list[P
 def _state(file: Path) -> list[int]:
     about = file.stat()
     return [about.st_size, about.st_mtime_ns]
-
-
-def state_of_database(project: Project) -> list[int]:
-    """Its size and time, by which a stage notes that it left it whole."""
-    return _state(project.database)
-
-
-def _database_holds(project: Project) -> bool:
-    """Whether the database is whole: as one of its stages left it, or else by SQLite's own check."""
-    if not project.database.is_file():
-        return True  # which is another matter
-    records = [project.read_record(stage) or {} for stage in ("matches", "features")]
-    if any(record.get("database") == _state(project.database) for record in records):
-        return True
-    return database_is_sound(project.database)

@@ -174,7 +174,6 @@ def features(run: Run, watch: Watch) -> Record:
         )
     return {
         **asdict(counts),
-        "database": outputs.state_of_database(project),
         "left_out": left_out,
         "warnings": warnings,
     }
@@ -198,7 +197,6 @@ def matches(run: Run, watch: Watch) -> Record:
         raise MappingError(said, hint) from error
     return {
         **asdict(counts),
-        "database": outputs.state_of_database(project),
         "warnings": doubts.match_warnings(counts.found_again),
     }
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import cache
 from importlib import metadata
 
 import cv2
@@ -15,13 +16,15 @@ __version__ = "0.1.0"
 
 def library_versions(*names: str) -> dict[str, str]:
     """Versions of pycolmap, opencv, numpy, rawpy, libraw, pillow, simplejpeg or tifffile, by these names."""
-    known: dict[str, str] = {
+    return {name: _version(name) for name in names}
+
+
+@cache
+def _version(name: str) -> str:
+    known = {
         "pycolmap": pycolmap.__version__,
         "opencv": cv2.__version__,
         "numpy": np.__version__,
-        "rawpy": metadata.version("rawpy"),
         "libraw": ".".join(map(str, rawpy.libraw_version)),
     }
-    for name in ("pillow", "simplejpeg", "tifffile"):
-        known[name] = metadata.version(name)
-    return {name: known[name] for name in names}
+    return known.get(name) or metadata.version(name)

@@ -289,6 +289,11 @@ def repeated_facade(images: Path) -> None:
     facade(images, marks=18)
 
 
+def like_bays(images: Path) -> None:
+    """The same without a mark: nothing in the photographs tells one bay from another."""
+    facade(images, bays=7, step=0.8)
+
+
 def facade(images: Path, *, bays: int = 10, marks: int = 0, step: float = 0.5, bay_m: float = 2.4) -> None:
     wall = np.tile(texture(bay_m, 6, 5), (1, bays, 1))
     half = bays * bay_m / 2
@@ -333,5 +338,6 @@ SETS: Mapping[str, Callable[[Path], None]] = {
         two_halves,
         two_wings,
         repeated_facade,
+        like_bays,
     )
 }
