@@ -111,7 +111,9 @@ def inputs_of(
                 if name.startswith(FRAMES)
             },
         },
-        "fit": {} if weights is None else {"weights": {weights: _content_of_weights(project.root / weights)}},
+        "fit": {}
+        if weights is None
+        else {"weights": {"their file": _content_of_weights(project.root / weights)}},
         "features": {"masks": masks_in(project.masks)},
     }
 
