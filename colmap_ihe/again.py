@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from colmap_ihe import surroundings, threads
-from colmap_ihe.digests import content_of
+from colmap_ihe.digests import masks_in
 from colmap_ihe.errors import OptionError
 from colmap_ihe.executor import local_workers
 from colmap_ihe.files import digest_file, read_json, write_json
@@ -48,7 +48,7 @@ def note_run(place: Project, options: Options, digests: Mapping[str, Sequence[An
             "seed": options.sparse.seed,
             "threads": local_workers(),
             "photographs": {name: found[-1] for name, found in digests.items()},
-            "masks": _masks(place),
+            "masks": masks_in(place.masks),
             "weights": _weights(place, options),
             "versions": surroundings.versions(),
             "commit": surroundings.commit(),
@@ -93,7 +93,7 @@ def unlike(noted: Noted, place: Project, options: Options, digests: Mapping[str,
     said = _unlike_software(noted)
     said += _unlike_files("photographs", noted.photographs, {name: f[-1] for name, f in digests.items()})
     if noted.machine:
-        said += _unlike_files("masks", noted.masks, _masks(place))
+        said += _unlike_files("masks", noted.masks, masks_in(place.masks))
         if noted.weights != _weights(place, options):
             said.append("the weights file has another content than in the record")
     if noted.threads and noted.threads != local_workers():
@@ -134,10 +134,6 @@ def _unlike_files(kind: str, noted: Mapping[str, str], here: Mapping[str, str]) 
             shown = ", ".join(names[:_SHOWN]) + (" ..." if len(names) > _SHOWN else "")
             said.append(f"{len(names)} {kind} {words}: {shown}")
     return said
-
-
-def _masks(place: Project) -> dict[str, str]:
-    return {str(name): str(digest) for name, digest in content_of(place.masks)}
 
 
 def _weights(place: Project, options: Options) -> str:

@@ -23,10 +23,10 @@ _HIDING_NS = 3 * 10**9
 FRAMES = "../calibration/"  # before the names of its files, which no photograph can have
 
 
-def content_of(folder: Path) -> list[list[str]]:
-    """Name and digest of every file of a folder, in order; empty if there is no such folder."""
-    files = sorted(p for p in folder.rglob("*") if p.is_file()) if folder.is_dir() else []
-    return [[p.relative_to(folder).as_posix(), digest_file(p)] for p in files]
+def masks_in(folder: Path) -> dict[str, str]:
+    """Name and digest of every PNG below a folder; none if there is no such folder."""
+    files = sorted(p for p in folder.rglob("*.png") if p.is_file()) if folder.is_dir() else []
+    return {p.relative_to(folder).as_posix(): digest_file(p) for p in files}
 
 
 def digests_of(
@@ -36,7 +36,7 @@ def digests_of(
     its content."""
     known = read_json(project.digests_file) or {}
     files = {c.name: c.path for c in discovery.captures}
-    for frame in sorted(p for p in project.calibration.rglob("*") if p.is_file()):
+    for frame in sorted(p for p in project.calibration.rglob("*") if p.is_file() and p.name[0] != "."):
         files[FRAMES + frame.relative_to(project.calibration).as_posix()] = frame
     watch.start(len(files))
     found: dict[str, list[Any]] = {name: [] for name in files}

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter, defaultdict
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
 from colmap_ihe import memory
@@ -11,7 +11,7 @@ from colmap_ihe.cameras import focal_px, pattern_of, unused_patterns
 from colmap_ihe.captures.decode import read_photograph
 from colmap_ihe.captures.discover import Capture
 from colmap_ihe.colmap.sensors import knows_sensor
-from colmap_ihe.errors import OptionError, PhotographError
+from colmap_ihe.errors import MappingError, OptionError, PhotographError
 from colmap_ihe.executor import local_workers
 from colmap_ihe.grey.conversions import CONVERSIONS
 from colmap_ihe.grey.weights import Grey, Weights
@@ -37,6 +37,54 @@ def _camera_of(one: Surveyed) -> tuple[str, str, float, int, int] | None:
     if not (about.make and about.model and focal):
         return None
     return about.make, about.model, focal, one.width, one.height
+
+
+def copies(surveyed: Sequence[Surveyed], contents: Mapping[str, str]) -> list[str]:
+    """The same file twice is one view: it counts twice in the fit and adds nothing to a model."""
+    names: dict[str, list[str]] = defaultdict(list)
+    for one in surveyed:
+        if one.capture.name in contents:
+            names[contents[one.capture.name]].append(one.capture.name)
+    twice = [f"{', '.join(some[1:])} of {some[0]}" for some in names.values() if len(some) > 1]
+    if not twice:
+        return []
+    shown = "; ".join(twice[:5]) + (f"; and {len(twice) - 5} more" if len(twice) > 5 else "")
+    return [f"some photographs are copies of others, which add no view and count twice: {shown}; remove them"]
+
+
+def require_two(names: Sequence[str], contents: Mapping[str, str]) -> None:
+    """Raises `MappingError` for what cannot be two views, whatever is in them."""
+    if len(names) == 1:
+        raise MappingError(
+            f"{names[0]} is the only photograph that can be used, and a model needs two or more",
+            hint="its grey image is in workspace/images; add photographs of the same from other places",
+        )
+    known = {contents.get(name, name) for name in names}
+    if len(known) == 1:
+        raise MappingError(
+            f"all {len(names)} photographs are copies of one file: {', '.join(names[:5])}",
+            hint="a model needs two or more, from different places",
+        )
+
+
+def require_features(features: int, images: int) -> None:
+    if not features:
+        raise MappingError(
+            f"no features were found in any of the {images} photographs",
+            hint="they are black, white, of one colour, blurred or wholly masked: see workspace/images",
+        )
+
+
+def poor_photographs(counts: Mapping[str, int]) -> list[str]:
+    """`counts`: features of those photographs that have few."""
+    if not counts:
+        return []
+    shown = ", ".join(f"{name} ({count})" for name, count in list(counts.items())[:5])
+    more = f" and {len(counts) - 5} more" if len(counts) > 5 else ""
+    return [
+        f"{len(counts)} photographs have hardly any features, as if black, blurred or of one colour, and will hardly"
+        f" find a place: {shown}{more}"
+    ]
 
 
 def odd_sizes(surveyed: list[Surveyed], sizes: Counter[tuple[str, str, int, int]]) -> list[str]:

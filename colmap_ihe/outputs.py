@@ -1,4 +1,4 @@
-"""What each stage leaves in a project: whether it is still there, and how it is removed.
+"""What each stage leaves in a project: whether it is still there as it was left, and how it is removed.
 
 `remove` is called before a stage is noted as begun, so that a stage that is found begun has never anything of
 an earlier input under its final names.
@@ -13,8 +13,9 @@ from typing import Any
 
 from colmap_ihe.captures.recipe import FILES
 from colmap_ihe.colmap.matching import VOCABULARY, forget_matches
-from colmap_ihe.colmap.workspace import remove_database
+from colmap_ihe.colmap.workspace import looks_whole, remove_database
 from colmap_ihe.files import remove_unfinished as _remove_unfinished
+from colmap_ihe.files import sketch_file
 from colmap_ihe.project import Project
 
 
@@ -84,22 +85,61 @@ def _named(recipes: Mapping[str, Mapping[str, Any]]) -> set[str]:
     return {recipe[key] for recipe in recipes.values() for key in FILES if key in recipe}
 
 
+def files_of(stage: str, project: Project, record: Mapping[str, Any]) -> list[Path]:
+    """What a finished stage has left, and what comes after it needs."""
+    if stage == "captures":
+        return [project.masters / name for name in sorted(_named(record["recipes"]))]
+    if stage == "convert":
+        folders = (project.grey, project.colour)
+        return [folder / name for name in record["grey"].values() for folder in folders]
+    if stage in ("features", "matches"):
+        return [project.database]
+    if stage == "sparse":
+        names = ("cameras.bin", "images.bin", "points3D.bin")
+        return [project.sparse / str(n) / name for n in range(len(record["models"])) for name in names]
+    if stage == "dense":
+        return [project.dense / "fused.ply"]
+    if stage == "mesh":
+        return [project.dense / name for name in record["files"]]
+    return []
+
+
 def missing(stage: str, project: Project, record: Mapping[str, Any]) -> list[Path]:
     """The files of a finished stage that are no longer there."""
-    files: list[Path] = []
-    if stage == "captures":
-        files = [project.masters / name for name in _named(record["recipes"])]
-    elif stage == "convert":
-        files = [
-            folder / name for name in record["grey"].values() for folder in (project.grey, project.colour)
-        ]
-    elif stage in ("features", "matches"):
-        files = [project.database]
-    elif stage == "sparse":
-        names = ("cameras.bin", "images.bin", "points3D.bin")
-        files = [project.sparse / str(n) / name for n in range(len(record["models"])) for name in names]
-    elif stage == "dense":
-        files = [project.dense / "fused.ply"]
-    elif stage == "mesh":
-        files = [project.dense / name for name in record["files"]]
-    return [file for file in files if not file.is_file()]
+    return [file for file in files_of(stage, project, record) if not file.is_file()]
+
+
+def made_by(stage: str, project: Project, record: Mapping[str, Any]) -> dict[str, list[Any]]:
+    """Size, time and sketch of every file that a stage has just left, by its path in the project. Not of the
+    database: stages share it, and COLMAP's own GUI writes into it when it is only looked at."""
+    files = [] if stage in ("features", "matches") else files_of(stage, project, record)
+    return {file.relative_to(project.root).as_posix(): [*_state(file), sketch_file(file)] for file in files}
+
+
+def altered(stage: str, project: Project, record: Mapping[str, Any]) -> list[Path]:
+    """The files of a finished stage that are there and are not what it has left."""
+    if stage == "features":
+        return [] if looks_whole(project.database) else [project.database]
+    made: Mapping[str, list[Any]] = record.get("made", {})
+    files = {project.root / name: was for name, was in made.items() if (project.root / name).is_file()}
+    return [file for file, was in files.items() if _state(file) != was[:2] and sketch_file(file) != was[2]]
+
+
+def set_aside(stage: str, project: Project, record: Mapping[str, Any]) -> list[Path]:
+    """Moves what somebody has altered out of the way of a stage that is to run again; where it is now."""
+    moved = []
+    for file in altered(stage, project, record) if stage != "features" else ():
+        aside = project.set_aside / file.relative_to(project.root)
+        number = 1
+        while aside.exists():
+            number += 1
+            aside = aside.with_name(f"{file.stem} ({number}){file.suffix}")
+        aside.parent.mkdir(parents=True, exist_ok=True)
+        file.rename(aside)
+        moved.append(aside)
+    return moved
+
+
+def _state(file: Path) -> list[int]:
+    about = file.stat()
+    return [about.st_size, about.st_mtime_ns]

@@ -31,6 +31,7 @@ from colmap_ihe.road import (
     ROAD,
     Stage,
     fingerprints,
+    inputs_of,
     options_of_stage,
     switched_off,
     versions_of,
@@ -106,7 +107,8 @@ def reconstruct(
             note_run(place, options, digests)
         for text in unlike(noted, place, options, digests) if noted else ():
             audience.warn(text)
-        prints = fingerprints(place, options, run.discovery, digests)
+        run.inputs = inputs_of(place, options, run.discovery, digests)
+        prints = fingerprints(options, run.inputs)
         last = NAMES.index(until) if until else len(ROAD) - 1
         ran = _up_to(last, run, prints, start, audience)
         for stage in ROAD[last + 1 :]:  # not asked for, but still true
@@ -186,6 +188,7 @@ def _run_stage(stage: Stage, run: Run, fingerprint: str, forced: bool, audience:
     """Runs one stage and writes its record last; those after it are no longer true, and go first."""
     project = run.project
     require_held(project.root)
+    _set_aside(stage, run, audience)
     for later in NAMES[NAMES.index(stage.name) + 1 :]:
         project.drop_record(later)
     project.summary_file.unlink(missing_ok=True)
@@ -203,15 +206,30 @@ def _run_stage(stage: Stage, run: Run, fingerprint: str, forced: bool, audience:
         "fingerprint": fingerprint,
         "options": options_of_stage(run.options, stage),
         "versions": versions_of(stage),
+        "inputs": run.inputs.get(stage.name, {}),
         "seed": run.options.sparse.seed,
         "threads": local_workers(),
         "seconds": round(time.monotonic() - began, 2),
         "resumed": run.resumed,
         **result,
     }
+    record["made"] = outputs.made_by(stage.name, project, record)
     require_held(project.root)
     project.write_record(stage.name, record)
     _tell(audience, record.get("warnings", []))
     for name, reason in record.get("left_out", {}).items():
         audience.warn(f"left out: {reason if name in reason else f'{name}: {reason}'}")
     return record
+
+
+def _set_aside(stage: Stage, run: Run, audience: Audience) -> None:
+    """What somebody has changed of what this stage and those after it left is kept: they write it anew."""
+    for name in NAMES[NAMES.index(stage.name) :]:
+        record = run.project.read_record(name)
+        if record is None:
+            continue
+        for file in outputs.set_aside(name, run.project, record):
+            where = file.relative_to(run.project.root)
+            audience.warn(
+                f"{file.name} was changed since it was written and is made anew; yours is kept as {where}"
+            )

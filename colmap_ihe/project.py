@@ -138,6 +138,11 @@ class Project:
         return self.root / "report"
 
     @property
+    def set_aside(self) -> Path:
+        """What somebody has changed of what we made, before it was made again."""
+        return self.root / "set-aside"
+
+    @property
     def comparison(self) -> Path:
         return self.root / "compare"
 

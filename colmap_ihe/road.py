@@ -7,7 +7,7 @@ chain is the content of the photographs. Never is anything skipped because a fil
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -16,7 +16,7 @@ from colmap_ihe import outputs, stages
 from colmap_ihe.captures.discover import Discovery
 from colmap_ihe.colmap import textured
 from colmap_ihe.colmap.dense import pick_backend
-from colmap_ihe.digests import FRAMES, content_of
+from colmap_ihe.digests import FRAMES, masks_in
 from colmap_ihe.files import digest_file, fingerprint_of
 from colmap_ihe.options import Options
 from colmap_ihe.progress import Watch
@@ -35,18 +35,21 @@ class Stage:
     libraries: tuple[str, ...] = ()
 
 
+_DECODERS = ("rawpy", "libraw", "pillow", "simplejpeg", "tifffile")
 ROAD = (
     Stage("captures", stages.captures, ("develop", "cameras"), ("rawpy", "libraw")),
-    Stage("fit", stages.fit, ("fit",), ("rawpy", "libraw")),
+    Stage("fit", stages.fit, ("fit",), (*_DECODERS, "numpy")),
     Stage("convert", stages.convert, ("convert",)),
     Stage("features", stages.features, ("camera", "features"), ("pycolmap",)),
     Stage("matches", stages.matches, ("matches",)),
     Stage("sparse", stages.sparse, ("sparse",)),
-    Stage("dense", stages.dense, ("dense",), ("opencv",)),
+    Stage("dense", stages.dense, ("dense",), ("opencv", "numpy")),
     Stage("mesh", stages.mesh, ("mesh",)),
 )
 NAMES = tuple(stage.name for stage in ROAD)
 INPUT_CHANGED = "what it reads changed"
+Inputs = Mapping[str, Mapping[str, str]]
+"""Of a stage, the user's files by kind and name, with what tells their content."""
 
 
 def switched_off(stage: str, options: Options) -> str:
@@ -59,8 +62,17 @@ def why_stale(project: Project, stage: Stage, record: Record, prints: Mapping[st
     """Why a record does not count, empty if it does."""
     if record.get("fingerprint") != prints[stage.name]:
         return INPUT_CHANGED
-    gone = outputs.missing(stage.name, project, record)
-    return f"{gone[0].name} is gone" if gone else ""
+    if gone := outputs.missing(stage.name, project, record):
+        return _of_files(gone, "gone")
+    if altered := outputs.altered(stage.name, project, record):
+        return _of_files(altered, "damaged" if stage.name == "features" else "not as it was written")
+    return ""
+
+
+def _of_files(files: Sequence[Path], what: str) -> str:
+    if len(files) == 1:
+        return f"{files[0].name} is {what}"
+    return f"{files[0].name} and {len(files) - 1} more files are {what.replace('it was', 'they were')}"
 
 
 def options_of_stage(options: Options, stage: Stage) -> dict[str, Any]:
@@ -83,27 +95,42 @@ def versions_of(stage: Stage) -> dict[str, str]:
     return {"colmap-ihe": __version__, **library_versions(*stage.libraries)}
 
 
-def fingerprints(
+def inputs_of(
     project: Project, options: Options, discovery: Discovery, digests: Mapping[str, list[Any]]
-) -> dict[str, str]:
+) -> dict[str, Inputs]:
+    """By stage, what it reads of the user's files."""
+    weights = options.fit.weights
+    return {
+        "captures": {
+            "photographs": {c.name: str(digests[c.name][-1]) for c in discovery.captures},
+            "names of grey images": {c.name: c.grey_stem for c in discovery.captures},
+            "JPEG files beside RAW": {c.name: ", ".join(c.paired) for c in discovery.captures if c.paired},
+            "calibration frames": {
+                name.removeprefix(FRAMES): str(found[-1])
+                for name, found in digests.items()
+                if name.startswith(FRAMES)
+            },
+        },
+        "fit": {}
+        if weights is None
+        else {"weights": {"their file": _content_of_weights(project.root / weights)}},
+        "features": {"masks": masks_in(project.masks)},
+    }
+
+
+def fingerprints(options: Options, inputs: Mapping[str, Inputs]) -> dict[str, str]:
     """What the record of each stage would have to carry to be true now."""
-    shots = [[c.name, digests[c.name][-1], list(c.paired), c.grey_stem] for c in discovery.captures]
-    before = fingerprint_of(shots)
+    before = ""
     prints: dict[str, str] = {}
     for stage in ROAD:
-        chosen = options_of_stage(options, stage)
-        besides = content_of(project.masks) if stage.name == "features" else []
-        if stage.name == "fit" and options.fit.weights is not None:
-            besides = _content_of_weights(project.root / options.fit.weights)
-        if stage.name == "captures":
-            besides = [[name, found[-1]] for name, found in digests.items() if name.startswith(FRAMES)]
-        before = fingerprint_of(stage.name, chosen, versions_of(stage), besides, before)
+        chosen, read = options_of_stage(options, stage), inputs.get(stage.name, {})
+        before = fingerprint_of(stage.name, chosen, versions_of(stage), read, before)
         prints[stage.name] = before
     return prints
 
 
-def _content_of_weights(file: Path) -> list[list[str]]:
+def _content_of_weights(file: Path) -> str:
     try:
-        return [["weights", digest_file(file)]]
+        return digest_file(file)
     except OSError:  # the stage says so
-        return [["weights", ""]]
+        return ""

@@ -24,8 +24,8 @@ class Run:
 
     `records` holds the records of the stages before this one; `resumed` is True if this stage was begun
     with the same fingerprint and not finished, so that its files may be kept. `developed`: where RAW photographs are
-    kept developed for other runs on them, if anywhere. `digests` as `digests_of` found them when the run began.
-    `demands` of its stages, by name, once `captures` is done.
+    kept developed for other runs on them, if anywhere. `digests` as `digests_of` found them when the run began, and
+    `inputs` of them by stage, kind and name. `demands` of its stages, by name, once `captures` is done.
     """
 
     project: Project
@@ -38,10 +38,16 @@ class Run:
     developed: Path | None = None
     digests: Mapping[str, Sequence[Any]] = field(default_factory=dict)
     demands: Mapping[str, Demand] = field(default_factory=dict)
+    inputs: Mapping[str, Mapping[str, Mapping[str, str]]] = field(default_factory=dict)
 
     @property
     def strict(self) -> bool:
         return self.options.captures.strict
+
+    @property
+    def contents(self) -> Mapping[str, str]:
+        """The digest of each photograph's content by name."""
+        return self.inputs.get("captures", {}).get("photographs", {})
 
     def captures(self) -> list[Capture]:
         """The captures that every stage so far could use, with their recipes."""

@@ -11,7 +11,7 @@ from collections import Counter
 from dataclasses import asdict, replace
 from pathlib import Path
 
-from colmap_ihe import misfit, oddities, outputs, weights_file
+from colmap_ihe import doubts, misfit, oddities, outputs, weights_file
 from colmap_ihe.captures import decoders
 from colmap_ihe.colmap import mesh as surface
 from colmap_ihe.colmap import textured
@@ -67,6 +67,7 @@ def captures(run: Run, watch: Watch) -> Record:
         "ignored": list(run.discovery.ignored),
         "left_out": left_out,
         "warnings": [
+            *oddities.copies(run.surveyed, run.contents),
             *oddities.odd_sizes(run.surveyed, sizes),
             *oddities.warnings_of(run.surveyed, run.discovery.ignored),
             *found.warnings,
@@ -137,6 +138,7 @@ def convert(run: Run, watch: Watch) -> Record:
 
 def features(run: Run, watch: Watch) -> Record:
     project = run.project
+    oddities.require_two([c.name for c in run.captures()], run.contents)
     if not database_is_sound(project.database):
         remove_database(project.database)
     masks, mask_warnings = _masks(run)
@@ -153,53 +155,63 @@ def features(run: Run, watch: Watch) -> Record:
         run.executor,
         watch,
     )
-    by_grey = {grey: name for name, grey in run.records["convert"]["grey"].items()}
+    by_grey = _by_grey(run)
     left_out = {
         by_grey[name]: "COLMAP did not take its grey image; with camera.mode single all need the same size"
         for name in counts.missing
     }
-    warnings = mask_warnings
+    oddities.require_features(counts.features, counts.images)
+    warnings = mask_warnings + oddities.poor_photographs({by_grey[n]: c for n, c in counts.poor.items()})
     if counts.with_focal_prior < counts.images and run.options.camera.params is None:
         warnings.append(
             f"{counts.images - counts.with_focal_prior} of {counts.images} photographs do not say their focal"
             " length: COLMAP guesses it; if you know it, give it in `cameras:` or as camera.params"
         )
-    return {**asdict(counts), "left_out": left_out, "warnings": warnings}
+    return {
+        **asdict(counts),
+        "left_out": left_out,
+        "warnings": warnings,
+    }
 
 
 def matches(run: Run, watch: Watch) -> Record:
     project = run.project
-    counts = match_features(
-        project.database,
-        project.workspace,
-        run.options.matches,
-        run.records["features"]["images"],
-        run.records["captures"]["with_gps"],
-        run.executor,
-        watch,
-    )
-    return {**asdict(counts), "warnings": []}
+    images = run.records["features"]["images"]
+    try:
+        counts = match_features(
+            project.database,
+            project.workspace,
+            run.options.matches,
+            images,
+            run.records["captures"]["with_gps"],
+            run.executor,
+            watch,
+        )
+    except MappingError as error:
+        said, hint = doubts.why_no_match(project.database, _by_grey(run), images)
+        raise MappingError(said, hint) from error
+    return {
+        **asdict(counts),
+        "warnings": doubts.match_warnings(counts.found_again),
+    }
 
 
 def sparse(run: Run, watch: Watch) -> Record:
+    project, by_grey = run.project, _by_grey(run)
     images = run.records["features"]["images"]
-    models = map_images(
-        run.project.database, run.project.grey, run.project.sparse, run.options.sparse, images, watch
-    )
-    by_grey = {grey: name for name, grey in run.records["convert"]["grey"].items()}
+    try:
+        models = map_images(project.database, project.grey, project.sparse, run.options.sparse, images, watch)
+    except MappingError as error:
+        said, hint = doubts.why_no_model(project.database, images)
+        raise MappingError(said, hint) from error
     missing = sorted(by_grey[n] for n in run.grey_names() if n not in models[0].image_names)
-    warnings = []
-    if len(models) > 1:
-        others = ", ".join(str(m.registered_images) for m in models[1:])
-        warnings.append(
-            f"the photographs fell into {len(models)} models; the largest, of {models[0].registered_images} images,"
-            f" goes on, the others ({others} images) are in workspace/sparse/1 and up: more photographs between"
-            " the parts would join them"
-        )
-    if missing and len(models) == 1:
-        shown = ", ".join(missing[:5]) + (" ..." if len(missing) > 5 else "")
-        warnings.append(f"{len(missing)} of {images} photographs have no place in the model: {shown}")
+    warnings = doubts.model_warnings(models, project.sparse, project.database, by_grey, missing)
     return {"models": [asdict(m) for m in models], "unregistered": missing, "warnings": warnings}
+
+
+def _by_grey(run: Run) -> dict[str, str]:
+    """Photographs by the names of their grey images."""
+    return {grey: name for name, grey in run.records["convert"]["grey"].items()}
 
 
 def dense(run: Run, watch: Watch) -> Record:

@@ -13,17 +13,8 @@ from colmap_ihe.foreseen import in_words
 from colmap_ihe.options import Options
 from colmap_ihe.progress import SILENT
 from colmap_ihe.project import Project
-from colmap_ihe.road import (
-    INPUT_CHANGED,
-    ROAD,
-    Stage,
-    fingerprints,
-    options_of_stage,
-    switched_off,
-    versions_of,
-    why_stale,
-)
-from colmap_ihe.run import Record
+from colmap_ihe.reasons import what_changed
+from colmap_ihe.road import INPUT_CHANGED, ROAD, fingerprints, inputs_of, switched_off, why_stale
 
 
 @dataclass(frozen=True)
@@ -46,7 +37,8 @@ def status(
     place = Project.at(Path(project), Path(images) if images else None)
     discovery = discover(place.images)
     with local_executor() as threads:
-        prints = fingerprints(place, options, discovery, digests_of(place, discovery, threads, SILENT))
+        inputs = inputs_of(place, options, discovery, digests_of(place, discovery, threads, SILENT))
+    prints = fingerprints(options, inputs)
     states: list[StageState] = []
     stale_before = ""
     for stage in ROAD:
@@ -58,8 +50,12 @@ def status(
             states.append(StageState(stage.name, "to do", why, None))
         elif why := why_stale(place, stage, record, prints):
             if why == INPUT_CHANGED:
-                why = _what_changed(record, stage, options, stale_before)
+                why = what_changed(record, stage, options, inputs.get(stage.name, {}), stale_before)
             states.append(StageState(stage.name, "stale", why, record["seconds"]))
+        elif stale_before:
+            states.append(
+                StageState(stage.name, "stale", f"{stale_before} comes before it", record["seconds"])
+            )
         else:
             states.append(StageState(stage.name, "done", "", record["seconds"]))
         if states[-1].state in ("stale", "to do") and not stale_before:
@@ -76,11 +72,3 @@ def _with_demands(
     captures = [replace(c, pixels=int(first["largest"])) for c in discovery.captures]
     takes = {one.stage: in_words(one) for one in demands_of(options, Set.of(first, captures))}
     return [replace(s, takes=takes.get(s.name, "")) if s.state in ("stale", "to do") else s for s in states]
-
-
-def _what_changed(record: Record, stage: Stage, options: Options, before: str) -> str:
-    if record["options"] != options_of_stage(options, stage):
-        return "its options changed"
-    if record["versions"] != versions_of(stage):
-        return "a library changed"
-    return f"{before} comes before it" if before else "the photographs changed"

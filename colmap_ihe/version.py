@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import hashlib
-from functools import lru_cache
+from functools import cache, lru_cache
 from importlib import metadata
 from pathlib import Path
 
 import cv2
+import numpy as np
 import rawpy
 
 from colmap_ihe.colmap.native import pycolmap
@@ -16,14 +17,19 @@ __version__ = "0.1.0"
 
 
 def library_versions(*names: str) -> dict[str, str]:
-    """Versions of pycolmap, opencv, rawpy or libraw, by these names."""
+    """Versions of pycolmap, opencv, numpy, rawpy, libraw, pillow, simplejpeg or tifffile, by these names."""
+    return {name: _version(name) for name in names}
+
+
+@cache
+def _version(name: str) -> str:
     known = {
         "pycolmap": pycolmap.__version__,
         "opencv": cv2.__version__,
-        "rawpy": metadata.version("rawpy"),
+        "numpy": np.__version__,
         "libraw": ".".join(map(str, rawpy.libraw_version)),
     }
-    return {name: known[name] for name in names}
+    return known.get(name) or metadata.version(name)
 
 
 def package_version(name: str) -> str | None:

@@ -27,13 +27,16 @@ _MODES = {
 
 FEATURE_BYTES_A_PIXEL = 290
 """Of SIFT in COLMAP on the CPU, from twice the size of the image on: 280 measured, of one and of two threads."""
+FEW = 100
+"""Features of an image below which it can hardly have a place: COLMAP wants 30 matches of those to give it one."""
 SHARED_BY = 8
 """Photographs by one camera from which on `camera.model: auto` is OPENCV. Measured in benchmarks/sets.md."""
 
 
 @dataclass(frozen=True)
 class FeatureCounts:
-    """What is in the database afterwards; `missing` are grey images that COLMAP did not take."""
+    """What is in the database afterwards; `missing` are grey images that COLMAP did not take, `poor` those with fewer
+    than `FEW` features, and how many they have."""
 
     images: int
     cameras: int
@@ -41,6 +44,7 @@ class FeatureCounts:
     with_focal_prior: int
     features: int
     missing: tuple[str, ...]
+    poor: dict[str, int]
 
 
 def extract_features(
@@ -132,6 +136,7 @@ def count_features(database: Path, names: Sequence[str]) -> FeatureCounts:
         images = opened.read_all_images()
         cameras = {c.camera_id: c for c in opened.read_all_cameras()}
         features = opened.num_keypoints()
+        by_name = {str(i.name): int(opened.num_keypoints_for_image(i.image_id)) for i in images}
     present = {image.name for image in images}
     return FeatureCounts(
         images=len(images),
@@ -140,6 +145,7 @@ def count_features(database: Path, names: Sequence[str]) -> FeatureCounts:
         with_focal_prior=sum(cameras[i.camera_id].has_prior_focal_length for i in images),
         features=features,
         missing=tuple(sorted(set(names) - present)),
+        poor={name: count for name, count in sorted(by_name.items()) if count < FEW},
     )
 
 

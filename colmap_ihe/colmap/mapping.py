@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import shutil
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -46,11 +46,8 @@ def map_images(
     found = _run(database, grey, work, options, images, watch)
     if not found:
         shutil.rmtree(temporary)
-        raise MappingError(
-            f"none of the {images} photographs could be placed in a model",
-            hint="photographs need overlap and the camera must move sideways between them, not only turn",
-        )
-    ordered = sorted(found.values(), key=lambda r: (-r.num_reg_images(), -r.num_points3D()))
+        raise MappingError(f"none of the {images} photographs could be placed in a model")
+    ordered = _with_news(sorted(found.values(), key=lambda r: (-r.num_reg_images(), -r.num_points3D())))
     shutil.rmtree(work)
     for number, model in enumerate(ordered):
         folder = temporary / str(number)
@@ -60,12 +57,26 @@ def map_images(
     return [describe(model) for model in ordered]
 
 
+def _with_news(models: Sequence[pycolmap.Reconstruction]) -> list[pycolmap.Reconstruction]:
+    """Without those whose images all have a place in one before: COLMAP begins anew with what it has placed."""
+    kept: list[pycolmap.Reconstruction] = []
+    placed: list[set[str]] = []
+    for model in models:
+        names = {str(model.images[i].name) for i in model.reg_image_ids()}
+        if not any(names <= before for before in placed):
+            kept.append(model)
+            placed.append(names)
+    return kept
+
+
 def _run(
     database: Path, grey: Path, work: Path, options: SparseOptions, images: int, watch: Watch
 ) -> Mapping[int, pycolmap.Reconstruction]:
     watch.start(images)
     settings = native_options(options)
     if options.mapper == "incremental":
+        if images == 2 and "ignore_two_view_tracks" not in (options.colmap.get("triangulation") or {}):
+            settings.triangulation.ignore_two_view_tracks = False  # of two photographs there are no others
         registered = [0]
 
         def one_more() -> None:

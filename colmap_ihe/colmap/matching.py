@@ -47,10 +47,14 @@ _GENERATOR: dict[str, Any] = {
 
 @dataclass(frozen=True)
 class MatchCounts:
+    """`found_again`: the share of an image's features with a verified match in the one most like it, in the median
+    over the images that match any."""
+
     strategy: str
     pairs_matched: int
     pairs_verified: int
     inliers: int
+    found_again: float
 
 
 def choose_strategy(requested: str, images: int, with_gps: int) -> str:
@@ -123,14 +127,25 @@ def match_features(
         # COLMAP keeps a row for a pair without an inlier too, and counts it as verified.
         inliers = np.array(opened.read_two_view_geometry_num_inliers()[1], np.int64)
         counts = MatchCounts(
-            strategy, opened.num_matched_image_pairs(), int(np.count_nonzero(inliers)), int(inliers.sum())
+            strategy,
+            opened.num_matched_image_pairs(),
+            int(np.count_nonzero(inliers)),
+            int(inliers.sum()),
+            found_again(opened),
         )
     if not counts.pairs_verified:
-        raise MappingError(
-            f"no two of the {images} photographs match",
-            hint="they need to overlap by about two thirds; check that they show one object, sharp and not too dark",
-        )
+        raise MappingError(f"no two of the {images} photographs match")
     return counts
+
+
+def found_again(opened: pycolmap.Database) -> float:
+    """As in `MatchCounts`; 0 where nothing matches."""
+    best: dict[int, int] = {}
+    for pair, count in zip(*opened.read_two_view_geometry_num_inliers(), strict=True):
+        for image_id in pycolmap.pair_id_to_image_pair(pair) if count else ():
+            best[image_id] = max(best.get(image_id, 0), int(count))
+    shares = [count / opened.num_keypoints_for_image(image_id) for image_id, count in best.items()]
+    return round(float(np.median(shares)), 3) if shares else 0.0
 
 
 def native_options(

@@ -68,14 +68,14 @@ def arc_of_views(count: int, size: tuple[int, int]) -> list[View]:
                 width=width,
                 height=height,
                 focal_px=focal_px,
-                cam_from_world=_looking(centre, target, roll=math.radians(0.8 * math.sin(19 * place))),
+                cam_from_world=looking(centre, target, roll=math.radians(0.8 * math.sin(19 * place))),
                 exposure_time_s=_SHUTTER[k % len(_SHUTTER)],
             )
         )
     return views
 
 
-def _looking(centre: F64, target: F64, roll: float) -> F64:
+def looking(centre: F64, target: F64, roll: float) -> F64:
     """(3, 4) cam_from_world of an upright camera turned by `roll` radians about its axis."""
     forward = (target - centre) / np.linalg.norm(target - centre)
     right = np.cross(forward, (0, 0, 1))

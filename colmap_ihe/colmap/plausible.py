@@ -1,0 +1,88 @@
+"""Whether a model is one that real cameras and a real scene give: focal lengths, the shape of pixels, flatness."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from colmap_ihe.colmap.native import pycolmap
+
+FLAT = 0.01
+"""Thickness of the scene, in its extent, below which it is a plane to its cameras."""
+_MOST = 95  # per cent of the points that count for the thickness
+_LEAST_POINTS = 30
+
+
+@dataclass(frozen=True)
+class Taken:
+    """One camera of a model. `images`: the names of its grey images that have a place. `prior`: the focal length that
+    the photographs said, None if they did not; `focal`: that which was found, `aspect`: that across over that down;
+    in pixels."""
+
+    images: tuple[str, ...]
+    prior: float | None
+    focal: float
+    aspect: float
+
+
+def cameras_of(folder: Path, database: Path) -> list[Taken]:
+    """The cameras of the model in `folder`, that of most images first."""
+    model = pycolmap.Reconstruction(folder)
+    with pycolmap.Database.open(database) as opened:
+        before = {camera.camera_id: camera for camera in opened.read_all_cameras()}
+    names: dict[int, list[str]] = defaultdict(list)
+    for number in model.reg_image_ids():
+        names[model.images[number].camera_id].append(str(model.images[number].name))
+    found = []
+    for number, some in sorted(names.items(), key=lambda n: (-len(n[1]), n[0])):
+        camera, was = model.cameras[number], before[number]
+        found.append(
+            Taken(
+                tuple(sorted(some)),
+                was.mean_focal_length() if was.has_prior_focal_length else None,
+                camera.mean_focal_length(),
+                camera.focal_length_x / camera.focal_length_y,
+            )
+        )
+    return found
+
+
+@dataclass(frozen=True)
+class Shape:
+    """Of a model. `thickness`: how far its points lie from the plane nearest to them, over their extent; 1 for too few
+    points to tell. `turned`: the most degrees between the directions that two photographs look in."""
+
+    thickness: float
+    turned: float
+
+
+def shape_of(folder: Path) -> Shape:
+    """Of the model in `folder`."""
+    model = pycolmap.Reconstruction(folder)
+    xyz = np.array([p.xyz for p in model.points3D.values() if p.track.length() > 2], np.float64).reshape(
+        -1, 3
+    )
+    axes = np.array([model.images[i].cam_from_world().rotation.matrix()[2] for i in model.reg_image_ids()])
+    mean = axes.mean(axis=0)
+    # Twice the widest from the mean: exact for a fan, and does not grow with the square of the photographs.
+    away = np.degrees(np.arccos(np.clip(axes @ mean / max(1e-9, float(np.linalg.norm(mean))), -1, 1)))
+    return Shape(thickness(xyz), 2 * float(away.max()))
+
+
+def thickness(xyz: NDArray[np.float64]) -> float:
+    """Of (N, 3) points, as in `Shape`: the plane is fitted again to those near it, and strays do not count."""
+    if len(xyz) < _LEAST_POINTS:
+        return 1.0
+    kept = xyz
+    for _ in range(3):
+        middle = np.median(kept, axis=0)
+        normal = np.linalg.svd(kept - middle, full_matrices=False)[2][2]
+        away = np.abs((xyz - middle) @ normal)
+        kept = xyz[away <= np.percentile(away, _MOST)]
+    low, high = np.percentile(xyz, (5, 95), axis=0)
+    extent = float(np.linalg.norm(high - low))
+    return float(np.percentile(away, _MOST)) / extent if extent else 1.0

@@ -1,0 +1,360 @@
+"""Something changed: exactly the stages that depend on it run again, and `status` says which and why beforehand.
+
+The photographs are real, and so is what decides; what the stages themselves would do is put in their place.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from PIL import Image
+
+import colmap_ihe.version as versions
+from colmap_ihe import outputs, pipeline, road
+from colmap_ihe.captures.png import encode_png
+from colmap_ihe.options import Options
+from colmap_ihe.pipeline import reconstruct
+from colmap_ihe.project import Project
+from colmap_ihe.project_yaml import load_options
+from colmap_ihe.road import NAMES, Stage
+from colmap_ihe.run import Record, Run
+from colmap_ihe.standing import status
+
+MakeOptions = Callable[..., Options]
+ALL = NAMES
+
+
+def since(stage: str) -> tuple[str, ...]:
+    return NAMES[NAMES.index(stage) :]
+
+
+@pytest.fixture
+def quick_stages(_finished: tuple[Path, dict[str, Any]], monkeypatch: pytest.MonkeyPatch) -> None:
+    """Each stage leaves what it left in the finished project, at once."""
+    _quicken(Project.at(_finished[0]), monkeypatch)
+
+
+@pytest.fixture(scope="module")
+def _settled(_finished: tuple[Path, dict[str, Any]], tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The finished project as if it had been run with the defaults."""
+    project = tmp_path_factory.mktemp("settled") / "project"
+    shutil.copytree(_finished[0], project)
+    with pytest.MonkeyPatch.context() as patch:
+        _quicken(Project.at(_finished[0]), patch)
+        reconstruct(project)
+    return project
+
+
+@pytest.fixture
+def settled(_settled: Path, tmp_path: Path) -> Path:
+    return Path(shutil.copytree(_settled, tmp_path / "project"))
+
+
+def _quicken(whole: Project, monkeypatch: pytest.MonkeyPatch) -> None:
+
+    def as_before(name: str) -> Callable[[Run, Any], Record]:
+        def stage(run: Run, _watch: object) -> Record:
+            record = whole.read_record(name)
+            assert record is not None
+            for file in outputs.files_of(name, whole, record):
+                copy = run.project.root / file.relative_to(whole.root)
+                copy.parent.mkdir(parents=True, exist_ok=True)
+                shutil.copy2(file, copy)
+            ours = {"fingerprint", "inputs", "options", "versions", "made"}
+            return {key: value for key, value in record.items() if key not in ours}
+
+        return stage
+
+    stages = tuple(replace(stage, run=as_before(stage.name)) for stage in road.ROAD)
+    monkeypatch.setattr(pipeline, "ROAD", stages)
+    monkeypatch.setattr(pipeline, "page_of", lambda *_: None)
+
+
+def first(project: Path) -> Path:
+    return project / "images/portico_03.jpg"
+
+
+def added(project: Path) -> None:
+    with Image.open(first(project)) as picture:
+        picture.point(lambda v: v // 2).save(project / "images/portico_09.jpg")
+
+
+def removed(project: Path) -> None:
+    first(project).unlink()
+
+
+def replaced(project: Path) -> None:
+    """By bytes of the same number, at the same time as before, in place."""
+    about, content = first(project).stat(), bytearray(first(project).read_bytes())
+    content[-40] ^= 1
+    first(project).write_bytes(content)
+    os.utime(first(project), ns=(about.st_atime_ns, about.st_mtime_ns))
+    assert (first(project).stat().st_size, first(project).stat().st_mtime_ns) == (
+        about.st_size,
+        about.st_mtime_ns,
+    )
+
+
+def renamed(project: Path) -> None:
+    first(project).rename(project / "images/south side.jpg")
+
+
+def exif_edited(project: Path) -> None:
+    with Image.open(first(project)) as picture:
+        exif = picture.getexif()
+        exif[0x0110] = "Another camera"
+        picture.save(first(project), exif=exif, quality="keep")
+
+
+def mask(project: Path, rows: int = 40) -> None:
+    (project / "masks").mkdir(exist_ok=True)
+    pixels = np.full((320, 480), 255, np.uint8)
+    pixels[:rows] = 0
+    (project / "masks/portico_03.jpg.png").write_bytes(encode_png(pixels))
+
+
+def no_mask(project: Path) -> None:
+    (project / "masks").mkdir()
+    (project / "masks/.DS_Store").write_bytes(b"Finder was here")
+    (project / "masks/notes.txt").write_text("to be drawn")
+
+
+def frame(project: Path, value: int = 1) -> None:
+    (project / "calibration/darks").mkdir(parents=True, exist_ok=True)
+    (project / "calibration/darks/d1.dng").write_bytes(bytes([value]))
+
+
+def option(line: str) -> Callable[[Path], None]:
+    def change(project: Path) -> None:
+        section, rest = line.split(".", 1)
+        name, value = rest.split("=")
+        yaml = (project / "project.yaml").read_text()
+        (project / "project.yaml").write_text(f"{yaml}{section}:\n  {name}: {value}\n")
+
+    return change
+
+
+def commented(project: Path) -> None:
+    yaml = (project / "project.yaml").read_text()
+    (project / "project.yaml").write_text(f"# the north side, 12 May\n\n{yaml}")
+
+
+def gone(name: str) -> Callable[[Path], None]:
+    return lambda project: (project / name).unlink()
+
+
+def damaged(project: Path) -> None:
+    database = project / "workspace/database.db"
+    content = database.read_bytes()
+    database.write_bytes(content[: len(content) // 2])
+
+
+def looked_at(project: Path) -> None:
+    """As by COLMAP's own GUI, which writes into a database that it opens."""
+    os.utime(project / "workspace/database.db")
+
+
+def edited(name: str) -> Callable[[Path], None]:
+    def change(project: Path) -> None:
+        with (project / name).open("r+b") as handle:
+            handle.seek(-60, os.SEEK_END)
+            handle.write(b"by hand")
+
+    return change
+
+
+def touched(project: Path) -> None:
+    for file in project.rglob("*"):
+        if file.is_file() and file.name != "digests.json":
+            os.utime(file)
+
+
+CASES: dict[str, tuple[Callable[[Path], None], tuple[str, ...], str]] = {
+    "added": (added, ALL, "the photographs changed: portico_09.jpg is new"),
+    "removed": (removed, ALL, "the photographs changed: portico_03.jpg is gone"),
+    "replaced": (replaced, ALL, "the photographs changed: portico_03.jpg has another content"),
+    "renamed": (renamed, ALL, "the photographs changed: portico_03.jpg is now called south side.jpg"),
+    "EXIF edited": (exif_edited, ALL, "the photographs changed: portico_03.jpg has another content"),
+    "mask added": (mask, since("features"), "the masks changed: portico_03.jpg.png is new"),
+    "no mask": (no_mask, (), ""),
+    "frame": (frame, ALL, "the calibration frames changed: darks/d1.dng is new"),
+    "develop": (
+        option("develop.green_equilibrium=false"),
+        ALL,
+        "its options changed: develop.green_equilibrium from true to false",
+    ),
+    "cameras": (
+        option("cameras.x*={focal_length: 20}"),
+        ALL,
+        "its options changed: cameras from [] to [['x*', {'focal_length': 20.0, 'override': False}]]",
+    ),
+    "fit": (option("fit.method=rec709"), since("fit"), "its options changed: fit.method from ihe to rec709"),
+    "convert": (
+        option("convert.format=jpeg"),
+        since("convert"),
+        "its options changed: convert.format from png to jpeg",
+    ),
+    "features": (
+        option("features.max_image_size=400"),
+        since("features"),
+        "its options changed: features.max_image_size from none to 400",
+    ),
+    "matches": (
+        option("matches.colmap={max_num_matches: 4096}"),
+        since("matches"),
+        "its options changed: matches.colmap.max_num_matches from the default to 4096",
+    ),
+    "sparse": (option("sparse.seed=1"), since("sparse"), "its options changed: sparse.seed from 0 to 1"),
+    "dense": (
+        option("dense.colmap={min_num_pixels: 4}"),
+        since("dense"),
+        "its options changed: dense.colmap.min_num_pixels from the default to 4",
+    ),
+    "mesh": (
+        option("mesh.texture_size=512"),
+        ("mesh",),
+        "its options changed: mesh.texture_size from 4096 to 512",
+    ),
+    "strict": (option("captures.strict=true"), (), ""),
+    "comment": (commented, (), ""),
+    "touched": (touched, (), ""),
+    "database gone": (gone("workspace/database.db"), since("features"), "database.db is gone"),
+    "database damaged": (damaged, since("features"), "database.db is damaged"),
+    "database looked at": (looked_at, (), ""),
+    "grey gone": (gone("workspace/images/portico_03.png"), since("convert"), "portico_03.png is gone"),
+    "grey edited": (
+        edited("workspace/images/portico_03.png"),
+        since("convert"),
+        "portico_03.png is not as it was written",
+    ),
+    "colour edited": (
+        edited("colour/portico_03.png"),
+        since("convert"),
+        "portico_03.png is not as it was written",
+    ),
+    "model gone": (gone("workspace/sparse/0/images.bin"), since("sparse"), "images.bin is gone"),
+    "model edited": (
+        edited("workspace/sparse/0/points3D.bin"),
+        since("sparse"),
+        "points3D.bin is not as it was written",
+    ),
+    "cloud gone": (gone("workspace/dense/0/fused.ply"), since("dense"), "fused.ply is gone"),
+    "cloud edited": (
+        edited("workspace/dense/0/fused.ply"),
+        since("dense"),
+        "fused.ply is not as it was written",
+    ),
+    "mesh gone": (gone("workspace/dense/0/mesh.ply"), ("mesh",), "mesh.ply is gone"),
+    "record gone": (gone("records/sparse.json"), since("sparse"), ""),
+}
+
+
+@pytest.mark.usefixtures("quick_stages")
+@pytest.mark.parametrize("case", CASES)
+def test_what_depends_on_a_change_runs_again_and_status_says_so(settled: Path, case: str) -> None:
+    change, expected, why = CASES[case]
+    yaml = settled / "project.yaml"
+    yaml.write_text("")
+    change(settled)
+    options = load_options(yaml)
+    states = status(settled, options)
+    assert tuple(s.name for s in states if s.state != "done") == expected
+    if expected and why:
+        by_name = {s.name: s.why for s in states}
+        assert by_name[expected[0]] == why
+        assert {by_name[name] for name in expected[1:]} <= {f"{expected[0]} comes before it", why}
+    assert reconstruct(settled, options).stages_run == expected
+    assert {s.state for s in status(settled, options)} == {"done"}
+
+
+@pytest.mark.usefixtures("quick_stages")
+@pytest.mark.parametrize(
+    ("library", "stage"),
+    [
+        ("rawpy", "captures"),
+        ("libraw", "captures"),
+        ("simplejpeg", "fit"),
+        ("numpy", "fit"),
+        ("pycolmap", "features"),
+        ("opencv", "dense"),
+        ("colmap-ihe", "captures"),
+    ],
+)
+def test_a_library_that_was_upgraded(
+    settled: Path, monkeypatch: pytest.MonkeyPatch, library: str, stage: str
+) -> None:
+    known = versions.library_versions
+
+    def upgraded(*names: str) -> dict[str, str]:
+        return {name: "99.1" if name == library else version for name, version in known(*names).items()}
+
+    now = known(library)[library] if library != "colmap-ihe" else versions.__version__
+    if library == "colmap-ihe":
+        monkeypatch.setattr(road, "__version__", "99.1")
+    else:
+        monkeypatch.setattr(road, "library_versions", upgraded)
+    options = load_options(settled / "project.yaml")
+    states = {s.name: s for s in status(settled, options)}
+    assert [name for name in NAMES if states[name].state == "stale"] == list(since(stage))
+    assert states[stage].why == f"a library changed: {library} from {now} to 99.1"
+    assert reconstruct(settled, options).stages_run == since(stage)
+
+
+@pytest.mark.usefixtures("quick_stages")
+def test_several_changes_are_all_named(settled: Path) -> None:
+    mask(settled)
+    frame(settled)
+    reconstruct(settled)
+    mask(settled, rows=80)
+    frame(settled, value=2)
+    removed(settled)
+    (settled / "images/portico_04.jpg").rename(settled / "images/a.jpg")
+    (settled / "project.yaml").write_text("sparse: {seed: 3}\n")
+    why = {s.name: s.why for s in status(settled, load_options(settled / "project.yaml"))}
+    assert why["captures"] == (
+        "the photographs changed: portico_04.jpg is now called a.jpg, portico_03.jpg is gone;"
+        " the calibration frames changed: darks/d1.dng has another content"
+    )
+    assert why["features"] == "the masks changed: portico_03.jpg.png has another content"
+    assert why["sparse"] == "its options changed: sparse.seed from 0 to 3"
+    assert why["matches"] == "captures comes before it"
+
+
+@pytest.mark.usefixtures("quick_stages")
+def test_what_somebody_edited_is_kept(settled: Path) -> None:
+    """It is made anew, and theirs lies aside, however often."""
+    grey = settled / "workspace/images/portico_03.png"
+    for number in range(2):
+        ours = grey.read_bytes()
+        theirs = ours[:-60] + bytes([65 + number]) * 60
+        grey.write_bytes(theirs)
+        done = reconstruct(settled, load_options(None))
+        assert done.stages_run == since("convert")
+        assert grey.read_bytes() == ours
+        suffix = " (2)" if number else ""
+        assert (settled / f"set-aside/workspace/images/portico_03{suffix}.png").read_bytes() == theirs
+
+
+@pytest.mark.slow
+def test_a_mask_runs_the_real_road_again_from_features(finished: Path, quick_options: MakeOptions) -> None:
+    before = json.loads((finished / "records/convert.json").read_text())
+    mask(finished, rows=160)
+    done = reconstruct(finished, quick_options())
+    assert done.stages_run == since("features")
+    assert json.loads((finished / "records/convert.json").read_text()) == before
+    assert done.summary["registered_images"] == 8
+    assert reconstruct(finished, quick_options()).stages_run == ()
+
+
+def test_stages_are_all_in_the_table() -> None:
+    options = {name for stage in road.ROAD for name in stage.options}
+    assert options - {"camera"} <= set(CASES)
+    assert all(isinstance(stage, Stage) for stage in road.ROAD)
