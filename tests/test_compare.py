@@ -46,8 +46,9 @@ def test_methods_side_by_side_and_resumed(
     found = compare(project, quick_options(), methods=["ihe", "rec709"], seeds=2, audience=watching, jobs=2)
     road = ["fit", "convert", "features", "matches"]
     runs = ["rec709, run 0", "rec709, run 1", "rec709, run 2", *["rec709, dense"] * 3]
-    assert foreseen[1] == [*road, *runs]
-    assert foreseen[0][-len(foreseen[1]) :] == foreseen[1]
+    assert len(foreseen) == 10  # after each of five stages, of two methods
+    assert foreseen[5] == [*road, *runs]
+    assert foreseen[0][-len(foreseen[5]) :] == foreseen[5]
     assert [one.method for one in found] == ["ihe", "rec709"]
     assert all((project / "compare" / one.method / "records/batch.log").exists() for one in found)
     for one in found:

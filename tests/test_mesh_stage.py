@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from colmap_ihe import outputs
 from colmap_ihe.colmap.ply import read_mesh, read_ply, write_rows
 from colmap_ihe.errors import CapabilityError, OptionError
 from colmap_ihe.options import Options
@@ -100,10 +101,14 @@ def test_it_may_be_left_out_and_is_options_are_checked_first(
 
 
 def test_a_cloud_of_a_few_points_is_a_warning(finished: Path, quick_options: MakeOptions) -> None:
-    cloud = Project.at(finished).dense / "fused.ply"
+    project = Project.at(finished)
+    cloud = project.dense / "fused.ply"
     points = read_ply(cloud)["vertex"][:20].copy()
     cloud.unlink()
     write_rows(cloud, points)
+    record = project.read_record("dense")
+    assert record is not None
+    project.write_record("dense", record | {"made": outputs.made_by("dense", project, record)})
     done = reconstruct(finished, quick_options(), start="mesh")
     assert done.summary["mesh_faces"] is None
     assert any("no mesh was made: a surface needs 100 points" in text for text in done.summary["warnings"])
