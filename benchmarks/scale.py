@@ -1,6 +1,6 @@
 """What each stage costs as sets grow, what that comes to for a million photographs, and what workers bring.
 
-    python benchmarks/scale.py grow [--most 3000] [--out FOLDER]
+    python benchmarks/scale.py grow [--sizes 30 100 300 1000 3000] [--out FOLDER]
     python benchmarks/scale.py workers [--photographs 200] [--workers 2]
     python benchmarks/scale.py paper
 
@@ -8,8 +8,8 @@
 75 % overlap both ways, GPS and focal length in EXIF), and runs each stage by the command in a process of its own:
 core seconds and peak memory from the system, less the core seconds of a command with nothing left to do; sparse and
 dense with the page that is written after them. Core seconds, not seconds, for those change little with what else the
-machine does. Stages that grow faster than the set end at smaller ones. Exponents are slopes of log core seconds over
-log photographs.
+machine does. Stages that grow faster than the set end at smaller ones; sizes may be run one by one
+into the same FOLDER. Exponents are slopes of log core seconds over log photographs.
 `paper` applies its figures, which it keeps in FOLDER, to a million. `workers` runs the per-image stages on
 `local:1` and `local:N` in turn, three times, and divides by the cores that were free in the same minute, which it
 measures with N busy loops.
@@ -26,6 +26,7 @@ import subprocess
 import sys
 import tempfile
 import time
+from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor
 from multiprocessing import get_context
 from pathlib import Path
@@ -43,13 +44,13 @@ from colmap_ihe.terminal import print_table
 WIDTH, HEIGHT, STEP = 640, 480, (160, 120)  # pixels on the ground; a quarter of a photograph
 FOCAL, FLIGHT = 600.0, 600.0  # pixels, and pixels above the ground, so that there a pixel is a pixel
 ROOFS = (0.0, 60.0, 140.0)  # heights of the layers
-SIZES = (30, 100, 300, 1000, 3000)
+SIZES = [30, 100, 300, 1000, 3000]
 UP_TO = {
     "exhaustive": 100,
     "spatial": 1000,
-    "vocabtree": 300,
+    "vocabtree": 100,
     "sparse": 100,
-    "hierarchical": 300,
+    "hierarchical": 100,
     "dense": 30,
 }
 """Photographs up to which a stage is run here; the others at all sizes."""
@@ -59,6 +60,8 @@ QUICK = (
     "features.colmap.sift.max_num_features=1000",
     "dense.max_image_size=320",
 )
+Costs = dict[str, dict[str, tuple[float, float]]]
+"""By stage and number of photographs: core seconds, and MB of the largest process."""
 METRES = 0.1  # a pixel on the ground
 _MEASURED = """
 import json, resource, subprocess, sys
@@ -74,14 +77,14 @@ holds a city."""
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("what", choices=("grow", "workers", "paper"))
-    parser.add_argument("--most", type=int, default=3000)
+    parser.add_argument("--sizes", type=int, nargs="+", default=SIZES)
     parser.add_argument("--out", type=Path, default=Path(tempfile.gettempdir()) / "colmap-ihe-scale")
     parser.add_argument("--photographs", type=int, default=200)
     parser.add_argument("--workers", type=int, default=2)
     parsed = parser.parse_args()
     parsed.out.mkdir(parents=True, exist_ok=True)
     if parsed.what == "grow":
-        grow(parsed.most, parsed.out)
+        grow(parsed.sizes, parsed.out)
     elif parsed.what == "workers":
         workers(parsed.photographs, parsed.workers)
     else:
@@ -182,9 +185,10 @@ def run(project: Path, until: str, *more: str) -> tuple[dict[str, Any], float, f
     return json.loads(output), core, memory
 
 
-def grow(most: int, out: Path) -> None:
-    costs: dict[str, dict[int, tuple[float, float]]] = {}
-    for count in (size for size in SIZES if size <= most):
+def grow(sizes: Sequence[int], out: Path) -> None:
+    file = out / "costs.json"
+    costs: Costs = json.loads(file.read_text()) if file.exists() else {}
+    for count in sizes:
         project = out / f"city-{count}"
         shutil.rmtree(project, ignore_errors=True)
         shoot(project, count)
@@ -198,6 +202,7 @@ def grow(most: int, out: Path) -> None:
         ) -> dict[str, Any]:
             found = run(at, until, *more)
             _note(costs, name, n, found, less)
+            file.write_text(json.dumps(costs))
             return found[0]
 
         for stage in ("fit", "convert", "features"):
@@ -214,20 +219,19 @@ def grow(most: int, out: Path) -> None:
         if count <= UP_TO["dense"]:
             measured("dense", "dense", chosen)
         shutil.rmtree(project)
-        (out / "costs.json").write_text(json.dumps(costs))
     print(f"\n{local_workers()} cores\n")
-    tables(json.loads((out / "costs.json").read_text()))
+    tables(costs)
 
 
 def _note(
-    costs: dict[str, dict[int, tuple[float, float]]],
+    costs: Costs,
     name: str,
     count: int,
     found: tuple[dict[str, Any], float, float],
     idle: float,
 ) -> None:
     _, core, memory = found
-    costs.setdefault(name, {})[count] = (max(0.01, core - idle), memory)
+    costs.setdefault(name, {})[str(count)] = (max(0.01, core - idle), memory)
     print(f"{count:>6} {name:<14} {core - idle:>9.2f} core s {memory:>7.0f} MB", flush=True)
 
 
@@ -238,9 +242,6 @@ def exponent(by_size: dict[int, float]) -> float | None:
         return None
     x, y = np.array(known).T
     return float(np.polyfit(x, y, 1)[0])
-
-
-Costs = dict[str, dict[str, tuple[float, float]]]
 
 
 def tables(costs: Costs) -> None:
