@@ -3,7 +3,8 @@
     python benchmarks/survive.py --times 100 --seed 1
 
 Every time the demo scene, small, runs anew, and gets SIGKILL, SIGTERM or SIGINT at a moment drawn over the time that
-it takes undisturbed, or stands on a disk that is full before it is done. Then every file under its final name is read
+one of its stages took undisturbed, or before all of them, or stands on a disk that is full before it is done. Then
+every file under its final name is read
 to its end, the disk gets room, and the same command runs again. It survived if that ends well, with the weights, grey
 images and colour twins of the undisturbed run to the byte, as many images registered, and cameras as near to the truth.
 """
@@ -21,7 +22,7 @@ import sys
 import tempfile
 import time
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from hashlib import sha256
@@ -48,6 +49,7 @@ LONG = 600.0
 KINDS = ("SIGKILL", "SIGTERM", "SIGINT", "full disk")
 _BOUND = 3.0  # times the undisturbed run's position error, which itself varies from run to run
 _LEAST_M = 0.01
+_START = 1.5  # seconds before the first stage
 _DISK = 60_000_000  # bytes; the project takes about half
 
 
@@ -146,14 +148,17 @@ def _read_ply(file: Path) -> None:
     assert len(body) == count * stride, "another length"
 
 
-def disturb(project: Path, kind: str, after_s: float) -> str:
-    """The stage in which the disturbance came, "before" the first or "after" all."""
+def disturb(project: Path, kind: str, stage: str, after_s: float) -> str:
+    """Disturbs a run so long after `stage` began, or after the start if it is empty. The stage in which that came."""
     with subprocess.Popen(
         command(project), stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, start_new_session=True
     ) as process:
         if kind == "full disk":
             process.wait(LONG)
         else:
+            begun = project / f"records/{stage}.begun.json"
+            while stage and not begun.exists() and process.poll() is None:
+                time.sleep(0.01)
             try:
                 process.wait(after_s)
             except subprocess.TimeoutExpired:
@@ -181,16 +186,28 @@ def place(where: Path, size: int | None) -> Iterator[Path]:
         shutil.rmtree(where)
 
 
-def once(
-    work: Path, images: Path, truth: Truth, kind: str, share: float, took: float, wanted: Came
-) -> tuple[str, str]:
+@dataclass(frozen=True)
+class Moment:
+    """So many seconds after `stage` began, or after the start if it is empty; of a disk, how much of it there is."""
+
+    stage: str
+    after_s: float
+    share: float
+
+
+def moment_in(seconds: Mapping[str, float], drawn: random.Random) -> Moment:
+    stage, share = drawn.choice(["", *seconds]), drawn.random()
+    return Moment(stage, share * max(0.1, seconds.get(stage, _START)), share)
+
+
+def once(work: Path, images: Path, truth: Truth, kind: str, moment: Moment, wanted: Came) -> tuple[str, str]:
     """Where it was disturbed, and what went wrong, empty for nothing."""
-    size = int(share * _DISK * 0.6) + 200_000 if kind == "full disk" else None
+    size = int(moment.share * _DISK * 0.6) + 200_000 if kind == "full disk" else None
     with place(work / "once", size) as disk:
         project = disk / "project"
         project.mkdir()
         (project / "images").symlink_to(images)
-        stage = disturb(project, kind, share * took)
+        stage = disturb(project, kind, moment.stage, moment.after_s)
         if broken := partial_files(project):
             return stage, f"half-written: {broken[0]}"
         if size is not None:
@@ -231,19 +248,19 @@ def main() -> int:
             shutil.move(file, work / "demo/jpeg" / file.name)
         with place(work / "undisturbed", None) as project:
             (project / "images").symlink_to(work / "demo/jpeg")
-            began = time.monotonic()
             status, line = finish(project)
-            took = time.monotonic() - began
             if status:
                 raise SystemExit(f"the undisturbed run failed: {line}")
             wanted = came_of(project, truth)
+            records = {name: json.loads((project / f"records/{name}.json").read_text()) for name in NAMES}
+            seconds = {name: float(record["seconds"]) for name, record in records.items()}
         print(
-            f"undisturbed: {took:.1f} s, {wanted.registered} registered, {1000 * wanted.position_m:.1f} mm",
+            f"undisturbed: {sum(seconds.values()):.1f} s, {wanted.registered} registered, {1000 * wanted.position_m:.1f} mm",
             flush=True,
         )
         for number in range(1, parsed.times + 1):
-            kind, share = kinds[(number - 1) % len(kinds)], drawn.random()
-            stage, wrong = once(work, work / "demo/jpeg", truth, kind, share, took, wanted)
+            kind, moment = kinds[(number - 1) % len(kinds)], moment_in(seconds, drawn)
+            stage, wrong = once(work, work / "demo/jpeg", truth, kind, moment, wanted)
             tried[kind, stage] += 1
             if wrong:
                 failed.append(f"{number}, {kind} in {stage}: {wrong}")
