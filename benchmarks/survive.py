@@ -156,8 +156,8 @@ def disturb(project: Path, kind: str, stage: str, after_s: float) -> str:
         if kind == "full disk":
             process.wait(LONG)
         else:
-            begun = project / f"records/{stage}.begun.json"
-            while stage and not begun.exists() and process.poll() is None:
+            sign = project / f"records/{stage}.begun.json"
+            while stage and not sign.exists() and process.poll() is None:
                 time.sleep(0.01)
             try:
                 process.wait(after_s)
@@ -255,7 +255,8 @@ def main() -> int:
             records = {name: json.loads((project / f"records/{name}.json").read_text()) for name in NAMES}
             seconds = {name: float(record["seconds"]) for name, record in records.items()}
         print(
-            f"undisturbed: {sum(seconds.values()):.1f} s, {wanted.registered} registered, {1000 * wanted.position_m:.1f} mm",
+            f"undisturbed: {sum(seconds.values()):.1f} s, {wanted.registered} registered,"
+            f" {1000 * wanted.position_m:.1f} mm",
             flush=True,
         )
         for number in range(1, parsed.times + 1):
