@@ -100,8 +100,8 @@ def _dense(options: Options, known: Known) -> list[Part]:
         return parts
     return [
         *parts,
-        Part("mesh", "photographs looked through", 0.1 * megapixels + 0.04 * images),
-        Part("mesh", "atlases", 1.5 + 1e-6 * points),
+        Part("mesh", "photographs looked through", 0.14 * megapixels + 0.04 * images),
+        Part("mesh", "atlases", 0.5 + 6e-7 * points),
         Part("mesh", "photographs compared at seams", 0.03 * megapixels + 0.02 * images),
         Part("mesh", "seams", 1.5 + 3.5e-6 * points),
         Part("mesh", "photographs on the texture", 0.045 * megapixels + 0.03 * images),
