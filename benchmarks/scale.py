@@ -46,8 +46,9 @@ FOCAL, FLIGHT = 600.0, 600.0  # pixels, and pixels above the ground, so that the
 ROOFS = (0.0, 60.0, 140.0)  # heights of the layers
 SIZES = [30, 100, 300, 1000, 3000]
 UP_TO = {
+    "features": 1000,
     "exhaustive": 100,
-    "spatial": 1000,
+    "spatial": 300,
     "vocabtree": 100,
     "sparse": 100,
     "hierarchical": 100,
@@ -206,7 +207,8 @@ def grow(sizes: Sequence[int], out: Path) -> None:
             return found[0]
 
         for stage in ("fit", "convert", "features"):
-            measured(stage, stage)
+            if count <= UP_TO.get(stage, count):
+                measured(stage, stage)
         for strategy in ("exhaustive", "vocabtree", "spatial"):
             if count <= UP_TO[strategy]:
                 found = measured(strategy, "matches", f"matches.strategy={strategy}")
