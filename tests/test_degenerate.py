@@ -19,6 +19,7 @@ from colmap_ihe.doubts import camera_warnings, flat_warnings, fold_warnings, mat
 from colmap_ihe.errors import MappingError
 from colmap_ihe.options import Options
 from colmap_ihe.pipeline import Reconstruction, reconstruct
+from colmap_ihe.project_yaml import load_options
 
 MakeOptions = Callable[..., Options]
 QUICK = ("fit.measure=false", "dense.enabled=false")
@@ -174,11 +175,9 @@ def test_neighbours_only_unfolds_two_wings(run: Callable[..., Reconstruction]) -
 @pytest.mark.slow
 @pytest.mark.data
 @pytest.mark.parametrize("name", ["fountain-p11", "sceaux", "sacre-coeur"])
-def test_no_false_alarm_on_real_photographs(
-    photographs: Path, tmp_path: Path, quick_options: MakeOptions, name: str
-) -> None:
+def test_no_false_alarm_on_real_photographs(photographs: Path, tmp_path: Path, name: str) -> None:
     done = reconstruct(
-        tmp_path, quick_options(*QUICK, "features.max_image_size=1400"), images=photographs / name
+        tmp_path, load_options(None, [*QUICK, "features.max_image_size=1400"]), images=photographs / name
     )
     said = warnings(done)
     for words in ("like parts", "no camera has", "of one plane", "came out", "have no place"):
