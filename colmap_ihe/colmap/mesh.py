@@ -80,7 +80,7 @@ def reconstruct_surface(
     thin = thinned(points, 2 * _cells_per_unit(_positions(points), native.depth))
     del points
     _require_points(len(thin))
-    parts = [mesh.with_name(f"{mesh.stem}.{word}.part.ply") for word in ("cloud", "poisson", "simple")]
+    parts = [mesh.with_name(f".{mesh.stem}.{word}.part.ply") for word in ("cloud", "poisson", "simple")]
     try:
         write_rows(parts[0], thin)
         watch.advance()
