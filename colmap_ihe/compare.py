@@ -94,20 +94,16 @@ def compare(
             done = _matched(one, said, images_of, ahead)
             runs = {seed: _mapped(done, options, seed, truth, audience) for seed in range(seeds + 1)}
             projects.append(done)
-            first = projects[0]
-            cameras = _seed_folder(first, 0) / "0"
-            if not found and not runs[0]["registered"]:
-                raise MappingError(
-                    f"{method}: no photograph has a place in its model, and its cameras would serve for all methods",
-                    hint="name another method first",
-                )
+            cameras = _seed_folder(projects[0], 0) / "0"
+            if not found:
+                _require_cameras(method, runs[0])
             found.append(
                 Compared(
                     method,
                     done.summary["weights"] and tuple(done.summary["weights"]),
                     matching_of(done.project, cameras, chosen),
                     runs,
-                    _dense_points(done, first, options, images_of, audience),
+                    _dense_points(done, projects[0], options, images_of, audience),
                 )
             )
         shutil.rmtree(place.comparison / _DEVELOPED, ignore_errors=True)
@@ -123,6 +119,14 @@ def _check_names(methods: Sequence[str]) -> None:
                 f"no method is called {method!r}",
                 hint=f"the methods are {', '.join(m for m in CONVERSIONS if m != 'auto')}, {PAPER}",
             )
+
+
+def _require_cameras(method: str, run: Mapping[str, float]) -> None:
+    if not run["registered"]:
+        raise MappingError(
+            f"{method}: no photograph has a place in its model, and its cameras would serve for all methods",
+            hint="name another method first",
+        )
 
 
 def _write(place: Project, found: Sequence[Compared]) -> None:

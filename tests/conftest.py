@@ -9,9 +9,10 @@ import os
 import shutil
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import pytest
+from browser import chromium, headless
 from hypothesis import settings
 
 import colmap_ihe  # noqa: F401  before pycolmap
@@ -20,6 +21,9 @@ from colmap_ihe.demo.folder import render_demo
 from colmap_ihe.options import Options
 from colmap_ihe.pipeline import reconstruct
 from colmap_ihe.project_yaml import load_options
+
+if TYPE_CHECKING:
+    from playwright.sync_api import Browser
 
 settings.register_profile("house", deadline=None, derandomize=True, database=None)
 settings.load_profile("house")
@@ -62,6 +66,15 @@ def decode_jpeg(data, *more, **named):
 
 simplejpeg.decode_jpeg = decode_jpeg
 """
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Browser]:
+    pytest.importorskip("playwright", reason="playwright is not installed")
+    if chromium() is None:
+        pytest.skip("no Chromium is installed")
+    with headless() as started:
+        yield started
 
 
 @pytest.fixture

@@ -20,6 +20,12 @@ Make = Callable[..., Path]
 WEIGHTS = "method: given\nweights: [0.5, 0.25, 0.25]\n"
 
 
+def repeat(project: Path, folder: Path, until: str) -> list[str]:
+    """The arguments of a run on a project's photographs, in `folder`."""
+    images = ["--images", str(project / "images")]
+    return ["reconstruct", str(folder / "again"), *images, "--until", until]
+
+
 def test_the_same_again_elsewhere(
     new_project: Make, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -28,14 +34,7 @@ def test_the_same_again_elsewhere(
     arguments = ["--until", "convert", "--set", "fit.method=green", *settings]
     assert main(["reconstruct", str(project), *arguments]) == 0
     capsys.readouterr()
-    again = [
-        "reconstruct",
-        str(tmp_path / "again"),
-        "--images",
-        str(project / "images"),
-        "--until",
-        "convert",
-    ]
+    again = repeat(project, tmp_path, "convert")
     assert main([*again, "--from-record", str(project)]) == 0
     assert "warning" not in capsys.readouterr().err
     for image in sorted((project / "workspace/images").iterdir()):
@@ -115,15 +114,7 @@ def test_weights_of_a_record_are_those_of_its_project(new_project: Make, tmp_pat
     (project / "given.yaml").write_text(WEIGHTS, encoding="utf-8")
     settings = ["--set", "fit.weights=given.yaml", "--set", "fit.measure=false", "--until", "fit", "-q"]
     assert main(["reconstruct", str(project), *settings]) == 0
-    again = [
-        "reconstruct",
-        str(tmp_path / "again"),
-        "--images",
-        str(project / "images"),
-        "--until",
-        "fit",
-        "-q",
-    ]
+    again = [*repeat(project, tmp_path, "fit"), "-q"]
     assert main([*again, "--from-record", str(project)]) == 0
     assert (tmp_path / "again/report/weights.yaml").read_bytes() == (
         project / "report/weights.yaml"

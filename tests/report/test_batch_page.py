@@ -4,13 +4,11 @@ from __future__ import annotations
 
 import dataclasses
 import re
-from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
-from browser import chromium, headless
 from test_page import HOSTILE, Elements
 
 from colmap_ihe.batch_folder import BatchFolder
@@ -164,15 +162,6 @@ def test_a_name_that_is_not_utf8_can_be_written(folder: BatchFolder) -> None:
     publish(folder, state(folder), {})
     assert "caf?" in folder.json_file.read_text(encoding="utf-8")
     assert "caf\\udce9" in folder.page_file.read_text(encoding="utf-8")
-
-
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Browser]:
-    pytest.importorskip("playwright", reason="playwright is not installed")
-    if chromium() is None:
-        pytest.skip("no Chromium is installed")
-    with headless() as started:
-        yield started
 
 
 def test_in_a_browser(browser: Browser, folder: BatchFolder, tmp_path: Path) -> None:

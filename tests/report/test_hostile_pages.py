@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import dataclasses
 import json
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
-from browser import chromium, headless
 from synthetic import synthetic_contents
 from test_batch_page import contents as batch_contents
 from test_page import Elements
@@ -144,15 +143,6 @@ def test_addresses_in_the_page_of_a_batch_stay_within(tmp_path: Path) -> None:
     own = [link for link in links if not link.startswith("#")]
     assert len(own) == 8
     assert all(link.startswith("../") and ":" not in link and '"' not in link for link in own)
-
-
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Browser]:
-    pytest.importorskip("playwright", reason="playwright is not installed")
-    if chromium() is None:
-        pytest.skip("no Chromium is installed")
-    with headless() as started:
-        yield started
 
 
 @pytest.mark.parametrize("page", PAGES)

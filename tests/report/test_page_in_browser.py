@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
-from browser import chromium, headless
 from numpy.typing import NDArray
 from PIL import Image
 from synthetic import synthetic_contents
@@ -19,18 +18,8 @@ from colmap_ihe.report.page import render_page
 if TYPE_CHECKING:
     from playwright.sync_api import Browser, Dialog, Locator, Page
 
-pytest.importorskip("playwright", reason="playwright is not installed")
-if chromium() is None:
-    pytest.skip("no Chromium is installed", allow_module_level=True)
-
 HOSTILE = '"><script>window.ran=1;alert(1)</script><img src=x onerror="window.ran=2;alert(2)">'
 WIDE, PHONE = {"width": 1100, "height": 800}, {"width": 360, "height": 740}
-
-
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Browser]:
-    with headless() as started:
-        yield started
 
 
 @pytest.fixture(scope="module")
