@@ -8,7 +8,7 @@ from typing import Any
 
 from colmap_ihe import memory
 from colmap_ihe.captures.discover import Capture
-from colmap_ihe.colmap.cost import dense_cost
+from colmap_ihe.colmap.cost import ASPECT, dense_cost, pixels_within
 from colmap_ihe.colmap.dense import pick_backend
 from colmap_ihe.colmap.feature_shards import extraction_options
 from colmap_ihe.colmap.features import features_bytes
@@ -16,7 +16,6 @@ from colmap_ihe.colmap.matching import MATCH_BYTES_A_FEATURE, choose_strategy, p
 from colmap_ihe.options import Options
 from colmap_ihe.preprocess import Surveyed
 
-_ASPECT = 1.5  # of photographs, by and large
 _BASE = (
     350_000_000  # bytes of memory of any run: the interpreter, the libraries, COLMAP's caches of a small set
 )
@@ -92,8 +91,8 @@ def demands_of(options: Options, photographs: Set) -> list[Demand]:
     images, pixels = photographs.images, photographs.pixels
     share_raw = photographs.raw / max(1, images)
     of_format = _GREY_AND_COLOUR[options.convert.format]
-    side = (photographs.largest * _ASPECT) ** 0.5
-    largest = (max(1, round(side)), max(1, round(side / _ASPECT)))
+    side = (photographs.largest * ASPECT) ** 0.5
+    largest = (max(1, round(side)), max(1, round(side / ASPECT)))
     features = _features_of(options, pixels / max(1, images))
     pairs = pairs_of(choose_strategy(options.matches.strategy, images, images), images)
     found = [
@@ -138,9 +137,7 @@ def _dense(options: Options, largest: tuple[int, int], photographs: Set) -> list
     size, backend = options.dense.max_image_size, pick_backend(options.dense.backend)
     one = dense_cost([largest], size, backend, 1, 0)
     seen = _seen(options, photographs)
-    every = dense_cost(
-        [(round((seen * _ASPECT) ** 0.5), round((seen / _ASPECT) ** 0.5))], 10**9, backend, 1, 0
-    )
+    every = dense_cost([(round((seen * ASPECT) ** 0.5), round((seen / ASPECT) ** 0.5))], 10**9, backend, 1, 0)
     found = [Demand("dense", _BASE, one.memory_bytes, every.disk_bytes, every.fusion_bytes)]
     if options.meshed:
         points = _POINTS_A_PIXEL * seen
@@ -153,4 +150,4 @@ def _dense(options: Options, largest: tuple[int, int], photographs: Set) -> list
 
 def _seen(options: Options, photographs: Set) -> float:
     """Pixels that dense stereo looks at."""
-    return min(photographs.pixels, photographs.images * options.dense.max_image_size**2 / _ASPECT)
+    return pixels_within(options.dense.max_image_size, photographs.images, photographs.pixels)

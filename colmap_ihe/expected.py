@@ -7,12 +7,12 @@ from dataclasses import dataclass
 from typing import Any
 
 from colmap_ihe.colmap import textured
+from colmap_ihe.colmap.cost import pixels_within
 from colmap_ihe.colmap.dense import pick_backend
 from colmap_ihe.colmap.matching import choose_strategy, pairs_of
 from colmap_ihe.forecast import Part
 from colmap_ihe.options import Options
 
-_ASPECT = 1.5  # of photographs, by and large
 _COLMAPS_LARGEST = 3200  # pixels along the longer side, of images in which features are sought
 _FEATURES = 12_000  # of a megapixel, and at the most of a photograph
 _INLIERS = 0.7  # for each feature, in pairs that overlap as they do in most sets
@@ -59,7 +59,8 @@ def expected(options: Options, known: Known, until: str) -> list[Part]:
     images, megapixels = known.images, known.pixels / 1e6
     raw = _RAW * known.raw_pixels / 1e6
     pairs = pairs_of(choose_strategy(options.matches.strategy, images, known.with_gps), images)
-    looked_at = _within(options.features.max_image_size or _COLMAPS_LARGEST, images, megapixels)
+    largest = options.features.max_image_size or _COLMAPS_LARGEST
+    looked_at = pixels_within(largest, images, known.pixels) / 1e6
     parts = [
         Part("fit", "images", 0.005 * (megapixels + raw)),
         Part("convert", "images", 0.015 * (megapixels + raw)),
@@ -82,7 +83,7 @@ def expected(options: Options, known: Known, until: str) -> list[Part]:
 def _dense(options: Options, known: Known) -> list[Part]:
     images = known.registered
     megapixels = known.pixels / 1e6 * images / known.images
-    seen = _within(options.dense.max_image_size, images, megapixels)
+    seen = pixels_within(options.dense.max_image_size, images, 1e6 * megapixels) / 1e6
     points = 1e6 * seen * _POINTS if known.points is None else known.points
     if pick_backend(options.dense.backend) == "patchmatch":
         depth = Part("dense", "runs of PatchMatch", 3.0 * seen)
@@ -107,8 +108,3 @@ def _dense(options: Options, known: Known) -> list[Part]:
         Part("mesh", "photographs on the texture", 0.045 * megapixels + 0.03 * images),
         Part("mesh", "sets of files", 1.0),
     ]
-
-
-def _within(largest: int, images: int, megapixels: float) -> float:
-    """Megapixels of photographs made no larger than so many pixels along the longer side."""
-    return min(megapixels, images * largest**2 / _ASPECT / 1e6)

@@ -10,6 +10,7 @@ from colmap_ihe.colmap.dense import Backend
 from colmap_ihe.colmap.fusion import FUSION_BYTES, fusion_bytes
 from colmap_ihe.memory import most_at_once
 
+ASPECT = 1.5  # of photographs, by and large
 STEREO_BYTES_A_PIXEL = 200
 """Of one depth map on the way: five sources and their common frames. Measured with benchmarks/dense.py."""
 _CORE_SECONDS_A_MEGAPIXEL = 4.8
@@ -17,11 +18,15 @@ _CORE_SECONDS_A_MEGAPIXEL = 4.8
 _FILES_BYTES_A_PIXEL = 28  # grey, colour, depth and normals of a pixel, and its share of the cloud
 
 
+def pixels_within(largest: int, images: int, pixels: float) -> float:
+    """Pixels of `images` photographs that have `pixels` in all, made no larger than so many along the longer side."""
+    return min(pixels, images * largest**2 / ASPECT)
+
+
 @dataclass(frozen=True)
 class DenseCost:
-    """An estimate. `at_once`: depth maps that are worked on at a time; None where the GPU does that.
-    `fusion_bytes` of `memory_bytes`, which comes after the
-    maps. `minutes`: None where it was never measured."""
+    """An estimate. `at_once`: depth maps that are worked on at a time; None where the GPU does that. `fusion_bytes` of
+    `memory_bytes`, which comes after the maps. `minutes`: None where it was never measured."""
 
     backend: Backend
     images: int
