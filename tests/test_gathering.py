@@ -19,7 +19,8 @@ from hypothesis import strategies as st
 from PIL import Image
 
 from colmap_ihe import gathering
-from colmap_ihe.captures.decode import read_photograph
+from colmap_ihe.captures import decoders
+from colmap_ihe.captures.decode import message_of, read_photograph
 from colmap_ihe.captures.decoders import Kept
 from colmap_ihe.captures.discover import Capture
 from colmap_ihe.captures.tally import Tally
@@ -182,6 +183,27 @@ def test_a_chunk_ends_soon_after_it_is_cancelled(tmp_path: Path) -> None:
     with ThreadPoolExecutor(1) as threads, pytest.raises(Cancelled):
         gather(captures, counting(), threads, watch, {})
     assert time.monotonic() - began < 8
+
+
+@pytest.mark.parametrize("weighting", ["pixel", "image"])
+def test_a_decoder_counts_one_chunk_after_another(tmp_path: Path, weighting: Weighting) -> None:
+    """Whatever came before: a chunk handed over, one given up, one sampled, a photograph read."""
+    captures = [photograph(tmp_path, number) for number in range(3)]
+    how, sampled = counting(weighting=weighting), counting(weighting=weighting, sample=0.5)
+    decoders.rest()
+
+    def as_expected(some: Sequence[Capture], how: Counting) -> bool:
+        return same(pooled(counted(some, how), weighting=weighting), expected(some, how))
+
+    for some in (captures, captures[:1], captures[1:]):
+        assert as_expected(some, how)
+    with decoders.kept() as decoder:
+        asked: dict[str, Any] = {"capture": message_of(captures[0]), "contrast": False, "returned": False}
+        decoder.ask("count", "0", first=True, encoding="coded", weighting=weighting, sample=1.0, **asked)
+    assert as_expected(captures[1:], how)
+    assert as_expected(captures[1:], sampled)
+    assert read_photograph(captures[0]).rgb.size
+    assert as_expected(captures[:2], how)
 
 
 @pytest.mark.parametrize(

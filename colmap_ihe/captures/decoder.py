@@ -26,7 +26,7 @@ from colmap_ihe.errors import Cancelled, CapabilityError, PhotographError
 SECONDS = 120.0
 """For a header, or to start: a disk may have to wake up, or a file to come from a cloud."""
 _TICK_MS = 100  # how long a cancelled read may go on
-_START = "import sys; sys.path[:] = sys.argv[2:]; from colmap_ihe.captures.decoder_main import main; main()"
+_START = "import sys; sys.path[:] = sys.argv[3:]; from colmap_ihe.captures.decoder_main import main; main()"
 _ONE_THREAD = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}  # photographs are what is parallel
 BROKEN = "copy it from the card again, or take it out of the folder"
 
@@ -65,11 +65,13 @@ class Decoder:
         self._ready = False
         self._words = anonymous_file()  # what it says on stderr, and in the end perhaps why
         self._socket, theirs = socket.socketpair()
+        self._lifeline, watched = socket.socketpair()  # nothing is sent on it
+        passed = (theirs.fileno(), watched.fileno())
         try:
-            with theirs:
+            with theirs, watched:
                 self._process = subprocess.Popen(
-                    [sys.executable or "python3", "-c", _START, str(theirs.fileno()), *sys.path],
-                    pass_fds=[theirs.fileno()],
+                    [sys.executable or "python3", "-c", _START, *map(str, passed), *sys.path],
+                    pass_fds=passed,
                     stdin=subprocess.DEVNULL,
                     stdout=subprocess.DEVNULL,
                     stderr=self._words,
@@ -77,8 +79,7 @@ class Decoder:
                     env=os.environ | _ONE_THREAD,
                 )
         except OSError as error:
-            self._socket.close()
-            os.close(self._words)
+            self._close()
             raise _cannot_start(str(error)) from error
 
     def ask(self, request: Message, name: str, seconds: float) -> tuple[Message, NDArray[Any] | None]:
@@ -163,7 +164,11 @@ class Decoder:
         """Lets go of one that belongs to another process."""
         self.dead = True
         self._process.returncode = self._process.returncode or 0
+        self._close()
+
+    def _close(self) -> None:
         self._socket.close()
+        self._lifeline.close()
         os.close(self._words)
 
 

@@ -39,7 +39,7 @@ class _Desk:
 
     def __init__(self) -> None:
         self.room = Room()
-        self.tally: Tally | None = None
+        self.tally: Tally | None = None  # used again once it is handed over: making its pages takes long
 
 
 def _read(desk: _Desk, capture: Message) -> decode.Photograph:
@@ -58,8 +58,8 @@ def _read(desk: _Desk, capture: Message) -> decode.Photograph:
 def _count(
     desk: _Desk, *, capture: Message, first: bool, contrast: bool, returned: bool, **how: Any
 ) -> _Answer:
-    """Adds the photograph to the tally, a new one if it is the `first`."""
-    if first or desk.tally is None:
+    """Adds the photograph to the tally, an empty one if it is the `first`."""
+    if desk.tally is None or (first and not desk.tally.may_begin(**how)):
         desk.tally = Tally(**how)
     found = _read(desk, capture)
     measured = desk.tally.add(found.rgb, contrast)
@@ -67,11 +67,10 @@ def _count(
 
 
 def _tally(desk: _Desk) -> _Answer:
-    """Hands the tally over."""
-    tally, desk.tally = desk.tally, None
-    if tally is None:
+    """Hands over what the tally holds."""
+    if desk.tally is None:
         raise ValueError("nothing was counted")
-    sums = tally.handed_over()
+    sums = desk.tally.handed_over()
     return sums.head(), np.frombuffer(sums.cells, np.uint8)
 
 
@@ -135,6 +134,7 @@ TASKS: Mapping[str, Callable[..., _Answer]] = {
     "black": _black,
     "bad pixels": _bad_pixels,
 }
+_COUNTING = ("count", "tally")  # between others the tally's memory is given back
 
 
 def _capture(values: Message) -> Capture:
@@ -144,12 +144,14 @@ def _capture(values: Message) -> Capture:
 
 
 def main() -> None:
-    """Answers on the socket whose number is the first argument, until its other end is closed."""
+    """Answers on the socket whose number is the first argument, until its other end is closed, or that of the socket
+    whose number is the second."""
     warnings.simplefilter("ignore")  # of broken photographs, which we name ourselves
     cv2.setNumThreads(1)
     fcntl.fcntl(_STDERR, fcntl.F_SETFL, fcntl.fcntl(_STDERR, fcntl.F_GETFL) | os.O_APPEND)
     with suppress(OSError):  # if memory runs out after all, then a decoder goes and not the run
         Path("/proc/self/oom_score_adj").write_text("900", encoding="ascii")
+    _die_with(int(sys.argv[2]))
     with socket.socket(fileno=int(sys.argv[1])) as sock, suppress(ConnectionError):
         send(sock, {"ready": True})
         desk = _Desk()
@@ -162,10 +164,12 @@ def _answer(sock: socket.socket, request: Message, desk: _Desk) -> None:
     os.ftruncate(_STDERR, 0)
     if not request["free"]:  # what was sent before is still in use
         room.leave()
+    if request["task"] not in _COUNTING:
+        desk.tally = None
     answer: Message
     fd = None
     try:
-        with _dying_with(sock), _memory_limit(request["memory"]):
+        with _memory_limit(request["memory"]):
             value, array = TASKS[request["task"]](desk, **request["arguments"])
             answer = {"value": value}
             if array is not None:
@@ -197,17 +201,12 @@ def _refuse_damaged(name: str) -> None:
         )
 
 
-@contextmanager
-def _dying_with(sock: socket.socket) -> Iterator[None]:
-    """Within, the end of the other side ends this process at once, be it deep in a native loop: by SIGIO."""
-    flags = fcntl.fcntl(sock, fcntl.F_GETFL)
+def _die_with(lifeline: int) -> None:
+    """The closing of its other end ends this process at once, be it deep in a native loop: by SIGIO, which would come
+    of what is sent as well, and late, so nothing ever is."""
     if hasattr(fcntl, "F_SETOWN"):
-        fcntl.fcntl(sock, fcntl.F_SETOWN, os.getpid())
-    fcntl.fcntl(sock, fcntl.F_SETFL, flags | fcntl.FASYNC)
-    try:
-        yield
-    finally:
-        fcntl.fcntl(sock, fcntl.F_SETFL, flags)
+        fcntl.fcntl(lifeline, fcntl.F_SETOWN, os.getpid())
+    fcntl.fcntl(lifeline, fcntl.F_SETFL, fcntl.fcntl(lifeline, fcntl.F_GETFL) | fcntl.FASYNC)
 
 
 @contextmanager

@@ -25,6 +25,11 @@ class Tally:
         self._histogram = Histogram(encoding, weighting)
         self._sample = sample
 
+    def may_begin(self, encoding: Encoding, weighting: Weighting, sample: float) -> bool:
+        """Whether it holds nothing, and counts like this."""
+        own = (self._histogram.encoding, self._histogram.weighting, self._sample)
+        return not self._histogram.images and own == (encoding, weighting, sample)
+
     def add(self, rgb: Pixels, contrast: bool) -> Contrast | None:
         """Counts one photograph, (H, W, 3) as `Histogram.add` takes it, and with `contrast` measures it, in all of
         its pixels. Raises before anything of it is counted; ends the process rather than keep a part."""

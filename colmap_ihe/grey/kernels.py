@@ -1,50 +1,18 @@
-"""The compiled inner loops of the grey room (kernels.c), each on NumPy arrays.
-
-Loaded as a plain shared library: ctypes gives up the interpreter's lock for the time of a call, so threads
-run side by side. Arrays are checked here, for C does not.
-"""
+"""The compiled inner loops (kernels.c) of the fit: colours counted, and grey levels of what was counted."""
 
 from __future__ import annotations
 
 import ctypes
-from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from colmap_ihe.errors import CapabilityError
+from colmap_ihe.grey.compiled import C, at, check, length
 from colmap_ihe.grey.rules import LEVELS, Rules
 
 Gathered = tuple[NDArray[np.uint8], NDArray[np.uint8], NDArray[np.uint64]]
 """Least and greatest codes of M boxes, planes (3, M), and their mass, (M,)."""
-
-Band = NDArray[np.float32]
-"""(10,): the taps of two Gaussians of 7, from the middle outwards, whose difference is a band of detail; then the
-least and the greatest value, of a pixel's brightest channel, with which the pixel counts."""
-
-BAND_REACH = 6
-"""Pixels around one that its value in a band comes from."""
-_SUMS = 8
-
-
-def _load() -> ctypes.CDLL:
-    path = Path(__file__).with_name("libkernels.so")
-    try:
-        library = ctypes.CDLL(str(path))
-    except OSError as error:
-        raise CapabilityError(
-            f"{path}: the compiled part of colmap-ihe cannot be loaded ({error})",
-            hint="install colmap-ihe with pip, which builds it, as in `pip install .`",
-        ) from error
-    for name in ("occupied", "gather", "pack_cells", "pack_table"):
-        getattr(library, name).restype = ctypes.c_size_t
-    return library
-
-
-_C = _load()
-
 
 CELLS = 1 << 24
 FULL = 65535
@@ -68,7 +36,7 @@ class Table:
         self.low[place], self.high[place] = counts - full // FULL * FULL, full // FULL
 
     def __iadd__(self, other: Table) -> Table:
-        _C.add_table(_at(other.low), _at(other.high), _at(self.low), _at(self.high))
+        C.add_table(at(other.low), at(other.high), at(self.low), at(self.high))
         return self
 
 
@@ -80,11 +48,11 @@ def held(table: Table, *, emptied: bool = False) -> bytes:
     """What a table holds, in few bytes, see `packed`; the table may then be empty."""
     start, passed = ctypes.c_uint32(), ctypes.c_uint32()
     room = np.empty(_PACKED_AT_ONCE, np.uint8)
-    into = (ctypes.c_int(emptied), ctypes.byref(start), ctypes.byref(passed), _at(room), _size(len(room)))
-    of = (_at(table.low), _at(table.high), *into)
+    into = (ctypes.c_int(emptied), ctypes.byref(start), ctypes.byref(passed), at(room), length(len(room)))
+    of = (at(table.low), at(table.high), *into)
     parts = []
     while start.value < CELLS:
-        parts.append(room[: _C.pack_table(*of)].tobytes())
+        parts.append(room[: C.pack_table(*of)].tobytes())
     return b"".join(parts)
 
 
@@ -92,15 +60,15 @@ def packed(place: NDArray[np.uint32], counts: NDArray[np.uint64]) -> bytes:
     """Places (M,) in ascending order and their counts (M,), below 2^63, in about two bytes each: how many places lie
     between, and the count, as whole numbers of seven bits a byte, the least first."""
     n = len(place)
-    _check(place, np.uint32, (n,))
-    _check(counts, np.uint64, (n,))
+    check(place, np.uint32, (n,))
+    check(counts, np.uint64, (n,))
     room = np.empty(PACKED_BYTES * n, np.uint8)
-    return room[: _C.pack_cells(_at(place), _at(counts), _size(n), _at(room))].tobytes()
+    return room[: C.pack_cells(at(place), at(counts), length(n), at(room))].tobytes()
 
 
 def check_packed(data: bytes, mass: int) -> None:
     """Raises ValueError for anything that `packed` could not have given of counts of `mass` in sum."""
-    if not _C.packed_is_sound(data, _size(len(data)), ctypes.c_uint64(mass)):
+    if not C.packed_is_sound(data, length(len(data)), ctypes.c_uint64(mass)):
         raise ValueError(f"its cells are not in order, or do not hold {mass} pixels")
 
 
@@ -109,10 +77,10 @@ def add_packed(data: bytes, mass: int, to: Table | NDArray[np.uint64]) -> None:
     and adds nothing, for anything that they could not have given."""
     check_packed(data, mass)
     if isinstance(to, Table):
-        _C.add_packed(data, _size(len(data)), _at(to.low), _at(to.high), None)
+        C.add_packed(data, length(len(data)), at(to.low), at(to.high), None)
     else:
-        _check(to, np.uint64, (CELLS,))
-        _C.add_packed(data, _size(len(data)), None, None, _at(to))
+        check(to, np.uint64, (CELLS,))
+        C.add_packed(data, length(len(data)), None, None, at(to))
 
 
 def count_colours(rgb: NDArray[np.generic], table: Table, code: NDArray[np.uint8]) -> None:
@@ -120,11 +88,11 @@ def count_colours(rgb: NDArray[np.generic], table: Table, code: NDArray[np.uint8
     to the table, at `place` of their codes."""
     pixels = np.ascontiguousarray(rgb)
     if pixels.dtype == np.uint8:
-        _C.count_colours_8(_at(pixels), _size(pixels.size // 3), _at(table.low), _at(table.high))
+        C.count_colours_8(at(pixels), length(pixels.size // 3), at(table.low), at(table.high))
     elif pixels.dtype == np.uint16:
-        _check(code, np.uint8, (65536,))
-        counts = (_at(table.low), _at(table.high))
-        _C.count_colours_16(_at(pixels), _size(pixels.size // 3), _at(code), *counts)
+        check(code, np.uint8, (65536,))
+        counts = (at(table.low), at(table.high))
+        C.count_colours_16(at(pixels), length(pixels.size // 3), at(code), *counts)
     else:
         raise ValueError(f"{rgb.dtype=}, expected uint8 or uint16")
 
@@ -145,10 +113,10 @@ def codes_at(place: NDArray[np.int64]) -> NDArray[np.uint8]:
 def occupied(low: NDArray[np.uint16]) -> NDArray[np.uint64]:
     """Keys of the places (2^24,) that are not 0, (M,), each with its place in the lower 24 bits; sorted so that
     cubes within cubes of RGB come together."""
-    _check(low, np.uint16, (CELLS,))
-    keys = np.empty(_C.occupied(_at(low), None), np.uint64)
-    _C.occupied(_at(low), _at(keys))
-    _C.sort_places(_at(keys), _at(np.empty_like(keys)), _size(len(keys)))
+    check(low, np.uint16, (CELLS,))
+    keys = np.empty(C.occupied(at(low), None), np.uint64)
+    C.occupied(at(low), at(keys))
+    C.sort_places(at(keys), at(np.empty_like(keys)), length(len(keys)))
     return keys
 
 
@@ -158,13 +126,13 @@ def gather(
     """Keys of `occupied` and their masses, (M,) each: those heavier than `heavy`, and the others in cubes of
     2^bits codes."""
     n = len(keys)
-    _check(keys, np.uint64, (n,))
-    _check(masses, np.uint64, (n,))
+    check(keys, np.uint64, (n,))
+    check(masses, np.uint64, (n,))
     low, high = np.empty((3, n), np.uint8), np.empty((3, n), np.uint8)
     mass = np.empty(n, np.uint64)
     cubes = ctypes.c_size_t()
-    places = (_at(low), _at(high), _at(mass), ctypes.byref(cubes))
-    m = _C.gather(_at(keys), _size(n), _at(masses), ctypes.c_uint32(bits), ctypes.c_uint64(heavy), *places)
+    places = (at(low), at(high), at(mass), ctypes.byref(cubes))
+    m = C.gather(at(keys), length(n), at(masses), ctypes.c_uint32(bits), ctypes.c_uint64(heavy), *places)
     alone, together = slice(0, m), slice(n - cubes.value, n)
     return (low[:, alone], high[:, alone], mass[alone]), (low[:, together], high[:, together], mass[together])
 
@@ -173,17 +141,17 @@ def count_boxes(planes: NDArray[np.float32], mass: NDArray[np.uint64], rules: Ru
     """Grey histograms (m, 256) of boxes of one colour each: planes (3, M), mass (M,)."""
     _check_boxes(planes, mass, rules)
     out = np.zeros((len(rules), LEVELS), np.uint64)
-    _C.count_boxes(_at(planes), _at(mass), _size(len(mass)), _at(rules), _size(len(rules)), _at(out))
+    C.count_boxes(at(planes), at(mass), length(len(mass)), at(rules), length(len(rules)), at(out))
     return out
 
 
 def count_table(table: Table, rules: Rules, part: int = 0, parts: int = 1) -> NDArray[np.uint64]:
     """Grey histograms (m, 256) of the colours in a table, or in one of some even parts of it."""
-    _check(rules, np.float32, (len(rules), 6))
+    check(rules, np.float32, (len(rules), 6))
     out = np.zeros((len(rules), LEVELS), np.uint64)
     start, end = (ctypes.c_uint32(CELLS // 16 * n // parts * 16) for n in (part, part + 1))
-    counts = (_at(table.low), _at(table.high))
-    _C.count_table(*counts, start, end, _at(rules), _size(len(rules)), _at(out))
+    counts = (at(table.low), at(table.high))
+    C.count_table(*counts, start, end, at(rules), length(len(rules)), at(out))
     return out
 
 
@@ -202,13 +170,13 @@ def bound_boxes(
     mass times the least price in its run. With the even spread for prices the bound is close.
     """
     _check_boxes(low, mass, rules)
-    _check(high, np.float32, low.shape)
-    _check(known, np.uint64, (len(rules), LEVELS))
+    check(high, np.float32, low.shape)
+    check(known, np.uint64, (len(rules), LEVELS))
     bound, even = np.empty(len(rules)), np.empty(len(rules))
     runs = np.empty((LEVELS, LEVELS), np.uint64)
-    boxes = (_at(low), _at(high), _at(mass), _size(len(mass)))
-    out = (_at(runs), _at(bound), _at(even))
-    _C.bound_boxes(*boxes, _at(rules), _size(len(rules)), _at(known), *out)
+    boxes = (at(low), at(high), at(mass), length(len(mass)))
+    out = (at(runs), at(bound), at(even))
+    C.bound_boxes(*boxes, at(rules), length(len(rules)), at(known), *out)
     return bound, even
 
 
@@ -220,85 +188,34 @@ def quantile_boxes(
     _check_boxes(planes, mass, rules)
     most = (1 << 24) // width
     bins, out = np.empty(most, np.uint64), np.empty(len(rules), np.uint32)
-    _C.quantile_boxes(
-        _at(planes), _at(mass), _size(len(mass)), _at(rules), _size(len(rules)), ctypes.c_float(width),
-        ctypes.c_uint64(needed), _at(bins), ctypes.c_uint32(most), _at(out),
+    C.quantile_boxes(
+        at(planes), at(mass), length(len(mass)), at(rules), length(len(rules)), ctypes.c_float(width),
+        ctypes.c_uint64(needed), at(bins), ctypes.c_uint32(most), at(out),
     )  # fmt: skip
     return out
 
 
 def count_pixels(rgb: NDArray[np.uint16], rules: Rules) -> NDArray[np.uint64]:
     """Grey histograms (m, 256) of the pixels of rgb, (..., 3) uint16."""
-    _check(rules, np.float32, (len(rules), 6))
+    check(rules, np.float32, (len(rules), 6))
     pixels = np.ascontiguousarray(rgb)
-    _check(pixels, np.uint16, pixels.shape)
+    check(pixels, np.uint16, pixels.shape)
     out = np.zeros((len(rules), LEVELS), np.uint64)
-    _C.count_pixels_16(_at(pixels), _size(pixels.size // 3), _at(rules), _size(len(rules)), _at(out))
+    C.count_pixels_16(at(pixels), length(pixels.size // 3), at(rules), length(len(rules)), at(out))
     return out
 
 
 def weigh(rgb: NDArray[np.uint8], rule: Rules) -> NDArray[np.uint8]:
     """Levels of rgb, (H, W, 3) uint8, by one rule, (1, 6): (H, W) uint8."""
-    _check(rule, np.float32, (1, 6))
+    check(rule, np.float32, (1, 6))
     pixels = np.ascontiguousarray(rgb)
-    _check(pixels, np.uint8, (*rgb.shape[:2], 3))
+    check(pixels, np.uint8, (*rgb.shape[:2], 3))
     out = np.empty(rgb.shape[:2], np.uint8)
-    _C.weigh_8(_at(pixels), _size(out.size), _at(rule), _at(out))
+    C.weigh_8(at(pixels), length(out.size), at(rule), at(out))
     return out
-
-
-def measure_detail(tile: NDArray[np.generic], band: Band) -> NDArray[np.float64]:
-    """Of the band of a tile, (H, W, 3) uint8 or uint16, at half its size and of sums of 2x2 values: the sums of the
-    products RR, GG, BB, RG, RB, GB, and how many pixels they are of: (7,). A pixel counts with all within 3 of it.
-    `2 * BAND_REACH` pixels at each side of the tile are taken for their values alone."""
-    out = np.zeros(_SUMS)
-    _measure(_C.measure_detail, tile, 2 * BAND_REACH, band, out)
-    return out[:-1]
-
-
-def measure_blocks(tile: NDArray[np.generic], band: Band) -> NDArray[np.float32]:
-    """Of the band of a tile, (H, W, 3) uint8 or uint16, for each block of 8x8 pixels: the sums of the products RR, GG,
-    BB, RG, RB, GB, the sum of the values, and how many pixels count: (n, 8). `BAND_REACH` pixels at each side of the
-    tile are taken for their values alone."""
-    down, across = ((n - 2 * BAND_REACH) // 8 for n in tile.shape[:2])
-    out = np.empty((down * across, _SUMS), np.float32)
-    _measure(_C.measure_blocks, tile, BAND_REACH, band, out)
-    return out
-
-
-def _measure(
-    function: Callable[..., None], tile: NDArray[np.generic], reach: int, band: Band, out: NDArray[Any]
-) -> None:
-    height, width = tile.shape[:2]
-    if (
-        tile.dtype not in (np.uint8, np.uint16)
-        or tile.shape[2:] != (3,)
-        or min(height, width) < 2 * reach + 2
-    ):
-        raise ValueError(f"{tile.shape=} {tile.dtype=}, expected at least {2 * reach + 2} pixels each way")
-    _check(band, np.float32, (10,))
-    size = tile.itemsize
-    if tile.strides[1:] != (3 * size, size) or tile.strides[0] < 0 or not tile.flags.aligned:
-        tile = np.array(tile, order="C")
-    scratch = np.empty((8, height, width), np.float32)
-    sizes = (_size(n) for n in (tile.strides[0], size == 2, height, width))
-    function(_at(tile), *sizes, _at(band), _at(scratch), _at(out))
 
 
 def _check_boxes(planes: NDArray[np.float32], mass: NDArray[np.uint64], rules: Rules) -> None:
-    _check(planes, np.float32, (3, len(mass)))
-    _check(mass, np.uint64, (len(mass),))
-    _check(rules, np.float32, (len(rules), 6))
-
-
-def _check(array: NDArray[np.generic], dtype: type[np.generic], shape: tuple[int, ...]) -> None:
-    if array.dtype != dtype or array.shape != shape or not array.flags.c_contiguous:
-        raise ValueError(f"{array.shape=} {array.dtype=}, expected contiguous {shape} {np.dtype(dtype)}")
-
-
-def _at(array: NDArray[np.generic]) -> ctypes.c_void_p:
-    return array.ctypes.data_as(ctypes.c_void_p)  # which keeps the array alive for the call
-
-
-def _size(n: int) -> ctypes.c_size_t:
-    return ctypes.c_size_t(n)
+    check(planes, np.float32, (3, len(mass)))
+    check(mass, np.uint64, (len(mass),))
+    check(rules, np.float32, (len(rules), 6))

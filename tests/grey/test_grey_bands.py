@@ -10,7 +10,7 @@ import pytest
 from numpy.typing import NDArray
 from oracle import scene
 
-from colmap_ihe.grey import contrast, kernels
+from colmap_ihe.grey import bands, contrast
 
 PAIRS = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
 DTYPES: tuple[Any, ...] = (np.uint8, np.uint16)
@@ -72,10 +72,10 @@ def assert_close(found: NDArray[Any], expected: NDArray[np.float64], pixels: flo
 def check(tile: Pixels) -> None:
     most = int(np.iinfo(tile.dtype).max)
     if min(tile.shape[:2]) >= 26:
-        whole, expected = kernels.measure_detail(tile, contrast._band(4 * most)), detail(tile, most)
+        whole, expected = bands.measure_detail(tile, contrast._band(4 * most)), detail(tile, most)
         assert whole[6] == expected[6]
         assert_close(whole[:6], expected[:6], expected[6], 4 * most)
-    parts, expected = kernels.measure_blocks(tile, contrast._band(most)), blocks(tile, most)
+    parts, expected = bands.measure_blocks(tile, contrast._band(most)), blocks(tile, most)
     assert parts.shape == expected.shape
     np.testing.assert_array_equal(parts[:, 6:], expected[:, 6:])
     assert_close(parts[:, :6], expected[:, :6], 64, most)
@@ -110,11 +110,11 @@ def test_any_layout_of_the_pixels_is_read(dtype: Any) -> None:
 
 def test_too_small_a_tile_is_refused() -> None:
     with pytest.raises(ValueError, match="at least 26 pixels"):
-        kernels.measure_detail(np.zeros((25, 40, 3), np.uint8), contrast._band(255))
+        bands.measure_detail(np.zeros((25, 40, 3), np.uint8), contrast._band(255))
     with pytest.raises(ValueError, match="at least 14 pixels"):
-        kernels.measure_blocks(np.zeros((40, 13, 3), np.uint8), contrast._band(255))
+        bands.measure_blocks(np.zeros((40, 13, 3), np.uint8), contrast._band(255))
     with pytest.raises(ValueError, match="dtype"):
-        kernels.measure_blocks(np.zeros((40, 40, 3), np.float32), contrast._band(255))
+        bands.measure_blocks(np.zeros((40, 40, 3), np.float32), contrast._band(255))
 
 
 def of_the_set(tiles: list[Pixels], encoding: str) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
