@@ -1,6 +1,6 @@
 """What each stage costs as sets grow, what that comes to for a million photographs, and what workers bring.
 
-    python benchmarks/scale.py grow [--sizes 30 100 300 1000 3000] [--out FOLDER]
+    python benchmarks/scale.py grow [--small] [--sizes 30 100 300 1000 3000] [--out FOLDER]
     python benchmarks/scale.py workers [--photographs 200] [--workers 2]
     python benchmarks/scale.py paper
 
@@ -12,7 +12,8 @@ machine does. Stages that grow faster than the set end at smaller ones; sizes ma
 into the same FOLDER. Exponents are slopes of log core seconds over log photographs.
 `paper` applies its figures, which it keeps in FOLDER, to a million. `workers` runs the per-image stages on
 `local:1` and `local:N` in turn, three times, and divides by the cores that were free in the same minute, which it
-measures with N busy loops.
+measures with N busy loops. `--small` is the same at half the size and with 250 features a photograph instead of
+1,000: a quarter of the work, so that matching and mapping too can be followed to thousands.
 """
 
 from __future__ import annotations
@@ -46,19 +47,19 @@ FOCAL, FLIGHT = 600.0, 600.0  # pixels, and pixels above the ground, so that the
 ROOFS = (0.0, 60.0, 140.0)  # heights of the layers
 SIZES = [30, 100, 300, 1000, 3000]
 UP_TO = {
-    "features": 1000,
-    "exhaustive": 100,
-    "spatial": 300,
-    "vocabtree": 100,
-    "sparse": 100,
-    "hierarchical": 100,
-    "dense": 30,
+    "features": (1000, 3000),
+    "exhaustive": (100, 300),
+    "spatial": (300, 3000),
+    "vocabtree": (100, 1000),
+    "sparse": (100, 1000),
+    "hierarchical": (100, 3000),
+    "dense": (30, 300),
 }
-"""Photographs up to which a stage is run here; the others at all sizes."""
+"""Photographs up to which a stage is run here, and of small ones; the others at all sizes."""
+FEATURES = tuple(f"features.colmap.sift.max_num_features={most}" for most in (1000, 250))
 QUICK = (
     "fit.measure=false",
     "features.colmap.sift.first_octave=0",
-    "features.colmap.sift.max_num_features=1000",
     "dense.max_image_size=320",
 )
 Costs = dict[str, dict[str, tuple[float, float]]]
@@ -78,6 +79,7 @@ holds a city."""
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("what", choices=("grow", "workers", "paper"))
+    parser.add_argument("--small", action="store_true")
     parser.add_argument("--sizes", type=int, nargs="+", default=SIZES)
     parser.add_argument("--out", type=Path, default=Path(tempfile.gettempdir()) / "colmap-ihe-scale")
     parser.add_argument("--photographs", type=int, default=200)
@@ -85,7 +87,7 @@ def main() -> None:
     parsed = parser.parse_args()
     parsed.out.mkdir(parents=True, exist_ok=True)
     if parsed.what == "grow":
-        grow(parsed.sizes, parsed.out)
+        grow(parsed.sizes, parsed.out, parsed.small)
     elif parsed.what == "workers":
         workers(parsed.photographs, parsed.workers)
     else:
@@ -136,8 +138,8 @@ def _texture(size: tuple[int, int], random: np.random.Generator) -> NDArray[np.u
     return np.clip((texture / 3 - 0.2) * 400, 0, 255).astype(np.uint8)
 
 
-def shoot(project: Path, count: int) -> None:
-    """`count` JPEGs with EXIF into project/images."""
+def shoot(project: Path, count: int, small: bool = False) -> None:
+    """`count` JPEGs with EXIF into project/images, at half the size if `small`."""
     images = project / "images"
     images.mkdir(parents=True)
     city = City(count)
@@ -150,7 +152,8 @@ def shoot(project: Path, count: int) -> None:
         exif.get_ifd(0x8825).update(
             {1: "N", 2: _degrees(north), 3: "E", 4: _degrees(east), 5: b"\0", 6: FLIGHT * METRES}
         )
-        Image.fromarray(city.photograph(number)).save(images / f"{number:05}.jpg", quality=92, exif=exif)
+        picture = Image.fromarray(city.photograph(number))
+        (picture.reduce(2) if small else picture).save(images / f"{number:05}.jpg", quality=92, exif=exif)
 
 
 def _degrees(value: float) -> tuple[float, float, float]:
@@ -186,39 +189,41 @@ def run(project: Path, until: str, *more: str) -> tuple[dict[str, Any], float, f
     return json.loads(output), core, memory
 
 
-def grow(sizes: Sequence[int], out: Path) -> None:
-    file = out / "costs.json"
+def grow(sizes: Sequence[int], out: Path, small: bool) -> None:
+    file = out / ("costs-small.json" if small else "costs.json")
+    features = FEATURES[small]
+    up_to = {stage: most[small] for stage, most in UP_TO.items()}
     costs: Costs = json.loads(file.read_text()) if file.exists() else {}
     for count in sizes:
         project = out / f"city-{count}"
         shutil.rmtree(project, ignore_errors=True)
-        shoot(project, count)
+        shoot(project, count, small)
 
-        first = run(project, "captures")
-        idle = run(project, "captures")[1]
+        first = run(project, "captures", features)
+        idle = run(project, "captures", features)[1]
         _note(costs, "captures", count, first, idle)
 
         def measured(
             name: str, until: str, *more: str, at: Path = project, n: int = count, less: float = idle
         ) -> dict[str, Any]:
-            found = run(at, until, *more)
+            found = run(at, until, features, *more)
             _note(costs, name, n, found, less)
             file.write_text(json.dumps(costs))
             return found[0]
 
         for stage in ("fit", "convert", "features"):
-            if count <= UP_TO.get(stage, count):
+            if count <= up_to.get(stage, count):
                 measured(stage, stage)
         for strategy in ("exhaustive", "vocabtree", "spatial"):
-            if count <= UP_TO[strategy]:
+            if count <= up_to[strategy]:
                 found = measured(strategy, "matches", f"matches.strategy={strategy}")
                 print(f"{'':>6} {found['pairs_verified']} pairs verified", flush=True)
-        chosen = f"matches.strategy={'spatial' if count <= UP_TO['spatial'] else 'sequential'}"
+        chosen = f"matches.strategy={'spatial' if count <= up_to['spatial'] else 'sequential'}"
         for name, mapper in (("hierarchical", "hierarchical"), ("sparse", "incremental")):
-            if count <= UP_TO[name]:
+            if count <= up_to[name]:
                 found = measured(name, "sparse", chosen, f"sparse.mapper={mapper}")
                 print(f"{'':>6} {found['registered_images']} of {count} registered", flush=True)
-        if count <= UP_TO["dense"]:
+        if count <= up_to["dense"]:
             measured("dense", "dense", chosen)
         shutil.rmtree(project)
     print(f"\n{local_workers()} cores\n")
@@ -306,7 +311,7 @@ def workers(photographs: int, most: int) -> None:
                 project.mkdir()
                 (project / "images").symlink_to(source / "images", target_is_directory=True)
                 free.append(free_cores(most))
-                summary, _, _ = run(project, "features", f"cluster.address=local:{count}")
+                summary, _, _ = run(project, "features", FEATURES[0], f"cluster.address=local:{count}")
                 found[count].append({name: summary["stages"][name] for name in names})
                 shutil.rmtree(project)
     rows = []
