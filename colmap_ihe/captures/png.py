@@ -35,15 +35,15 @@ def encode_png(pixels: NDArray[np.uint8], exif: bytes = b"", profile: bytes = b"
     filtered[0, 1:] = rows[0]
     np.subtract(rows[1:], rows[:-1], out=filtered[1:, 1:])
     header = struct.pack(">IIBBBBB", width, height, 8, _COLOUR_TYPE[channels], 0, 0, 0)
-    chunks = [_chunk(b"IHDR", header)]
+    parts = [b"\x89PNG\r\n\x1a\n", *_chunk(b"IHDR", header)]
     if profile:
-        chunks.append(_chunk(b"iCCP", b"ICC profile\x00\x00" + isal_zlib.compress(profile, 1)))
+        parts += _chunk(b"iCCP", b"ICC profile\x00\x00" + isal_zlib.compress(profile, 1))
     if exif:
-        chunks.append(_chunk(b"eXIf", exif))
-    chunks += [_chunk(b"IDAT", isal_zlib.compress(filtered, 1)), _chunk(b"IEND", b"")]
-    return b"\x89PNG\r\n\x1a\n" + b"".join(chunks)
+        parts += _chunk(b"eXIf", exif)
+    parts += [*_chunk(b"IDAT", isal_zlib.compress(filtered, 1)), *_chunk(b"IEND", b"")]
+    return b"".join(parts)  # once: to copy holds up the other threads
 
 
-def _chunk(kind: bytes, content: bytes) -> bytes:
+def _chunk(kind: bytes, content: bytes) -> tuple[bytes, ...]:
     checksum = isal_zlib.crc32(content, isal_zlib.crc32(kind))
-    return struct.pack(">I", len(content)) + kind + content + struct.pack(">I", checksum)
+    return struct.pack(">I", len(content)), kind, content, struct.pack(">I", checksum)
