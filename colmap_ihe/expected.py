@@ -16,6 +16,7 @@ from colmap_ihe.options import Options
 _COLMAPS_LARGEST = 3200  # pixels along the longer side, of images in which features are sought
 _FEATURES = 12_000  # of a megapixel, and at the most of a photograph
 _INLIERS = 0.7  # for each feature, in pairs that overlap as they do in most sets
+_ENOUGH = 0.4  # inliers for each feature: with fewer, photographs see so much less of each other
 _POINTS = 0.1  # of the dense cloud, for each pixel with depth
 _RAW = 10  # times as long to decode
 
@@ -84,11 +85,12 @@ def _dense(options: Options, known: Known) -> list[Part]:
     images = known.registered
     megapixels = known.pixels / 1e6 * images / known.images
     seen = pixels_within(options.dense.max_image_size, images, 1e6 * megapixels) / 1e6
-    points = 1e6 * seen * _POINTS if known.points is None else known.points
+    overlap = min(1.0, known.inliers / max(1, known.features) / _ENOUGH)
+    points = 1e6 * seen * overlap * _POINTS if known.points is None else known.points
     if pick_backend(options.dense.backend) == "patchmatch":
         depth = Part("dense", "runs of PatchMatch", 3.0 * seen)
     else:
-        depth = Part("dense", "depth maps", 1.8 * seen)
+        depth = Part("dense", "depth maps", 1.8 * seen * overlap)
     parts = [
         Part("dense", "undistorted sets", 0.1 * megapixels + 0.2 * images),
         depth,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import pytest
@@ -104,3 +105,12 @@ def test_the_road_has_the_parts_that_the_options_leave() -> None:
     assert stages("captures") == []
     plain = expected(Options.model_validate({"mesh": {"texture": False}}), SET, "mesh")
     assert [part.unit for part in plain if part.stage == "mesh"] == ["parts of the surface"]
+
+
+def test_photographs_that_see_little_of_one_another_take_less() -> None:
+    def dense(inliers: int) -> float:
+        parts = expected(Options(), replace(SET, inliers=inliers), "mesh")
+        return sum(part.seconds for part in parts if part.stage in ("dense", "mesh"))
+
+    assert dense(SET.features // 20) < 0.7 * dense(SET.features // 2)
+    assert dense(SET.features // 2) == dense(SET.features) == dense(100 * SET.features)
