@@ -12,8 +12,8 @@ machine does. Stages that grow faster than the set end at smaller ones; sizes ma
 into the same FOLDER. Exponents are slopes of log core seconds over log photographs.
 `paper` applies its figures, which it keeps in FOLDER, to a million. `workers` runs the per-image stages on
 `local:1` and `local:N` in turn, three times, and divides by the cores that were free in the same minute, which it
-measures with N busy loops. `--small` is the same at half the size and with 250 features a photograph instead of
-1,000: a quarter of the work, so that matching and mapping too can be followed to thousands.
+measures with N busy loops. `--small` is the same at three quarters of the size and with 500 features a photograph
+instead of 1,000, so that matching and mapping too can be followed farther.
 """
 
 from __future__ import annotations
@@ -50,13 +50,13 @@ UP_TO = {
     "features": (1000, 3000),
     "exhaustive": (100, 300),
     "spatial": (300, 3000),
-    "vocabtree": (100, 1000),
-    "sparse": (100, 1000),
-    "hierarchical": (100, 3000),
-    "dense": (30, 300),
+    "vocabtree": (100, 300),
+    "sparse": (100, 300),
+    "hierarchical": (100, 1000),
+    "dense": (30, 100),
 }
 """Photographs up to which a stage is run here, and of small ones; the others at all sizes."""
-FEATURES = tuple(f"features.colmap.sift.max_num_features={most}" for most in (1000, 250))
+FEATURES = tuple(f"features.colmap.sift.max_num_features={most}" for most in (1000, 500))
 QUICK = (
     "fit.measure=false",
     "features.colmap.sift.first_octave=0",
@@ -139,7 +139,7 @@ def _texture(size: tuple[int, int], random: np.random.Generator) -> NDArray[np.u
 
 
 def shoot(project: Path, count: int, small: bool = False) -> None:
-    """`count` JPEGs with EXIF into project/images, at half the size if `small`."""
+    """`count` JPEGs with EXIF into project/images, at three quarters of the size if `small`."""
     images = project / "images"
     images.mkdir(parents=True)
     city = City(count)
@@ -153,7 +153,9 @@ def shoot(project: Path, count: int, small: bool = False) -> None:
             {1: "N", 2: _degrees(north), 3: "E", 4: _degrees(east), 5: b"\0", 6: FLIGHT * METRES}
         )
         picture = Image.fromarray(city.photograph(number))
-        (picture.reduce(2) if small else picture).save(images / f"{number:05}.jpg", quality=92, exif=exif)
+        if small:
+            picture = picture.resize((WIDTH * 3 // 4, HEIGHT * 3 // 4))
+        picture.save(images / f"{number:05}.jpg", quality=92, exif=exif)
 
 
 def _degrees(value: float) -> tuple[float, float, float]:
