@@ -14,7 +14,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from contextvars import ContextVar
 from typing import Any, Protocol
 
@@ -63,12 +63,14 @@ class Decoder:
         self.dead = False
         self.window = Window()
         self._ready = False
-        self._words = anonymous_file()  # what it says on stderr, and in the end perhaps why
-        self._socket, theirs = socket.socketpair()
-        self._lifeline, watched = socket.socketpair()  # nothing is sent on it
-        passed = (theirs.fileno(), watched.fileno())
+        self._ours = ExitStack()  # what is open on this side
         try:
-            with theirs, watched:
+            with ExitStack() as theirs:
+                self._words = anonymous_file()  # what it says on stderr, and in the end perhaps why
+                self._ours.callback(os.close, self._words)
+                self._socket, asked = self._pair(theirs)
+                _, lifeline = self._pair(theirs)  # nothing is sent on it
+                passed = (asked.fileno(), lifeline.fileno())
                 self._process = subprocess.Popen(
                     [sys.executable or "python3", "-c", _START, *map(str, passed), *sys.path],
                     pass_fds=passed,
@@ -79,8 +81,12 @@ class Decoder:
                     env=os.environ | _ONE_THREAD,
                 )
         except OSError as error:
-            self._close()
+            self._ours.close()
             raise _cannot_start(str(error)) from error
+
+    def _pair(self, theirs: ExitStack) -> tuple[socket.socket, socket.socket]:
+        here, there = socket.socketpair()
+        return self._ours.enter_context(here), theirs.enter_context(there)
 
     def ask(self, request: Message, name: str, seconds: float) -> tuple[Message, NDArray[Any] | None]:
         """As `ask`, with the answer as it came."""
@@ -164,12 +170,7 @@ class Decoder:
         """Lets go of one that belongs to another process."""
         self.dead = True
         self._process.returncode = self._process.returncode or 0
-        self._close()
-
-    def _close(self) -> None:
-        self._socket.close()
-        self._lifeline.close()
-        os.close(self._words)
+        self._ours.close()
 
 
 def _cannot_start(reason: str) -> CapabilityError:

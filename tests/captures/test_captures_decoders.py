@@ -6,6 +6,7 @@ import gc
 import io
 import json
 import os
+import resource
 import signal
 import socket
 import subprocess
@@ -260,6 +261,22 @@ def test_where_no_decoder_can_be_started(tmp_path: Path, monkeypatch: pytest.Mon
             read_photograph(png(tmp_path))
     monkeypatch.undo()
     assert read_photograph(png(tmp_path)).rgb.shape == (96, 128, 3)
+
+
+def test_where_no_more_files_can_be_opened(tmp_path: Path) -> None:
+    capture = png(tmp_path)
+    decoders.rest()
+    files, (soft, hard) = open_files(), resource.getrlimit(resource.RLIMIT_NOFILE)
+    free = [n for n in range(soft) if not Path(f"/proc/self/fd/{n}").exists()]
+    for most in free[:5]:
+        resource.setrlimit(resource.RLIMIT_NOFILE, (most, hard))
+        try:
+            with pytest.raises(CapabilityError, match="Too many open files"):
+                read_photograph(capture)
+        finally:
+            resource.setrlimit(resource.RLIMIT_NOFILE, (soft, hard))
+        assert open_files() == files
+    assert read_photograph(capture).rgb.size
 
 
 def test_a_metadata_reader_that_crashes_loses_the_metadata_only(
