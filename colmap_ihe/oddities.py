@@ -81,9 +81,10 @@ def poor_photographs(counts: Mapping[str, int]) -> list[str]:
         return []
     shown = ", ".join(f"{name} ({count})" for name, count in list(counts.items())[:5])
     more = f" and {len(counts) - 5} more" if len(counts) > 5 else ""
+    which = "1 photograph has" if len(counts) == 1 else f"{len(counts)} photographs have"
     return [
-        f"{len(counts)} photographs have hardly any features, as if black, blurred or of one colour, and will hardly"
-        f" find a place: {shown}{more}"
+        f"{which} hardly any features, as if black, blurred or of one colour, and will hardly find a place: "
+        f"{shown}{more}"
     ]
 
 
