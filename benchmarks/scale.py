@@ -50,7 +50,7 @@ UP_TO = {
     "features": (1000, 3000),
     "exhaustive": (100, 300),
     "spatial": (300, 3000),
-    "vocabtree": (100, 300),
+    "vocabtree": (100, 100),
     "sparse": (100, 300),
     "hierarchical": (100, 1000),
     "dense": (30, 100),
