@@ -252,6 +252,7 @@ def test_every_file_is_named_and_left_out_or_converted(runs: dict[str, Any]) -> 
         assert name in reason
         assert len(reason) > len(name) + 20, reason
         assert "\n" not in reason
+    print(f"{MUTATED} mutated: {len(left_out)} named and left out, {MUTATED - len(left_out)} converted")
 
 
 def test_what_cannot_be_used_is_left_out(runs: dict[str, Any]) -> None:
@@ -282,6 +283,7 @@ def test_broken_files_change_nothing_for_the_others(runs: dict[str, Any]) -> Non
 
 
 def test_memory_stays_bounded(runs: dict[str, Any]) -> None:
+    print(f"memory of the run {runs['first']['run_mb']} MB, of a decoder {runs['first']['decoders_mb']} MB")
     assert runs["first"]["decoders_mb"] < 500
     assert runs["first"]["run_mb"] < 600
 
