@@ -16,6 +16,8 @@ from colmap_ihe.options import Options
 _COLMAPS_LARGEST = 3200  # pixels along the longer side, of images in which features are sought
 _FEATURES = 12_000  # of a megapixel, and at the most of a photograph
 _INLIERS = 0.7  # for each feature, in pairs that overlap as they do in most sets
+_FEWER = 0.15  # of photographs by many cameras, as those of tourists
+_MANY = 4  # times as many photographs as the most that one camera took
 _ENOUGH = 0.4  # inliers for each feature: with fewer, photographs see so much less of each other
 _POINTS = 0.1  # of the dense cloud, for each pixel with depth
 _RAW = 10  # times as long to decode
@@ -42,13 +44,14 @@ class Known:
         images, pixels = first["images"], first["pixels"]
         likely = int(min(images * _FEATURES, pixels / 1e6 * _FEATURES))
         features = records.get("features", {}).get("features", likely)
+        by_many = _MANY * first.get("of_one_camera", images) <= images
         return cls(
             images,
             pixels,
             pixels * first["raw"] // max(1, images),
             first["with_gps"],
             features,
-            records.get("matches", {}).get("inliers", int(features * _INLIERS)),
+            records.get("matches", {}).get("inliers", int(features * (_FEWER if by_many else _INLIERS))),
             records["sparse"]["models"][0]["registered_images"] if "sparse" in records else images,
             records.get("dense", {}).get("points"),
         )

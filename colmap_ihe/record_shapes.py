@@ -73,6 +73,7 @@ class _Captures(_Record):
     largest: _Count
     with_gps: _Count
     shared_by: _Count
+    of_one_camera: _Count = 1
     recipes: dict[str, _Recipe]
     left_out: dict[str, str]
 

@@ -60,6 +60,7 @@ def captures(run: Run, watch: Watch) -> Record:
         "paired": {s.capture.name: s.capture.paired for s in run.surveyed if s.capture.paired},
         "with_gps": sum(s.metadata.has_gps for s in run.surveyed),
         "shared_by": oddities.shared_by(run.surveyed),
+        "of_one_camera": max(sizes.values()),
         "pixels": sum(s.capture.pixels for s in run.surveyed),
         "largest": max(s.capture.pixels for s in run.surveyed),
         "development": found.steps,

@@ -11,7 +11,8 @@ from colmap_ihe.expected import Known, expected
 from colmap_ihe.forecast import Forecast, Part
 from colmap_ihe.options import Options
 
-SET = Known.from_records({"captures": {"images": 11, "pixels": 66_000_000, "raw": 0, "with_gps": 0}})
+CAPTURES = {"images": 11, "pixels": 66_000_000, "raw": 0, "with_gps": 0, "of_one_camera": 10}
+SET = Known.from_records({"captures": CAPTURES})
 ROAD = [Part("one", "images", 10.0), Part("two", "pairs", 30.0), Part("two", "maps", 60.0)]
 
 
@@ -114,3 +115,6 @@ def test_photographs_that_see_little_of_one_another_take_less() -> None:
 
     assert dense(SET.features // 20) < 0.7 * dense(SET.features // 2)
     assert dense(SET.features // 2) == dense(SET.features) == dense(100 * SET.features)
+    assert dense(Known.from_records({"captures": CAPTURES | {"of_one_camera": 2}}).inliers) < dense(
+        SET.inliers
+    )
