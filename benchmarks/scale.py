@@ -61,6 +61,8 @@ QUICK = (
     "fit.measure=false",
     "features.colmap.sift.first_octave=0",
     "dense.max_image_size=320",
+    "sparse.colmap.ba_refine_focal_length=false",  # it is known, and cannot be told of a flat city seen from above
+    "sparse.colmap.ba_refine_extra_params=false",
 )
 Costs = dict[str, dict[str, tuple[float, float]]]
 """By stage and number of photographs: core seconds, and MB of the largest process."""

@@ -63,7 +63,7 @@ def _size_of(place: Path) -> int:
 
 
 def remove_unfinished(project: Project) -> None:
-    """Removes what a run that was killed left half-written, whatever this one will do. Nobody else may be at it."""
+    """Removes what a run or a worker that was killed left half-written. Nobody else may be at it."""
     for folder in (*project.made_folders, project.records):
         _remove_unfinished(folder)
     for folder in project.workspace.glob(".*.old"):

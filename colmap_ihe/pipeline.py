@@ -122,6 +122,7 @@ def reconstruct(
         write_json(place.summary_file, summary)
         if "sparse" in run.records and (ran or not place.page_file.exists()):
             page_of(run, summary, audience)
+        outputs.remove_unfinished(place)  # of workers that were killed, and whose tasks others did
     return Reconstruction(place, summary, ran)
 
 

@@ -17,9 +17,11 @@ import pytest
 import yaml
 from PIL import Image
 
+from colmap_ihe import stages
 from colmap_ihe.captures.discover import discover
 from colmap_ihe.colmap.native import pycolmap
 from colmap_ihe.errors import Cancelled, MappingError, OptionError, PhotographError, ProjectError
+from colmap_ihe.files import write_bytes
 from colmap_ihe.grey.weights import Weights, grey_from_dict
 from colmap_ihe.options import Options
 from colmap_ihe.pipeline import reconstruct
@@ -805,3 +807,15 @@ def test_raw_is_equalised_and_the_curve_is_in_the_record(
         assert len(np.unique(np.asarray(grey))) > 240
     reconstruct(project, quick_options("convert.tone=sqrt"), until="convert")
     assert json.loads((project / "records/fit.json").read_text())["weights"]["linear"] == weights
+
+
+def test_what_a_killed_worker_left_goes_with_the_end_of_the_run(
+    new_project: Make, quick_options: MakeOptions, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    project = new_project(2)
+    left = project / "workspace/images/.0123456789abcdef01234567.0a1b2c3d.tmp"
+
+    monkeypatch.setattr(stages, "write_weights", lambda _run: write_bytes(left, b"half a picture"))
+    reconstruct(project, quick_options(), until="convert")
+    assert len(list(left.parent.glob("*.png"))) == 2
+    assert not left.exists()

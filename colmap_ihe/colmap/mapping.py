@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from colmap_ihe.colmap.mapping_apart import MAPPERS, map_apart
+from colmap_ihe.colmap.mapping_apart import map_apart, pipeline_options
 from colmap_ihe.colmap.native import apply_options, called, pycolmap
 from colmap_ihe.errors import MappingError
 from colmap_ihe.files import replace_folder
@@ -98,11 +98,9 @@ def _run(
 
 def native_options(options: SparseOptions) -> Any:
     """The pipeline options of the mapper in pycolmap. Raises `OptionError`."""
-    settings: Any
-    if options.mapper == "incremental":
-        settings = pycolmap.IncrementalPipelineOptions(random_seed=options.seed)
-    else:
-        settings = MAPPERS[options.mapper][1]()
+    if options.mapper != "incremental":
+        return pipeline_options(options.mapper, options.colmap)
+    settings = pycolmap.IncrementalPipelineOptions(random_seed=options.seed)
     apply_options(settings, options.colmap, "sparse.colmap")
     return settings
 

@@ -34,6 +34,20 @@ MAPPERS: dict[str, tuple[Any, Any]] = {
 }
 
 
+def pipeline_options(mapper: str, values: Mapping[str, Any]) -> Any:
+    """The options of one of `MAPPERS`. The hierarchical one takes those of the incremental mapper, with which it maps
+    its parts, by their own names too. Raises `OptionError`."""
+    settings = MAPPERS[mapper][1]()
+    of_parts = getattr(settings, "incremental_options", None)
+    passed_on = {n: v for n, v in values.items() if not hasattr(settings, n) and hasattr(of_parts, n)}
+    if passed_on:
+        inner = values.get("incremental_options", {})
+        values = {n: v for n, v in values.items() if n not in passed_on}
+        values["incremental_options"] = passed_on | inner
+    apply_options(settings, values, "sparse.colmap")
+    return settings
+
+
 def map_apart(
     mapper: str, database: Path, grey: Path, out: Path, options: Mapping[str, Any], seed: int, watch: Watch
 ) -> dict[int, pycolmap.Reconstruction]:
@@ -98,14 +112,13 @@ def main() -> None:
     """In that process: reads the request from stdin, and ends when stdin does."""
     request = json.loads(sys.stdin.readline())
     threading.Thread(target=_end_with_stdin, daemon=True).start()
-    function, options_class = MAPPERS[request["mapper"]]
-    settings = options_class()
+    function, _ = MAPPERS[request["mapper"]]
     with ExitStack() as stack:
         stack.enter_context(threads.limited(request["threads"]))
         if request["log"]:
             stack.enter_context(logged_to(Path(request["log"])))
         try:
-            apply_options(settings, request["options"], "sparse.colmap")
+            settings = pipeline_options(request["mapper"], request["options"])
             fill(settings, {"random_seed": request["seed"]})
             called(
                 function,

@@ -10,8 +10,8 @@ from pathlib import Path
 
 import pytest
 
-from colmap_ihe.colmap.mapping_apart import map_apart
-from colmap_ihe.errors import Cancelled, NativeError
+from colmap_ihe.colmap.mapping_apart import map_apart, pipeline_options
+from colmap_ihe.errors import Cancelled, NativeError, OptionError
 from colmap_ihe.progress import SILENT, Silent
 
 
@@ -71,3 +71,20 @@ def test_killed_by_the_system(places: tuple[Path, Path, Path]) -> None:
 def test_what_colmap_refuses_is_told(places: tuple[Path, Path, Path]) -> None:
     with pytest.raises(NativeError, match=r"sparse\.colmap: .*no_such_option"):
         map_apart("hierarchical", *places, {"no_such_option": 1}, 0, SILENT)
+
+
+def test_the_hierarchical_mapper_takes_the_options_of_the_incremental_one() -> None:
+    values = {
+        "num_workers": 3,
+        "ba_refine_focal_length": False,
+        "min_num_matches": 11,
+        "incremental_options": {"min_num_matches": 12, "min_model_size": 4},
+    }
+    found = pipeline_options("hierarchical", values)
+    assert found.num_workers == 3
+    parts = found.incremental_options
+    assert (parts.ba_refine_focal_length, parts.min_num_matches, parts.min_model_size) == (False, 12, 4)
+    assert parts.ba_refine_extra_params
+    for wrong in ({"no_such_option": 1}, {"ba_refine_focal_length": "perhaps"}):
+        with pytest.raises(OptionError, match=r"sparse\.colmap"):
+            pipeline_options("hierarchical", wrong)
