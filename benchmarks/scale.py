@@ -52,7 +52,7 @@ UP_TO = {
     "spatial": (300, 3000),
     "vocabtree": (100, 100),
     "sparse": (100, 300),
-    "hierarchical": (100, 1000),
+    "hierarchical": (100, 3000),
     "dense": (30, 100),
 }
 """Photographs up to which a stage is run here, and of small ones; the others at all sizes."""
