@@ -53,7 +53,7 @@ UP_TO = {
     "vocabtree": (100, 100),
     "sparse": (100, 300),
     "hierarchical": (100, 3000),
-    "dense": (30, 100),
+    "dense": (30, 300),
 }
 """Photographs up to which a stage is run here, and of small ones; the others at all sizes."""
 FEATURES = tuple(f"features.colmap.sift.max_num_features={most}" for most in (1000, 500))
