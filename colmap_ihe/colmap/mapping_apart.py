@@ -41,10 +41,8 @@ def pipeline_options(mapper: str, values: Mapping[str, Any]) -> Any:
     of_parts = getattr(settings, "incremental_options", None)
     passed_on = {n: v for n, v in values.items() if not hasattr(settings, n) and hasattr(of_parts, n)}
     if passed_on:
-        inner = values.get("incremental_options", {})
-        values = {n: v for n, v in values.items() if n not in passed_on}
-        values["incremental_options"] = passed_on | inner
-    apply_options(settings, values, "sparse.colmap")
+        apply_options(settings, {"incremental_options": passed_on}, "sparse.colmap")
+    apply_options(settings, {n: v for n, v in values.items() if n not in passed_on}, "sparse.colmap")
     return settings
 
 

@@ -85,6 +85,10 @@ def test_the_hierarchical_mapper_takes_the_options_of_the_incremental_one() -> N
     parts = found.incremental_options
     assert (parts.ba_refine_focal_length, parts.min_num_matches, parts.min_model_size) == (False, 12, 4)
     assert parts.ba_refine_extra_params
-    for wrong in ({"no_such_option": 1}, {"ba_refine_focal_length": "perhaps"}):
+    for wrong in (
+        {"no_such_option": 1},
+        {"ba_refine_focal_length": "perhaps"},
+        {"ba_refine_focal_length": False, "incremental_options": 5},
+    ):
         with pytest.raises(OptionError, match=r"sparse\.colmap"):
             pipeline_options("hierarchical", wrong)
