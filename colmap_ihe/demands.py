@@ -12,7 +12,8 @@ from colmap_ihe.colmap.cost import ASPECT, dense_cost, pixels_within
 from colmap_ihe.colmap.dense import pick_backend
 from colmap_ihe.colmap.feature_shards import extraction_options
 from colmap_ihe.colmap.features import features_bytes
-from colmap_ihe.colmap.matching import MATCH_BYTES_A_FEATURE, choose_strategy, pairs_of
+from colmap_ihe.colmap.match_blocks import matches_bytes
+from colmap_ihe.colmap.matching import choose_strategy, pairs_of
 from colmap_ihe.options import Options
 from colmap_ihe.preprocess import Surveyed
 
@@ -115,7 +116,7 @@ def demands_of(options: Options, photographs: Set) -> list[Demand]:
         Demand(
             "matches",
             _BASE + 10_000 * images,
-            round(MATCH_BYTES_A_FEATURE * features),
+            matches_bytes(round(features), images),
             round(min(pairs, _PARTNERS * images) * features * _MATCH),
         ),
         Demand("sparse", _BASE + round(400 * features * images), 0, round(images * features * _MODEL)),

@@ -55,9 +55,10 @@ def limited_here() -> Iterator[None]:
         yield
 
 
-def environment() -> dict[str, str]:
-    """The variables of the environment that limit the libraries in a process of its own."""
-    most = limit()
+def environment(most: int | None = None) -> dict[str, str]:
+    """The variables of the environment that limit the libraries in a process of its own to `most` threads, or to as
+    many as a run is limited to."""
+    most = most or limit()
     return {} if most is None else dict.fromkeys(_ENVIRONMENT, str(most))
 
 

@@ -1,14 +1,20 @@
-"""Matching on the workers of a cluster: blocks of pairs, each in a database of just the images that it needs."""
+"""Matching by processes and the workers of a cluster: blocks of pairs, each in a database of its own images only.
+
+COLMAP's matcher builds an index of each image that it meets, which takes as long as two pairs do: a block has many
+pairs of few images.
+"""
 
 from __future__ import annotations
 
+import math
 import shutil
 from collections import defaultdict
-from collections.abc import Iterator, Mapping, Sequence
-from concurrent.futures import Executor
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import Executor, ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 
+from colmap_ihe.colmap.apart import Apart
 from colmap_ihe.colmap.native import apply_options, called, hush, pycolmap
 from colmap_ihe.colmap.packs import (
     in_batches,
@@ -18,6 +24,8 @@ from colmap_ihe.colmap.packs import (
     write_features,
     write_pack,
 )
+from colmap_ihe.colmap.workspace import counting_rows
+from colmap_ihe.errors import Cancelled
 from colmap_ihe.executor import TaskWatch, in_order, width_of
 from colmap_ihe.files import write_bytes
 from colmap_ihe.options import MatchesOptions
@@ -28,9 +36,10 @@ Pair = tuple[int, int]
 
 SEED = 0
 """Of RANSAC, for every pair anew: so a pair gives the same matches wherever, and beside whatever, it is verified."""
-_GROUP = 16  # images; two groups have 256 pairs, a minute or so of work, which is lost with a worker
-_GROUPS_A_WORKER = 4
-_LEAST_PAIRS = 64  # of a block, if there are as many: to load its images has its price
+_GROUP = 24  # images; two groups have 576 pairs, a minute or two of work, which is lost with a worker
+_PROCESS_BYTES = 110_000_000
+_BYTES_A_FEATURE = 420  # of the images of a block; measured with benchmarks/limits.py
+_GRACE_SECONDS = 60.0  # to keep what is matched already; COLMAP stops after the pair that it is at
 
 
 @dataclass(frozen=True)
@@ -44,6 +53,24 @@ class _Block:
     result: Path
 
 
+def matches_bytes(features: int, images: int) -> int:
+    """What a process takes of memory that matches images of so many features each, of `images` in all."""
+    return _PROCESS_BYTES + _BYTES_A_FEATURE * features * min(images, 2 * _GROUP)
+
+
+def match_in_processes(
+    database: Path, pairs: Sequence[Pair], options: MatchesOptions, parts: Path, count: int, watch: Watch
+) -> None:
+    """As `match_in_blocks`, by `count` processes at a time here. What was matched is kept when it is stopped."""
+    told: dict[Path, int] = {}
+    with Apart(most_threads=1) as apart, ThreadPoolExecutor(count) as executor:
+
+        def match_apart(block: _Block) -> Path:
+            return apart.call(match_block, block, _Told(watch, block, told), _GRACE_SECONDS)
+
+        _match(database, pairs, options, parts, executor, count, watch, match_apart, told)
+
+
 def match_in_blocks(
     database: Path,
     pairs: Sequence[Pair],
@@ -52,8 +79,23 @@ def match_in_blocks(
     executor: Executor,
     watch: Watch,
 ) -> None:
-    """Verified matches of those of `pairs` that are not in the database yet. `parts`: a folder for what is under
-    way, which goes afterwards. Raises as `match_features`."""
+    """Verified matches of those of `pairs` that are not in the database yet, by the workers of `executor`. `parts`: a
+    folder for what is under way, which goes afterwards. Raises as `match_features`."""
+    _match(database, pairs, options, parts, executor, width_of(executor), watch, match_block, {})
+
+
+def _match(
+    database: Path,
+    pairs: Sequence[Pair],
+    options: MatchesOptions,
+    parts: Path,
+    executor: Executor,
+    width: int,
+    watch: Watch,
+    match: Callable[[_Block], Path],
+    told: dict[Path, int],
+) -> None:
+    """`told`: the pairs of each block, by its result, that `match` has told the watch of."""
     parts.mkdir(parents=True)
     with pycolmap.Database.open(database) as opened:
         done = {pycolmap.pair_id_to_image_pair(i) for i in opened.read_two_view_geometry_num_inliers()[0]}
@@ -64,17 +106,42 @@ def match_in_blocks(
     unlike = {_ordered(pair): pair for pair in reversed(pairs)}
     wanted = [pair for key, pair in reversed(unlike.items()) if key not in done]
     watch.advance(len(pairs) - len(wanted))
-    size = max(2, min(_GROUP, len(cameras) // (_GROUPS_A_WORKER * width_of(executor))))
+    size = _group_size(len(cameras), width)
     packs = _packed(database, list(cameras), size, parts, watch)
     blocks = [
         _block(some, cameras, packs, options, parts / f"matches-{number:06}.db")
         for number, some in enumerate(_blocks(wanted, list(cameras), size))
     ]
-    for block, result in zip(blocks, in_order(executor, match_block, blocks, watch=watch), strict=True):
-        _copy_matches(result, database)
-        result.unlink()
-        watch.advance(len(block.pairs))
-    shutil.rmtree(parts)
+    try:
+        for block, result in zip(blocks, in_order(executor, match, blocks, 2 * width, watch), strict=True):
+            _copy_matches(result, database)
+            result.unlink()
+            watch.advance(len(block.pairs) - told.get(result, 0))
+    finally:
+        for result in parts.glob("matches-*.db"):  # of those that were stopped
+            _copy_matches(result, database)
+        shutil.rmtree(parts)
+
+
+class _Told(TaskWatch):
+    """Tells a watch of the pairs of a block as they are done, and remembers how many."""
+
+    def __init__(self, watch: Watch, block: _Block, told: dict[Path, int]) -> None:
+        super().__init__()
+        self._watch, self._block, self._told = watch, block, told
+
+    def advance(self, count: int = 1) -> None:
+        before = self._told.get(self._block.result, 0)
+        count = min(count, len(self._block.pairs) - before)
+        self._told[self._block.result] = before + count
+        self._watch.advance(count)
+        self.check()
+
+
+def _group_size(images: int, width: int) -> int:
+    """Images of a group: there are two blocks or so for each of `width` workers, and none is large."""
+    groups = max(-(-images // _GROUP), math.ceil(math.sqrt(2 * width)))
+    return max(2, -(-images // groups))
 
 
 def _ordered(pair: Pair) -> Pair:
@@ -93,23 +160,23 @@ def _packed(database: Path, ids: Sequence[int], size: int, parts: Path, watch: W
     return packs
 
 
-def _blocks(pairs: Sequence[Pair], ids: Sequence[int], size: int) -> Iterator[list[Pair]]:
-    """The pairs of two groups of `size` images each, neighbours by name; those of several groups with one where
-    there are few."""
+def _blocks(pairs: Sequence[Pair], ids: Sequence[int], size: int) -> list[list[Pair]]:
+    """The pairs of two groups of `size` images each, neighbours by name; those of a group with several others where
+    they are few. The longest first, so that all workers end at about the same time."""
     group = {image_id: place // size for place, image_id in enumerate(ids)}
     by_groups: dict[tuple[int, int], list[Pair]] = defaultdict(list)
     for one, other in pairs:
         by_groups[min(group[one], group[other]), max(group[one], group[other])].append((one, other))
-    least = min(_LEAST_PAIRS, size * size // 2)
-    gathered: list[Pair] = []
+    most = max(map(len, by_groups.values()), default=0)
+    blocks: list[list[Pair]] = []
     before = -1
     for (first, _), some in sorted(by_groups.items()):
-        if gathered and (first != before or len(gathered) >= least):
-            yield gathered
-            gathered = []
-        gathered, before = gathered + some, first
-    if gathered:
-        yield gathered
+        if first == before and len(blocks[-1]) + len(some) <= most:
+            blocks[-1] += some
+        else:
+            blocks.append(list(some))
+        before = first
+    return sorted(blocks, key=len, reverse=True)
 
 
 def _block(
@@ -126,29 +193,41 @@ def _block(
     return _Block(tuple(pairs), {i: cameras[i] for i in ids}, dict(by_pack), options, result)
 
 
-def match_block(block: _Block) -> Path:
-    """On a worker, with one thread, as it has several workers where it has several cores: writes a database with
-    the matches of a block and their geometry, and returns its path."""
+def match_block(block: _Block, watch: Watch | None = None) -> Path:
+    """With one thread, whatever the options say: writes a database with the matches of a block and their geometry, and
+    returns its path. Where `watch` stops it, it writes what there is; a worker of a cluster has none, for nobody waits
+    for what it had begun."""
     hush()
-    matching = pycolmap.FeatureMatchingOptions(num_threads=1)
+    matching = pycolmap.FeatureMatchingOptions()
     verification = verification_options(block.options)
     apply_options(matching, block.options.colmap, "matches.colmap")
+    matching.num_threads = 1
     with room_of_a_task() as folder:
         database, listed = folder / "block.db", folder / "pairs.txt"
         _fill(database, block)
         listed.write_text("".join(f"{one} {other}\n" for one, other in block.pairs), encoding="ascii")
-        called(
-            pycolmap.match_image_pairs,
-            database,
-            matching_options=matching,
-            pairing_options=pycolmap.ImportedPairingOptions(match_list_path=listed),
-            verification_options=verification,
-            watch=TaskWatch(),
-        )
-        matches = folder / "matches.db"
-        _copy_matches(database, matches)
-        write_bytes(block.result, matches.read_bytes())
+        try:
+            with counting_rows(database, "two_view_geometries") as rows:
+                called(
+                    pycolmap.match_image_pairs,
+                    database,
+                    matching_options=matching,
+                    pairing_options=pycolmap.ImportedPairingOptions(match_list_path=listed),
+                    verification_options=verification,
+                    watch=watch or TaskWatch(),
+                    progress=rows,
+                )
+        except Cancelled:
+            if watch is not None:
+                _write_matches(database, folder, block.result)
+            raise
+        _write_matches(database, folder, block.result)
     return block.result
+
+
+def _write_matches(database: Path, folder: Path, result: Path) -> None:
+    _copy_matches(database, folder / "matches.db")
+    write_bytes(result, (folder / "matches.db").read_bytes())
 
 
 def verification_options(options: MatchesOptions) -> pycolmap.TwoViewGeometryOptions:

@@ -12,8 +12,13 @@ from typing import Any
 import numpy as np
 
 from colmap_ihe import memory
-from colmap_ihe.colmap.match_blocks import match_in_blocks, verification_options
-from colmap_ihe.colmap.native import apply_options, called, pycolmap
+from colmap_ihe.colmap.match_blocks import (
+    match_in_blocks,
+    match_in_processes,
+    matches_bytes,
+    verification_options,
+)
+from colmap_ihe.colmap.native import apply_options, called, cuda_devices, pycolmap
 from colmap_ihe.colmap.workspace import counting_rows
 from colmap_ihe.errors import MappingError, ProjectError
 from colmap_ihe.executor import local_workers, shares_memory
@@ -22,8 +27,6 @@ from colmap_ihe.progress import Watch
 
 EXHAUSTIVE_UP_TO = 200
 """Photographs: 19,900 pairs, about an hour on two cores; past it time grows with the square."""
-MATCH_BYTES_A_FEATURE = 3_000
-"""Of the image with most features, a thread: 2,400 measured with `benchmarks/limits.py threads`."""
 VOCABULARY = "vocabulary.bin"
 _VOCABULARY_FEATURES = 400_000
 _VOCABULARY_IMAGES = 2000  # of which there are features in a vocabulary, spread over the set
@@ -87,9 +90,10 @@ def match_features(
 ) -> MatchCounts:
     """Matches and verifies pairs; pairs that are in the database already are left alone.
 
-    COLMAP does it on threads here, or the workers of an executor of another kind do it in blocks, with the same
-    result. A vocabulary tree is built from the set's own features, in `scratch`: nothing is downloaded. Raises
-    `OptionError`, `NativeError`, `MappingError` if nothing matches, `Cancelled`.
+    COLMAP does it in processes of one thread, ours or the workers of a cluster, with the same result: its matcher is
+    not safe on several threads (docs/decisions/0014). On a GPU, where it is another, COLMAP has its threads. A
+    vocabulary tree is built from the set's own features, in `scratch`: nothing is downloaded. Raises `OptionError`,
+    `NativeError`, `MappingError` if nothing matches, `Cancelled`.
     """
     strategy = choose_strategy(options.strategy, images, with_gps)
     matching, pairing, verification = native_options(options, strategy)
@@ -100,13 +104,7 @@ def match_features(
         tree = scratch / VOCABULARY
         build_vocabulary(database, tree, watch)
         pairing.vocab_tree_path = tree
-    if shares_memory(executor):
-        if matching.num_threads <= 0:
-            with pycolmap.Database.open(database) as opened:
-                one = MATCH_BYTES_A_FEATURE * max(
-                    (opened.num_keypoints_for_image(i.image_id) for i in opened.read_all_images()), default=0
-                )
-            matching.num_threads = memory.workers_for("matches", one, local_workers())
+    if matching.use_gpu and cuda_devices() and shares_memory(executor):
         watch.start(pairs, "pairs")
         with counting_rows(database, "two_view_geometries") as rows:
             called(
@@ -119,9 +117,15 @@ def match_features(
                 progress=lambda: min(pairs, rows()),
             )
     else:
+        pairing.mergedict({"num_threads": 1} if hasattr(pairing, "num_threads") else {})
         chosen = called(_pairs, database, strategy, pairing, watch=watch, cancellable=False)
         watch.start(len(chosen), "pairs")
-        match_in_blocks(database, chosen, options, parts, executor, watch)
+        if shares_memory(executor):
+            one = matches_bytes(_most_features(database), images)
+            count = memory.workers_for("matches", one, max(0, matching.num_threads) or local_workers())
+            match_in_processes(database, chosen, options, parts, count, watch)
+        else:
+            match_in_blocks(database, chosen, options, parts, executor, watch)
     (scratch / VOCABULARY).unlink(missing_ok=True)
     with pycolmap.Database.open(database) as opened:
         # COLMAP keeps a row for a pair without an inlier too, and counts it as verified.
@@ -191,9 +195,14 @@ def _pairs(database: Path, strategy: str, pairing: Any) -> list[tuple[int, int]]
     """The pairs that COLMAP would match, by id."""
     with pycolmap.Database.open(database) as opened:
         pairs: list[tuple[int, int]] = _GENERATOR[strategy](pairing, opened).all_pairs()
-    if strategy == "vocabtree":  # which come in the order that its threads end in
+    if strategy == "vocabtree":
         return sorted({(min(pair), max(pair)) for pair in pairs if pair[0] != pair[1]})
     return pairs
+
+
+def _most_features(database: Path) -> int:
+    with pycolmap.Database.open(database) as opened:
+        return max((opened.num_keypoints_for_image(i.image_id) for i in opened.read_all_images()), default=0)
 
 
 def _function(strategy: str, images: int) -> tuple[Any, int]:

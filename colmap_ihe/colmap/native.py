@@ -99,13 +99,13 @@ def _unset(values: Mapping[str, Any], wanted: Mapping[str, int]) -> dict[str, An
 
 
 @contextmanager
-def logged_to(file: Path) -> Iterator[None]:
+def logged_to(file: Path, besides: bool = False) -> Iterator[None]:
     """COLMAP's own log goes beside `file` for as long as this lasts, instead of to stderr.
 
-    glog adds a date and the process to the name. The logs of the last few runs are kept.
+    glog adds a date and the process to the name. The last few logs are kept, and `besides` another process's all.
     """
     file.parent.mkdir(parents=True, exist_ok=True)
-    for old in sorted(file.parent.glob(f"{file.name}.*"))[:-_LOGS_KEPT]:
+    for old in [] if besides else sorted(file.parent.glob(f"{file.name}.*"))[:-_LOGS_KEPT]:
         old.unlink(missing_ok=True)
     log = pycolmap.logging
     _logs_to.append(file)

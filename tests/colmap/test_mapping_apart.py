@@ -18,7 +18,7 @@ from colmap_ihe.progress import SILENT, Silent
 def children() -> list[int]:
     command = ["ps", "-o", "pid=", "--ppid", str(os.getpid())]
     listed = subprocess.run(command, capture_output=True, text=True, check=False)
-    return [int(pid) for pid in listed.stdout.split() if "mapping_apart" in command_of(int(pid))]
+    return [int(pid) for pid in listed.stdout.split() if "colmap.apart" in command_of(int(pid))]
 
 
 def command_of(pid: int) -> str:
@@ -64,12 +64,12 @@ def test_stopped_at_once(places: tuple[Path, Path, Path]) -> None:
 
 
 def test_killed_by_the_system(places: tuple[Path, Path, Path]) -> None:
-    with pytest.raises(NativeError, match="SIGKILL, perhaps for want of memory"):
+    with pytest.raises(NativeError, match=r"died .SIGKILL, perhaps for want of memory"):
         map_apart("hierarchical", *places, {}, 0, Kills(0.3))
 
 
 def test_what_colmap_refuses_is_told(places: tuple[Path, Path, Path]) -> None:
-    with pytest.raises(NativeError, match=r"sparse\.colmap: .*no_such_option"):
+    with pytest.raises(OptionError, match=r"sparse\.colmap: .*no_such_option"):
         map_apart("hierarchical", *places, {"no_such_option": 1}, 0, SILENT)
 
 

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import os
 import pickle
 import shutil
+import subprocess
 from collections.abc import Callable, Iterator
 from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from pathlib import Path
@@ -12,11 +14,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from colmap_ihe.colmap.match_blocks import _blocks
-from colmap_ihe.colmap.matching import forget_matches, match_features
+from colmap_ihe.colmap import match_blocks, matching
+from colmap_ihe.colmap.match_blocks import _blocks, _group_size
+from colmap_ihe.colmap.matching import build_vocabulary, forget_matches, match_features, native_options
 from colmap_ihe.colmap.native import pycolmap
+from colmap_ihe.errors import Cancelled, NativeError
 from colmap_ihe.options import MatchesOptions
-from colmap_ihe.progress import SILENT
+from colmap_ihe.progress import SILENT, Silent
 
 PAIRINGS: dict[str, dict[str, Any]] = {
     "exhaustive": {},
@@ -25,6 +29,9 @@ PAIRINGS: dict[str, dict[str, Any]] = {
     "vocabtree": {"num_images": 3},
 }
 PLACES = 8  # on a line, 10 m apart: neighbours, and no others, lie within 25 m with one between them
+
+
+SLOW = MatchesOptions(verification={"ransac": {"min_num_trials": 6000, "max_num_trials": 6000}})
 
 
 class Pickling(Executor):
@@ -84,61 +91,145 @@ def matched(database: Path) -> Matched:
         }
 
 
-def assert_alike(found: Matched, wanted: Matched) -> None:
-    """The same to the byte, but for the inliers of one pair at most: once in thousands of pairs COLMAP verifies a few
-    other matches than before, from the same seed."""
-    assert found.keys() == wanted.keys()
-    assert all(found[pair][0] == wanted[pair][0] for pair in wanted)
-    other = [pair for pair in wanted if found[pair] != wanted[pair]]
-    assert len(other) <= 1
-    for pair in other:
-        assert len(found[pair][1]) == pytest.approx(len(wanted[pair][1]), rel=0.1)
+@pytest.fixture(params=["processes", "workers"])
+def anyone(request: pytest.FixtureRequest, executor: Executor) -> Iterator[Executor]:
+    """Threads, for which processes of ours match, and workers that are somewhere else."""
+    if request.param == "workers":
+        yield executor
+        return
+    with ThreadPoolExecutor(2) as here:
+        yield here
 
 
 @pytest.mark.parametrize(
     "strategy", [pytest.param(n, marks=pytest.mark.slow if n == "vocabtree" else ()) for n in PAIRINGS]
 )
-def test_as_colmap_does(database: Path, tmp_path: Path, executor: Executor, strategy: str) -> None:
+def test_as_colmap_does_with_one_thread(
+    database: Path, tmp_path: Path, anyone: Executor, strategy: str
+) -> None:
     options = MatchesOptions.model_validate({"strategy": strategy, "pairing": PAIRINGS[strategy]})
     other = Path(shutil.copy(database, tmp_path / "other.db"))
-    with ThreadPoolExecutor(1) as here:
-        counts = match_features(other, tmp_path, options, 8, 8, here, SILENT)
-    found = match_features(database, tmp_path, options, 8, 8, executor, SILENT)
+    found = match_features(database, tmp_path, options, 8, 8, anyone, SILENT)
     pairs = set(matched(database))
-    if strategy == "vocabtree":  # of COLMAP's threads, which decide what of a pair comes first
-        assert pairs == set(matched(other))
-        assert abs(found.inliers - counts.inliers) < 0.02 * counts.inliers
-    else:
-        assert (found.pairs_matched, found.pairs_verified) == (counts.pairs_matched, counts.pairs_verified)
-        assert_alike(matched(database), matched(other))
+    alone, pairing, verification = native_options(options, strategy)
+    alone.num_threads = 1
+    if strategy == "vocabtree":
+        build_vocabulary(other, tmp_path / "tree.bin", SILENT)
+        pairing.vocab_tree_path, pairing.num_threads = tmp_path / "tree.bin", 1
+    getattr(pycolmap, f"match_{strategy}")(
+        other, matching_options=alone, pairing_options=pairing, verification_options=verification
+    )
+    alike = matched(other)
+    assert found.pairs_matched == len(pairs) == len(alike)
+    if strategy == "vocabtree":  # COLMAP's own takes what of a pair comes first
+        assert pairs == set(alike)
+        inliers = sum(len(inliers) for _, inliers in alike.values()) // 8
+        assert abs(found.inliers - inliers) < 0.02 * inliers
+        assert 7 <= len(pairs) < 28
+        return
+    assert matched(database) == alike
     if strategy == "exhaustive":
         assert len(pairs) == 28
     elif strategy == "sequential":
         assert pairs == {(i, i + 1) for i in range(1, PLACES)}
-    elif strategy == "spatial":
+    else:
         assert {(i, i + 1) for i in range(1, PLACES)} <= pairs
         assert all(other - one <= 2 for one, other in pairs)
-    else:
-        assert 7 <= len(pairs) < 28
 
 
-def test_goes_on_where_it_was_interrupted(database: Path, tmp_path: Path, executor: Executor) -> None:
-    match_features(database, tmp_path, MatchesOptions(), 8, 0, executor, SILENT)
+def test_goes_on_where_it_was_interrupted(database: Path, tmp_path: Path, anyone: Executor) -> None:
+    match_features(database, tmp_path, MatchesOptions(), 8, 0, anyone, SILENT)
     before = matched(database)
     with pycolmap.Database.open(database) as opened:
         for pair in list(before)[::3]:
             opened.delete_matches(*pair)
             opened.delete_two_view_geometry(*pair)
-    match_features(database, tmp_path, MatchesOptions(), 8, 0, executor, SILENT)
-    assert_alike(matched(database), before)
+    match_features(database, tmp_path, MatchesOptions(), 8, 0, anyone, SILENT)
+    assert matched(database) == before
+
+
+class Follows(Silent):
+    """Stops after `most` pairs."""
+
+    def __init__(self, most: int) -> None:
+        super().__init__()
+        self.most, self.done, self.total = most, 0, 0
+
+    def start(self, total: int, unit: str = "images") -> None:
+        self.total = total
+
+    def advance(self, count: int = 1) -> None:
+        self.done += count
+        self.check()
+
+    def check(self) -> None:
+        if self.done >= self.most:
+            raise Cancelled
+
+
+def test_what_was_matched_is_kept_when_it_is_stopped(
+    database: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(match_blocks, "_write_matches", None)  # it is in the processes that it has to happen
+    with ThreadPoolExecutor(2) as here:
+        with pytest.raises(Cancelled):
+            match_features(database, tmp_path, SLOW, 8, 0, here, Follows(1))
+        kept = matched(database)
+        assert 0 < len(kept) < 28
+        assert not (tmp_path / "parts").exists()
+        watch = Follows(29)
+        match_features(database, tmp_path, MatchesOptions(), 8, 0, here, watch)
+    assert (watch.done, watch.total) == (28, 28)
+    assert kept.items() <= matched(database).items()
+
+
+def test_a_process_that_dies_is_told_of_and_the_others_results_are_kept(
+    database: Path, tmp_path: Path
+) -> None:
+    class Kills(Follows):
+        def advance(self, count: int = 1) -> None:
+            super().advance(count)
+            if self.done and not self.killed:
+                self.killed = True
+                subprocess.run(["pkill", "-KILL", "-P", str(os.getpid()), "-f", "colmap.apart"], check=True)
+
+        killed = False
+
+    with ThreadPoolExecutor(2) as here, pytest.raises(NativeError, match="SIGKILL"):
+        match_features(database, tmp_path, SLOW, 8, 0, here, Kills(29))
+    assert not (tmp_path / "parts").exists()
 
 
 @pytest.mark.parametrize(("images", "size"), [(8, 2), (50, 16), (3, 16)])
 def test_every_pair_is_in_one_block(images: int, size: int) -> None:
     ids = list(range(1, images + 1))
     pairs = [(i, j) for i in ids for j in ids if i < j]
-    blocks = list(_blocks(pairs, ids, size))
+    blocks = _blocks(pairs, ids, size)
+    assert [*map(len, blocks)] == sorted(map(len, blocks), reverse=True)
     assert sorted(pair for block in blocks for pair in block) == pairs
-    assert max(map(len, blocks)) <= 2 * size * size
+    assert max(map(len, blocks)) <= size * size
     sparse = [(i, i + 1) for i in ids[:-1]]
     assert sorted(pair for block in _blocks(sparse, ids, size) for pair in block) == sparse
+
+
+@pytest.mark.parametrize(
+    ("images", "width", "blocks"), [(11, 1, 3), (11, 2, 3), (11, 8, 9), (200, 2, 45), (2, 16, 1)]
+)
+def test_blocks_are_enough_for_all_workers_and_none_is_large(images: int, width: int, blocks: int) -> None:
+    ids = list(range(images))
+    pairs = [(i, j) for i in ids for j in ids if i < j]
+    found = _blocks(pairs, ids, _group_size(images, width))
+    assert len(found) == blocks
+    assert max(map(len, found)) <= 24**2
+
+
+def test_on_a_gpu_colmap_has_its_threads(
+    database: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(matching, "cuda_devices", lambda: 1)
+    monkeypatch.setattr(matching, "match_in_processes", None)
+    options = MatchesOptions.model_validate(
+        {"colmap": {"use_gpu": True, "num_threads": 1}}
+    )  # which it has not here
+    with ThreadPoolExecutor(2) as here:
+        assert match_features(database, tmp_path, options, 8, 0, here, SILENT).pairs_matched == 28

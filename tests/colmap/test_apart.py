@@ -1,0 +1,179 @@
+"""Processes of our own: what they return and tell, how they are stopped, and what is said when they die."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from colmap_ihe import threads
+from colmap_ihe.colmap.apart import Apart
+from colmap_ihe.colmap.native import logged_to, pycolmap
+from colmap_ihe.errors import Cancelled, NativeError, OptionError
+from colmap_ihe.progress import SILENT, Silent, Watch
+
+
+def about(what: str, _watch: Watch) -> Any:
+    pycolmap.logging.info(f"asked for {what}")
+    return {"pid": os.getpid(), "threads": threads.limit()}[what]
+
+
+def count(most: int, watch: Watch) -> str:
+    for _ in range(most):
+        watch.advance(2)
+        time.sleep(0.01)
+    return "counted"
+
+
+def keep(file: Path, watch: Watch) -> None:
+    file.with_suffix(".begun").touch()
+    try:
+        while True:
+            watch.check()
+            time.sleep(0.01)
+    finally:
+        file.write_text("kept")
+
+
+def never(file: Path, _watch: Watch) -> None:
+    file.touch()
+    while True:
+        time.sleep(1)
+
+
+def fail(how: str, _watch: Watch) -> None:
+    if how == "known":
+        raise OptionError("not an option", hint="leave it out")
+    if how == "signal":
+        os.kill(os.getpid(), signal.SIGSEGV)
+    print("the last words", file=sys.stderr, flush=True)
+    os._exit(7)
+
+
+def unspeakable(_argument: None, _watch: Watch) -> Any:
+    return lambda: None
+
+
+class Counts(Silent):
+    done = 0
+
+    def advance(self, count: int = 1) -> None:
+        self.done += count
+
+
+class Until(Silent):
+    """Stops once there is a file."""
+
+    def __init__(self, file: Path) -> None:
+        super().__init__()
+        self.file = file
+
+    def check(self) -> None:
+        if self.file.exists():
+            raise Cancelled
+
+
+def alive(pid: int) -> bool:
+    return subprocess.run(["ps", "-p", str(pid)], capture_output=True, check=False).returncode == 0
+
+
+def test_a_process_is_kept_for_the_next_call_and_ends_with_the_last() -> None:
+    with Apart() as apart:
+        first = apart.call(about, "pid", SILENT)
+        assert first != os.getpid()
+        assert apart.call(about, "pid", SILENT) == first
+        assert alive(first)
+    assert not alive(first)
+
+
+def test_one_for_each_call_at_a_time() -> None:
+    with Apart() as apart, ThreadPoolExecutor(2) as two:
+        watches = [Counts(), Counts()]
+        assert [*two.map(lambda watch: apart.call(count, 20, watch), watches)] == ["counted"] * 2
+        assert [watch.done for watch in watches] == [40, 40]
+        assert len({*two.map(lambda _: apart.call(about, "pid", SILENT), range(2))}) <= 2
+
+
+@pytest.mark.parametrize(("asked", "limit", "found"), [(1, None, 1), (None, 3, 3), (None, None, None)])
+def test_threads_of_its_own(asked: int | None, limit: int | None, found: int | None) -> None:
+    with threads.limited(limit), Apart(asked) as apart:
+        assert apart.call(about, "threads", SILENT) == found
+
+
+def test_the_log_is_beside_ours(tmp_path: Path) -> None:
+    with logged_to(tmp_path / "colmap.log"), Apart() as apart:
+        process = apart.call(about, "pid", SILENT)
+    (log,) = tmp_path.glob(f"colmap.log.*{process}")
+    assert "asked for pid" in log.read_text()
+
+
+def test_stopped_at_once_without_grace(tmp_path: Path) -> None:
+    began = time.monotonic()
+    with Apart() as apart, pytest.raises(Cancelled):
+        apart.call(never, tmp_path / "begun", Until(tmp_path / "begun"))
+    assert time.monotonic() - began < 20
+
+
+def test_what_was_begun_is_finished_within_its_grace(tmp_path: Path) -> None:
+    with Apart() as apart, pytest.raises(Cancelled):
+        apart.call(keep, tmp_path / "a.txt", Until(tmp_path / "a.begun"), grace_seconds=60)
+    assert (tmp_path / "a.txt").read_text() == "kept"
+
+
+def test_ended_after_its_grace(tmp_path: Path) -> None:
+    with Apart() as apart, pytest.raises(Cancelled):
+        apart.call(never, tmp_path / "begun", Until(tmp_path / "begun"), grace_seconds=0.5)
+
+
+def test_what_it_raises_is_raised_here() -> None:
+    with Apart() as apart:
+        with pytest.raises(OptionError, match="not an option") as raised:
+            apart.call(fail, "known", SILENT)
+        assert raised.value.hint == "leave it out"
+
+
+@pytest.mark.parametrize(
+    ("how", "words"), [("signal", "COLMAP died .SIGSEGV."), ("exit", "COLMAP failed: the last words")]
+)
+def test_one_that_dies_is_told_of_and_another_takes_its_place(how: str, words: str) -> None:
+    with Apart() as apart:
+        with pytest.raises(NativeError, match=words):
+            apart.call(fail, how, SILENT)
+        assert apart.call(count, 1, SILENT) == "counted"
+
+
+def test_what_cannot_be_sent_is_an_error_here() -> None:
+    with Apart() as apart, pytest.raises(Exception, match=r"pickle|local object"):
+        apart.call(unspeakable, None, SILENT)
+
+
+def test_ends_with_us(tmp_path: Path) -> None:
+    script = (
+        "import os, sys; from pathlib import Path; import test_apart as t;"
+        " a = t.Apart(); print(a.call(t.about, 'pid', t.SILENT), flush=True);"
+        " a.call(t.never, Path(sys.argv[1]), t.Until(Path('/nowhere')))"
+    )
+    ours = subprocess.Popen(
+        [sys.executable, "-c", script, str(tmp_path / "begun")],
+        stdout=subprocess.PIPE,
+        env=os.environ | {"PYTHONPATH": os.pathsep.join(p for p in sys.path if p)},
+    )
+    assert ours.stdout is not None
+    process = int(ours.stdout.readline())
+    end = time.monotonic() + 30
+    while not (tmp_path / "begun").exists() and time.monotonic() < end:
+        time.sleep(0.05)
+    assert alive(process)
+    ours.kill()
+    ours.wait()
+    ours.stdout.close()
+    while alive(process) and time.monotonic() < end:
+        time.sleep(0.05)
+    assert not alive(process)
