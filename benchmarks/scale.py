@@ -50,10 +50,10 @@ UP_TO = {
     "features": (1000, 3000),
     "exhaustive": (100, 300),
     "spatial": (300, 3000),
-    "vocabtree": (100, 100),
-    "sparse": (100, 300),
+    "vocabtree": (100, 3000),
+    "sparse": (100, 3000),
     "hierarchical": (100, 3000),
-    "dense": (30, 300),
+    "dense": (30, 3000),
 }
 """Photographs up to which a stage is run here, and of small ones; the others at all sizes."""
 FEATURES = tuple(f"features.colmap.sift.max_num_features={most}" for most in (1000, 500))

@@ -13,6 +13,7 @@ from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor, ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
+from threading import Lock
 
 from colmap_ihe.colmap.apart import Apart
 from colmap_ihe.colmap.native import apply_options, called, hush, pycolmap
@@ -40,6 +41,7 @@ _GROUP = 24  # images; two groups have 576 pairs, a minute or two of work, which
 _PROCESS_BYTES = 110_000_000
 _BYTES_A_FEATURE = 420  # of the images of a block; measured with benchmarks/limits.py
 _GRACE_SECONDS = 60.0  # to keep what is matched already; COLMAP stops after the pair that it is at
+_alone = Lock()  # for workers of several threads, which COLMAP's matcher is not safe on
 
 
 @dataclass(frozen=True)
@@ -207,7 +209,7 @@ def match_block(block: _Block, watch: Watch | None = None) -> Path:
         _fill(database, block)
         listed.write_text("".join(f"{one} {other}\n" for one, other in block.pairs), encoding="ascii")
         try:
-            with counting_rows(database, "two_view_geometries") as rows:
+            with _alone, counting_rows(database, "two_view_geometries") as rows:
                 called(
                     pycolmap.match_image_pairs,
                     database,

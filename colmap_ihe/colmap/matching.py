@@ -32,6 +32,7 @@ _VOCABULARY_FEATURES = 400_000
 _VOCABULARY_IMAGES = 2000  # of which there are features in a vocabulary, spread over the set
 _GPS_SHARE = 0.9
 _WORDS_PER_FEATURE = 1 / 40  # its clustering wants 39 features a word
+_ROUNDS = (5, 1)  # of clustering: COLMAP's 100 and 3 find no more of the pairs that match (benchmarks/vocabulary.md)
 
 
 _PAIRING: dict[str, Any] = {
@@ -181,6 +182,7 @@ def build_vocabulary(database: Path, tree: Path, watch: Watch) -> None:
     data = np.concatenate(kept)
     build = pycolmap.VisualIndex.BuildOptions()
     apply_options(build, {}, "the vocabulary")
+    build.num_iterations, build.num_rounds = _ROUNDS
     build.num_visual_words = int(np.clip(len(data) * _WORDS_PER_FEATURE, 64, 65536))
     descriptors = pycolmap.FeatureDescriptorsFloat()
     descriptors.type = pycolmap.FeatureExtractorType.SIFT
