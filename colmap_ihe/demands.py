@@ -12,8 +12,8 @@ from colmap_ihe.colmap.cost import ASPECT, dense_cost, pixels_within
 from colmap_ihe.colmap.dense import pick_backend
 from colmap_ihe.colmap.feature_shards import extraction_options
 from colmap_ihe.colmap.features import features_bytes
-from colmap_ihe.colmap.match_blocks import matches_bytes
 from colmap_ihe.colmap.matching import choose_strategy, pairs_of
+from colmap_ihe.colmap.pair_blocks import matches_bytes
 from colmap_ihe.options import Options
 from colmap_ihe.preprocess import Surveyed
 

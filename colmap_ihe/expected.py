@@ -69,7 +69,7 @@ def expected(options: Options, known: Known, until: str) -> list[Part]:
         Part("fit", "images", 0.005 * (megapixels + raw)),
         Part("convert", "images", 0.015 * (megapixels + raw)),
         Part("features", "images", 0.55 * looked_at + 0.4 * images),
-        Part("matches", "pairs", 0.1 * pairs * known.features / images / 10_000),
+        Part("matches", "pairs", 0.12 * pairs * known.features / images / 10_000),
         Part("sparse", "images", 1e-4 * known.inliers),
     ]
     if options.dense.enabled:

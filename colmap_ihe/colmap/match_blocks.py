@@ -6,7 +6,6 @@ pairs of few images.
 
 from __future__ import annotations
 
-import math
 import shutil
 from collections import defaultdict
 from collections.abc import Callable, Mapping, Sequence
@@ -18,13 +17,13 @@ from threading import Lock
 from colmap_ihe.colmap.apart import Apart
 from colmap_ihe.colmap.native import apply_options, called, hush, pycolmap
 from colmap_ihe.colmap.packs import (
-    in_batches,
     read_features,
     read_pack,
     room_of_a_task,
     write_features,
     write_pack,
 )
+from colmap_ihe.colmap.pair_blocks import Pair, blocks_of, group_size, groups_of
 from colmap_ihe.colmap.workspace import counting_rows
 from colmap_ihe.errors import Cancelled
 from colmap_ihe.executor import TaskWatch, in_order, width_of
@@ -32,14 +31,8 @@ from colmap_ihe.files import write_bytes
 from colmap_ihe.options import MatchesOptions
 from colmap_ihe.progress import Watch
 
-Pair = tuple[int, int]
-"""The ids of two images."""
-
 SEED = 0
 """Of RANSAC, for every pair anew: so a pair gives the same matches wherever, and beside whatever, it is verified."""
-_GROUP = 24  # images; two groups have 576 pairs, a minute or two of work, which is lost with a worker
-_PROCESS_BYTES = 110_000_000
-_BYTES_A_FEATURE = 420  # of the images of a block; measured with benchmarks/limits.py
 _GRACE_SECONDS = 60.0  # to keep what is matched already; COLMAP stops after the pair that it is at
 _alone = Lock()  # for workers of several threads, which COLMAP's matcher is not safe on
 
@@ -53,11 +46,6 @@ class _Block:
     packs: Mapping[Path, Sequence[int]]
     options: MatchesOptions
     result: Path
-
-
-def matches_bytes(features: int, images: int) -> int:
-    """What a process takes of memory that matches images of so many features each, of `images` in all."""
-    return _PROCESS_BYTES + _BYTES_A_FEATURE * features * min(images, 2 * _GROUP)
 
 
 def match_in_processes(
@@ -100,28 +88,30 @@ def _match(
     """`told`: the pairs of each block, by its result, that `match` has told the watch of."""
     parts.mkdir(parents=True)
     with pycolmap.Database.open(database) as opened:
-        done = {pycolmap.pair_id_to_image_pair(i) for i in opened.read_two_view_geometry_num_inliers()[0]}
+        done = {pair for pair in pairs if opened.exists_two_view_geometry(*pair)}
         images = sorted(opened.read_all_images(), key=lambda image: str(image.name))
         known = {camera.camera_id: camera for camera in opened.read_all_cameras()}
+        features = max((opened.num_keypoints_for_image(image.image_id) for image in images), default=0)
     cameras = {image.image_id: known[image.camera_id] for image in images}
     # The first way round that a pair is named, as COLMAP has it: the other gives other matches.
     unlike = {_ordered(pair): pair for pair in reversed(pairs)}
-    wanted = [pair for key, pair in reversed(unlike.items()) if key not in done]
+    wanted = [pair for pair in reversed(unlike.values()) if pair not in done]
     watch.advance(len(pairs) - len(wanted))
-    size = _group_size(len(cameras), width)
-    packs = _packed(database, list(cameras), size, parts, watch)
+    groups = groups_of(wanted, list(cameras), group_size(len(wanted), len(cameras), features, width))
+    packs = _packed(database, groups, parts, watch)
     blocks = [
         _block(some, cameras, packs, options, parts / f"matches-{number:06}.db")
-        for number, some in enumerate(_blocks(wanted, list(cameras), size))
+        for number, some in enumerate(blocks_of(wanted, groups))
     ]
     try:
         for block, result in zip(blocks, in_order(executor, match, blocks, 2 * width, watch), strict=True):
-            _copy_matches(result, database)
+            _copy_matches(result, database, block.pairs)
             result.unlink()
             watch.advance(len(block.pairs) - told.get(result, 0))
     finally:
-        for result in parts.glob("matches-*.db"):  # of those that were stopped
-            _copy_matches(result, database)
+        for block in blocks:
+            if block.result.exists():  # of one that was stopped
+                _copy_matches(block.result, database, block.pairs)
         shutil.rmtree(parts)
 
 
@@ -140,45 +130,20 @@ class _Told(TaskWatch):
         self.check()
 
 
-def _group_size(images: int, width: int) -> int:
-    """Images of a group: there are two blocks or so for each of `width` workers, and none is large."""
-    groups = max(-(-images // _GROUP), math.ceil(math.sqrt(2 * width)))
-    return max(2, -(-images // groups))
-
-
 def _ordered(pair: Pair) -> Pair:
     return min(pair), max(pair)
 
 
-def _packed(database: Path, ids: Sequence[int], size: int, parts: Path, watch: Watch) -> dict[int, Path]:
-    """Writes the features of all images into packs of `size`; the pack of each image."""
+def _packed(database: Path, groups: Sequence[Sequence[int]], parts: Path, watch: Watch) -> dict[int, Path]:
+    """Writes the features of each group into a pack; the pack of each image."""
     packs: dict[int, Path] = {}
     with pycolmap.Database.open(database) as opened:
-        for number, some in enumerate(in_batches(ids, size)):
+        for number, some in enumerate(groups):
             watch.check()
             path = parts / f"features-{number:06}.npz"
             write_pack(path, {i: read_features(opened, i) for i in some if opened.exists_keypoints(i)})
             packs |= dict.fromkeys(some, path)
     return packs
-
-
-def _blocks(pairs: Sequence[Pair], ids: Sequence[int], size: int) -> list[list[Pair]]:
-    """The pairs of two groups of `size` images each, neighbours by name; those of a group with several others where
-    they are few. The longest first, so that all workers end at about the same time."""
-    group = {image_id: place // size for place, image_id in enumerate(ids)}
-    by_groups: dict[tuple[int, int], list[Pair]] = defaultdict(list)
-    for one, other in pairs:
-        by_groups[min(group[one], group[other]), max(group[one], group[other])].append((one, other))
-    most = max(map(len, by_groups.values()), default=0)
-    blocks: list[list[Pair]] = []
-    before = -1
-    for (first, _), some in sorted(by_groups.items()):
-        if first == before and len(blocks[-1]) + len(some) <= most:
-            blocks[-1] += some
-        else:
-            blocks.append(list(some))
-        before = first
-    return sorted(blocks, key=len, reverse=True)
 
 
 def _block(
@@ -221,15 +186,15 @@ def match_block(block: _Block, watch: Watch | None = None) -> Path:
                 )
         except Cancelled:
             if watch is not None:
-                _write_matches(database, folder, block.result)
+                _write_matches(database, folder, block)
             raise
-        _write_matches(database, folder, block.result)
+        _write_matches(database, folder, block)
     return block.result
 
 
-def _write_matches(database: Path, folder: Path, result: Path) -> None:
-    _copy_matches(database, folder / "matches.db")
-    write_bytes(result, (folder / "matches.db").read_bytes())
+def _write_matches(database: Path, folder: Path, block: _Block) -> None:
+    _copy_matches(database, folder / "matches.db", block.pairs)
+    write_bytes(block.result, (folder / "matches.db").read_bytes())
 
 
 def verification_options(options: MatchesOptions) -> pycolmap.TwoViewGeometryOptions:
@@ -261,17 +226,15 @@ def _fill(database: Path, block: _Block) -> None:
                 write_features(opened, image_id, features)
 
 
-def _copy_matches(source: Path, target: Path) -> None:
+def _copy_matches(source: Path, target: Path, pairs: Sequence[Pair]) -> None:
+    """Those of `pairs` that COLMAP has looked at; it keeps a row for one without a match too, which is then done."""
     with (
         pycolmap.Database.open(source) as one,
         pycolmap.Database.open(target) as other,
         pycolmap.DatabaseTransaction(other),
     ):
-        for pair_id, matches in zip(*one.read_all_matches(), strict=True):
-            first, second = pycolmap.pair_id_to_image_pair(pair_id)
-            if not other.exists_matches(first, second):
-                other.write_matches(first, second, matches)
-        for pair_id, geometry in zip(*one.read_two_view_geometries(), strict=True):
-            first, second = pycolmap.pair_id_to_image_pair(pair_id)
-            if not other.exists_two_view_geometry(first, second):
-                other.write_two_view_geometry(first, second, geometry)
+        for pair in map(_ordered, pairs):
+            if one.exists_matches(*pair) and not other.exists_matches(*pair):
+                other.write_matches(*pair, one.read_matches(*pair))
+            if one.exists_two_view_geometry(*pair) and not other.exists_two_view_geometry(*pair):
+                other.write_two_view_geometry(*pair, one.read_two_view_geometry(*pair))

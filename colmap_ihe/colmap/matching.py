@@ -15,10 +15,10 @@ from colmap_ihe import memory
 from colmap_ihe.colmap.match_blocks import (
     match_in_blocks,
     match_in_processes,
-    matches_bytes,
     verification_options,
 )
 from colmap_ihe.colmap.native import apply_options, called, cuda_devices, pycolmap
+from colmap_ihe.colmap.pair_blocks import matches_bytes
 from colmap_ihe.colmap.workspace import counting_rows
 from colmap_ihe.errors import MappingError, ProjectError
 from colmap_ihe.executor import local_workers, shares_memory
@@ -32,7 +32,10 @@ _VOCABULARY_FEATURES = 400_000
 _VOCABULARY_IMAGES = 2000  # of which there are features in a vocabulary, spread over the set
 _GPS_SHARE = 0.9
 _WORDS_PER_FEATURE = 1 / 40  # its clustering wants 39 features a word
-_ROUNDS = (5, 1)  # of clustering: COLMAP's 100 and 3 find no more of the pairs that match (benchmarks/vocabulary.md)
+_ROUNDS = (
+    5,
+    1,
+)  # of clustering: COLMAP's 100 and 3 find no more of the pairs that match (benchmarks/vocabulary.md)
 
 
 _PAIRING: dict[str, Any] = {

@@ -14,8 +14,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from colmap_ihe.colmap import match_blocks, matching
-from colmap_ihe.colmap.match_blocks import _blocks, _group_size
+from colmap_ihe.colmap import match_blocks, matching, pair_blocks
 from colmap_ihe.colmap.matching import build_vocabulary, forget_matches, match_features, native_options
 from colmap_ihe.colmap.native import pycolmap
 from colmap_ihe.errors import Cancelled, NativeError
@@ -148,6 +147,30 @@ def test_goes_on_where_it_was_interrupted(database: Path, tmp_path: Path, anyone
     assert matched(database) == before
 
 
+def test_a_pair_without_a_match_is_done_too(
+    database: Path, tmp_path: Path, executor: Executor, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with pycolmap.Database.open(database) as opened:
+        opened.clear_descriptors()
+        for image in opened.read_all_images():
+            noise = pycolmap.FeatureDescriptors()
+            noise.type = pycolmap.FeatureExtractorType.SIFT
+            count = opened.num_keypoints_for_image(image.image_id)
+            noise.data = np.random.default_rng(image.image_id % 7).integers(0, 60, (count, 128), np.uint8)
+            opened.write_descriptors(image.image_id, noise)
+    found = match_features(database, tmp_path, MatchesOptions(), 8, 0, executor, SILENT)
+    assert (found.pairs_matched, len(matched(database))) == (28, 1)  # images 1 and 8 have the same noise
+    asked: list[int] = []
+
+    def blocks_of(wanted: list[tuple[int, int]], groups: list[list[int]]) -> list[list[tuple[int, int]]]:
+        asked.append(len(wanted))
+        return pair_blocks.blocks_of(wanted, groups)
+
+    monkeypatch.setattr(match_blocks, "blocks_of", blocks_of)
+    again = match_features(database, tmp_path, MatchesOptions(), 8, 0, executor, SILENT)
+    assert (asked, again) == ([0], found)
+
+
 class Follows(Silent):
     """Stops after `most` pairs."""
 
@@ -198,29 +221,6 @@ def test_a_process_that_dies_is_told_of_and_the_others_results_are_kept(
     with ThreadPoolExecutor(2) as here, pytest.raises(NativeError, match="SIGKILL"):
         match_features(database, tmp_path, SLOW, 8, 0, here, Kills(29))
     assert not (tmp_path / "parts").exists()
-
-
-@pytest.mark.parametrize(("images", "size"), [(8, 2), (50, 16), (3, 16)])
-def test_every_pair_is_in_one_block(images: int, size: int) -> None:
-    ids = list(range(1, images + 1))
-    pairs = [(i, j) for i in ids for j in ids if i < j]
-    blocks = _blocks(pairs, ids, size)
-    assert [*map(len, blocks)] == sorted(map(len, blocks), reverse=True)
-    assert sorted(pair for block in blocks for pair in block) == pairs
-    assert max(map(len, blocks)) <= size * size
-    sparse = [(i, i + 1) for i in ids[:-1]]
-    assert sorted(pair for block in _blocks(sparse, ids, size) for pair in block) == sparse
-
-
-@pytest.mark.parametrize(
-    ("images", "width", "blocks"), [(11, 1, 3), (11, 2, 3), (11, 8, 9), (200, 2, 45), (2, 16, 1)]
-)
-def test_blocks_are_enough_for_all_workers_and_none_is_large(images: int, width: int, blocks: int) -> None:
-    ids = list(range(images))
-    pairs = [(i, j) for i in ids for j in ids if i < j]
-    found = _blocks(pairs, ids, _group_size(images, width))
-    assert len(found) == blocks
-    assert max(map(len, found)) <= 24**2
 
 
 def test_on_a_gpu_colmap_has_its_threads(

@@ -1,0 +1,68 @@
+"""Which pairs are matched together: all of them, once, in blocks of few images."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from colmap_ihe.colmap.pair_blocks import blocks_of, group_size, groups_of
+
+
+@pytest.mark.parametrize(("images", "size"), [(8, 2), (50, 16), (3, 16)])
+def test_every_pair_is_in_one_block(images: int, size: int) -> None:
+    ids = list(range(1, images + 1))
+    pairs = [(i, j) for i in ids for j in ids if i < j]
+    for some in (pairs, [(i, i + 1) for i in ids[:-1]], pairs[::7], []):
+        groups = groups_of(some, ids, size)
+        assert sorted(i for group in groups for i in group) == ids
+        assert {len(group) for group in groups[:-1]} <= {size}
+        blocks = blocks_of(some, groups)
+        assert [*map(len, blocks)] == sorted(map(len, blocks), reverse=True)
+        assert sorted(pair for block in blocks for pair in block) == some
+        assert max(map(len, blocks), default=0) <= size**2
+        assert max((len(_images_of(block)) for block in blocks), default=0) <= 3 * size
+
+
+def _images_of(pairs: list[tuple[int, int]]) -> set[int]:
+    return {i for pair in pairs for i in pair}
+
+
+def test_groups_are_of_images_that_have_pairs_whatever_their_names() -> None:
+    """Places on a grid in a random order, each with its 24 nearest: a block loads few images for its pairs."""
+    across = 30
+    order = np.random.default_rng(1).permutation(across * across)
+    at = {int(i): divmod(n, across) for n, i in enumerate(order)}
+    steps = [(y, x) for y in range(-2, 3) for x in range(-2, 3) if (y, x) > (0, 0)]
+    named = {place: i for i, place in at.items()}
+    pairs = [
+        (i, named[y + v, x + u]) for i, (y, x) in at.items() for v, u in steps if (y + v, x + u) in named
+    ]
+    ids = sorted(at)
+
+    def loaded(groups: list[list[int]]) -> float:
+        return sum(len(_images_of(block)) for block in blocks_of(pairs, groups)) / len(pairs)
+
+    by_name = [ids[n : n + 24] for n in range(0, len(ids), 24)]
+    assert loaded(by_name) > 1.0
+    assert loaded(groups_of(pairs, ids, 24)) < 0.3
+
+
+@pytest.mark.parametrize(
+    ("images", "neighbours", "features", "width", "blocks", "most"),
+    [
+        (11, 10, 12_000, 1, 1, 55),
+        (11, 10, 12_000, 2, 3, 30),
+        (11, 10, 12_000, 8, 9, 9),
+        (200, 199, 8_192, 2, 36, 625),
+        (2, 1, 8_192, 16, 1, 1),
+        (3000, 10, 800, 2, 33, 910),
+        (3000, 10, 800, 64, 77, 390),
+    ],
+)
+def test_blocks_are_enough_for_all_workers_and_none_is_large(
+    images: int, neighbours: int, features: int, width: int, blocks: int, most: int
+) -> None:
+    ids = list(range(images))
+    pairs = [(i, j) for i in ids for j in range(i + 1, min(images, i + 1 + neighbours))]
+    found = blocks_of(pairs, groups_of(pairs, ids, group_size(len(pairs), images, features, width)))
+    assert (len(found), max(map(len, found))) == (blocks, most)
