@@ -1,8 +1,4 @@
-"""Matching by processes and the workers of a cluster: blocks of pairs, each in a database of its own images only.
-
-COLMAP's matcher builds an index of each image that it meets, which takes as long as two pairs do: a block has many
-pairs of few images.
-"""
+"""Matching by processes and the workers of a cluster: blocks of pairs, each in a database of its own images only."""
 
 from __future__ import annotations
 
@@ -10,6 +6,7 @@ import shutil
 from collections import defaultdict
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor, ThreadPoolExecutor
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from threading import Lock
@@ -109,10 +106,11 @@ def _match(
             result.unlink()
             watch.advance(len(block.pairs) - told.get(result, 0))
     finally:
-        for block in blocks:
-            if block.result.exists():  # of one that was stopped
-                _copy_matches(block.result, database, block.pairs)
-        shutil.rmtree(parts)
+        with suppress(RuntimeError):  # of a disk without room, perhaps, for which the others stopped
+            for block in blocks:
+                if block.result.exists():  # of one that was stopped
+                    _copy_matches(block.result, database, block.pairs)
+        shutil.rmtree(parts, ignore_errors=True)
 
 
 class _Told(TaskWatch):

@@ -58,12 +58,12 @@ def groups_of(pairs: Sequence[Pair], ids: Sequence[int], size: int) -> list[list
         shared: dict[int, int] = defaultdict(int)
         waiting: list[tuple[int, int, int]] = []
         while left and len(group) < size:
-            image_id = next(iter(left))
             while waiting:
-                negative, _, found = heappop(waiting)
-                if found in left and -negative == shared[found]:
-                    image_id = found
+                negative, _, image_id = heappop(waiting)
+                if image_id in left and -negative == shared[image_id]:
                     break
+            else:
+                image_id = next(iter(left))
             group.append(image_id)
             del left[image_id]
             for other in near[image_id]:
