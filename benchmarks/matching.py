@@ -1,11 +1,11 @@
 """Whether matching gives the same matches every time, and what it costs: COLMAP's own threads, and ours.
 
-    python benchmarks/matching.py PROJECT [--rounds 3] [--strategy exhaustive]
+    python benchmarks/matching.py [PROJECT] [--rounds 3] [--strategy exhaustive]
 
-Matches the features of PROJECT again and again, by turns: by COLMAP with one thread, by COLMAP with as many threads as
-it takes, and as `reconstruct` does. Prints seconds and core seconds of a round (median), and in how many rounds a pair
-had other matches or other inliers than in the first. The race in COLMAP shows on small sets of few features, in one
-round of a hundred or so.
+Matches the features of PROJECT, else of eight small JPEGs of the demo scene, again and again, by turns: by COLMAP with
+one thread, by COLMAP with as many threads as it takes, and as `reconstruct` does. Prints seconds and core seconds of a
+round (median), and in how many rounds a pair had other matches or other inliers than in the first. The race in COLMAP
+shows on small sets of few features, in one round of a hundred or so.
 """
 
 from __future__ import annotations
@@ -22,14 +22,25 @@ from statistics import median
 
 from colmap_ihe.colmap.matching import forget_matches, match_features, native_options
 from colmap_ihe.colmap.native import pycolmap
+from colmap_ihe.demo.folder import render_demo
 from colmap_ihe.executor import local_executor
 from colmap_ihe.options import MatchesOptions
+from colmap_ihe.pipeline import reconstruct
 from colmap_ihe.progress import SILENT
 from colmap_ihe.project import Project
+from colmap_ihe.project_yaml import load_options
 from colmap_ihe.terminal import print_table
 
 Matched = dict[int, tuple[bytes, bytes]]
 """By pair its putative matches and its inliers."""
+
+
+def small_demo(project: Path) -> Path:
+    render_demo(project, views=8, size=(480, 320))
+    for raw in (project / "images").glob("*.dng"):
+        raw.unlink()
+    reconstruct(project, load_options(None, ["features.colmap.sift.first_octave=0"]), until="features")
+    return project
 
 
 def by_colmap(database: Path, options: MatchesOptions, threads: int) -> None:
@@ -65,7 +76,7 @@ def core_seconds() -> float:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
-    parser.add_argument("project", type=Path)
+    parser.add_argument("project", type=Path, nargs="?")
     parser.add_argument("--rounds", type=int, default=3)
     parser.add_argument("--strategy", choices=("exhaustive", "sequential", "spatial"), default="exhaustive")
     parsed = parser.parse_args()
@@ -80,9 +91,10 @@ def main() -> None:
     first: Matched | None = None
     with tempfile.TemporaryDirectory() as folder:
         database = Path(folder) / "database.db"
+        source = Project.at(parsed.project or small_demo(Path(folder) / "demo")).database
         for _ in range(parsed.rounds):
             for name, match in ways.items():
-                shutil.copy(Project.at(parsed.project).database, database)
+                shutil.copy(source, database)
                 forget_matches(database)
                 began, core = time.monotonic(), core_seconds()
                 match(database)

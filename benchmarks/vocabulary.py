@@ -20,7 +20,7 @@ from colmap_ihe.progress import SILENT
 from colmap_ihe.project import Project
 from colmap_ihe.terminal import print_table
 
-SETTINGS = [(100_000, (4, 1)), (100_000, (10, 1)), (100_000, (100, 3)), (400_000, (5, 1)), (400_000, (10, 1))]
+SETTINGS = [(100_000, (4, 1)), (100_000, (10, 1)), (100_000, (100, 3)), (200_000, (5, 1)), (400_000, (5, 1))]
 """Features at the most, and rounds of clustering: within one start, and starts."""
 LEAST_INLIERS = 15
 

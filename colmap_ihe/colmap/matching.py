@@ -28,7 +28,7 @@ from colmap_ihe.progress import Watch
 EXHAUSTIVE_UP_TO = 200
 """Photographs: 19,900 pairs, about an hour on two cores; past it time grows with the square."""
 VOCABULARY = "vocabulary.bin"
-_VOCABULARY_FEATURES = 400_000
+_VOCABULARY_FEATURES = 200_000
 _VOCABULARY_IMAGES = 2000  # of which there are features in a vocabulary, spread over the set
 _GPS_SHARE = 0.9
 _WORDS_PER_FEATURE = 1 / 40  # its clustering wants 39 features a word
