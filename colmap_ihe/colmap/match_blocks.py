@@ -20,7 +20,7 @@ from colmap_ihe.colmap.packs import (
     write_features,
     write_pack,
 )
-from colmap_ihe.colmap.pair_blocks import Pair, blocks_of, group_size, groups_of
+from colmap_ihe.colmap.pair_blocks import Pair, batch_of, blocks_of, group_size, groups_of
 from colmap_ihe.colmap.workspace import counting_rows
 from colmap_ihe.errors import Cancelled
 from colmap_ihe.executor import TaskWatch, in_order, width_of
@@ -30,18 +30,20 @@ from colmap_ihe.progress import Watch
 
 SEED = 0
 """Of RANSAC, for every pair anew: so a pair gives the same matches wherever, and beside whatever, it is verified."""
-_GRACE_SECONDS = 60.0  # to keep what is matched already; COLMAP stops after the pair that it is at
+_GRACE_SECONDS = 60.0  # to keep what is matched already; COLMAP stops after the batch that it is at
 _alone = Lock()  # for workers of several threads, which COLMAP's matcher is not safe on
 
 
 @dataclass(frozen=True)
 class _Block:
-    """`images`: the camera of each by its id; `packs`: the files that their features are in."""
+    """`images`: the camera of each by its id; `packs`: the files that their features are in; `batch`: pairs until it
+    can be stopped."""
 
     pairs: tuple[Pair, ...]
     images: Mapping[int, pycolmap.Camera]
     packs: Mapping[Path, Sequence[int]]
     options: MatchesOptions
+    batch: int
     result: Path
 
 
@@ -97,7 +99,7 @@ def _match(
     groups = groups_of(wanted, list(cameras), group_size(len(wanted), len(cameras), features, width))
     packs = _packed(database, groups, parts, watch)
     blocks = [
-        _block(some, cameras, packs, options, parts / f"matches-{number:06}.db")
+        _block(some, cameras, packs, options, batch_of(features), parts / f"matches-{number:06}.db")
         for number, some in enumerate(blocks_of(wanted, groups))
     ]
     try:
@@ -149,13 +151,14 @@ def _block(
     cameras: Mapping[int, pycolmap.Camera],
     packs: Mapping[int, Path],
     options: MatchesOptions,
+    batch: int,
     result: Path,
 ) -> _Block:
     ids = sorted({image_id for pair in pairs for image_id in pair})
     by_pack: dict[Path, list[int]] = defaultdict(list)
     for image_id in ids:
         by_pack[packs[image_id]].append(image_id)
-    return _Block(tuple(pairs), {i: cameras[i] for i in ids}, dict(by_pack), options, result)
+    return _Block(tuple(pairs), {i: cameras[i] for i in ids}, dict(by_pack), options, batch, result)
 
 
 def match_block(block: _Block, watch: Watch | None = None) -> Path:
@@ -170,6 +173,7 @@ def match_block(block: _Block, watch: Watch | None = None) -> Path:
     with room_of_a_task() as folder:
         database, listed = folder / "block.db", folder / "pairs.txt"
         _fill(database, block)
+        pairing = pycolmap.ImportedPairingOptions(match_list_path=listed, block_size=block.batch)
         listed.write_text("".join(f"{one} {other}\n" for one, other in block.pairs), encoding="ascii")
         try:
             with _alone, counting_rows(database, "two_view_geometries") as rows:
@@ -177,7 +181,7 @@ def match_block(block: _Block, watch: Watch | None = None) -> Path:
                     pycolmap.match_image_pairs,
                     database,
                     matching_options=matching,
-                    pairing_options=pycolmap.ImportedPairingOptions(match_list_path=listed),
+                    pairing_options=pairing,
                     verification_options=verification,
                     watch=watch or TaskWatch(),
                     progress=rows,

@@ -16,6 +16,7 @@ Pair = tuple[int, int]
 
 _PAIR_SECONDS = 1.2e-5  # a feature of one of its images
 _BLOCK_SECONDS = 80.0  # what is lost with a worker
+_BATCH_SECONDS, _LEAST_BATCH = 5.0, 50  # of fewer pairs COLMAP builds indexes again and again
 _GROUPS_A_BLOCK = 3  # the images of a block at the most
 _PROCESS_BYTES = 110_000_000
 _BYTES_A_FEATURE = 420  # of the images of a block; measured with benchmarks/limits.py
@@ -31,6 +32,11 @@ def matches_bytes(features: int, images: int) -> int:
 def _most_of_a_group(features: int) -> int:
     """Images, so that the pairs of two groups are not more than what may be lost."""
     return max(2, math.isqrt(round(_BLOCK_SECONDS / (_PAIR_SECONDS * max(1, features)))))
+
+
+def batch_of(features: int) -> int:
+    """Pairs of images with so many features after which COLMAP looks whether it is to stop."""
+    return max(_LEAST_BATCH, round(_BATCH_SECONDS / (_PAIR_SECONDS * max(1, features))))
 
 
 def group_size(pairs: int, images: int, features: int, width: int) -> int:

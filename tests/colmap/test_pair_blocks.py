@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from colmap_ihe.colmap.pair_blocks import blocks_of, group_size, groups_of
+from colmap_ihe.colmap.pair_blocks import batch_of, blocks_of, group_size, groups_of
 
 
 @pytest.mark.parametrize(("images", "size"), [(8, 2), (50, 16), (3, 16)])
@@ -66,3 +66,7 @@ def test_blocks_are_enough_for_all_workers_and_none_is_large(
     pairs = [(i, j) for i in ids for j in range(i + 1, min(images, i + 1 + neighbours))]
     found = blocks_of(pairs, groups_of(pairs, ids, group_size(len(pairs), images, features, width)))
     assert (len(found), max(map(len, found))) == (blocks, most)
+
+
+def test_colmap_looks_up_every_few_seconds_but_keeps_its_indexes() -> None:
+    assert [batch_of(features) for features in (0, 800, 8_192, 30_000)] == [416_667, 521, 51, 50]
