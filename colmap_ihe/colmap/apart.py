@@ -34,8 +34,6 @@ _END_SECONDS = 10.0
 
 _Item = TypeVar("_Item")
 _Result = TypeVar("_Result")
-_Terms = tuple[int | None, str, bool]
-"""The most threads, COLMAP's log file, and whether COLMAP is to be heard on stderr."""
 
 
 class Apart:
@@ -96,8 +94,7 @@ class _Process:
                 start_new_session=True,
                 env=os.environ | threads.environment(most_threads),
             )
-        terms: _Terms = (most_threads, native.log_file(), heard)
-        self._send(terms)
+        self._send((most_threads, native.log_file(), heard))
 
     def call(self, function: Callable[..., Any], argument: Any, watch: Watch, grace_seconds: float) -> Any:
         self._send((function, argument))

@@ -32,10 +32,8 @@ _VOCABULARY_FEATURES = 200_000
 _VOCABULARY_IMAGES = 2000  # of which there are features in a vocabulary, spread over the set
 _GPS_SHARE = 0.9
 _WORDS_PER_FEATURE = 1 / 40  # its clustering wants 39 features a word
-_ROUNDS = (
-    5,
-    1,
-)  # of clustering: COLMAP's 100 and 3 find no more of the pairs that match (benchmarks/vocabulary.md)
+# Of clustering: COLMAP's 100 and 3 find no more of the pairs that match (benchmarks/vocabulary.md).
+_ROUNDS = (5, 1)
 
 
 _PAIRING: dict[str, Any] = {
@@ -121,7 +119,8 @@ def match_features(
                 progress=lambda: min(pairs, rows()),
             )
     else:
-        pairing.mergedict({"num_threads": 1} if hasattr(pairing, "num_threads") else {})
+        if hasattr(pairing, "num_threads"):
+            pairing.num_threads = 1
         chosen = called(_pairs, database, strategy, pairing, watch=watch, cancellable=False)
         watch.start(len(chosen), "pairs")
         if shares_memory(executor):
