@@ -27,6 +27,7 @@ from colmap_ihe.fitting import Fit
 from colmap_ihe.grey.convert import check_tone, to_colour, to_grey
 from colmap_ihe.grey.wallis import wallis
 from colmap_ihe.grey.weights import Grey
+from colmap_ihe.memory import keep_freed
 from colmap_ihe.options import CamerasOptions, ConvertOptions
 from colmap_ihe.per_image import LeftOut, each_usable
 from colmap_ihe.progress import Watch
@@ -147,6 +148,7 @@ def _converted(
     colour_due = colour_file is not None and not (keep_finished and colour_file.exists())
     if not grey_due and not colour_due:
         return
+    keep_freed()
     photograph = read_photograph(one.capture)
     exif, weights = one.metadata.exif, weights_for(one.capture, fit)
     if grey_due:

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import ctypes
+import subprocess
+import sys
 import threading
 import time
 from concurrent.futures import ThreadPoolExecutor
@@ -148,3 +151,23 @@ def test_the_user_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> No
     monkeypatch.setattr(memory, "available", lambda: 100 * 10**6)
     fit_files([tmp_path], audience=listener)
     assert [text for text in listener.said if "photographs at a time" in text and "there are 4 cores" in text]
+
+
+@pytest.mark.skipif(not hasattr(ctypes.CDLL(None), "gnu_get_libc_version"), reason="glibc alone can be told")
+def test_pages_are_not_made_anew_for_each_photograph(tmp_path: Path) -> None:
+    """Where they are it is a thousand of them."""
+    photographs = 12
+    for number in range(photographs):
+        rgb = np.random.default_rng(number).integers(0, 256, (960, 1280, 3), np.uint8)
+        Image.fromarray(rgb).save(tmp_path / f"{number}.jpg")
+    code = (
+        "import resource, sys; from pathlib import Path;"
+        "from colmap_ihe import convert_folder; from colmap_ihe.grey.weights import Weights;"
+        "made = lambda: resource.getrusage(resource.RUSAGE_SELF).ru_minflt;"
+        "images, out = map(Path, sys.argv[1:]);"
+        "done = lambda name: convert_folder(images, out / name, weights=Weights(0, 1, 0));"
+        "done('a'); before = made(); done('b'); print(made() - before)"
+    )
+    command = [sys.executable, "-c", code, str(tmp_path), str(tmp_path.parent / "out")]
+    done = subprocess.run(command, capture_output=True, text=True, check=True)
+    assert int(done.stdout) < 300 * photographs
