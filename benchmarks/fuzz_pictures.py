@@ -183,8 +183,8 @@ def _profile(data: bytes, folder: Path) -> object:
         (folder / f"{mode}.jpg").write_bytes(jpeg_with(profile=data, mode=mode))
         read_metadata_here(folder / f"{mode}.jpg", "coded")
     with contextlib.suppress(PhotographError):
-        read_coded(folder / "CMYK.jpg")
-    return read_coded(folder / "RGB.jpg")
+        read_coded(folder / "CMYK.jpg", lambda *_: None)
+    return read_coded(folder / "RGB.jpg", lambda *_: None)
 
 
 _ARRAY = {"shape": [2, 3, 3], "dtype": "uint8", "is_new": False}

@@ -17,6 +17,7 @@ from pathlib import Path, PurePosixPath
 from typing import Any, BinaryIO
 
 import numpy as np
+import xxhash
 from numpy.typing import NDArray
 
 from colmap_ihe.errors import DiskFullError, ProjectError
@@ -196,8 +197,8 @@ def fingerprint_of(*parts: Any) -> str:
 
 
 def digest_file(path: Path) -> str:
-    """A digest of a file's content. Raises OSError."""
-    digest = hashlib.blake2b(digest_size=12)
+    """A digest of a file's content, against mistakes and not against malice. Raises OSError."""
+    digest = xxhash.xxh3_128()
     with open_file(path) as handle:
         while chunk := handle.read(1 << 20):
             digest.update(chunk)

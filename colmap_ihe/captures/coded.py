@@ -6,7 +6,7 @@ import math
 import re
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 import cv2
 import numpy as np
@@ -15,6 +15,7 @@ import tifffile
 from numpy.typing import NDArray
 from PIL import Image, UnidentifiedImageError
 from PIL.Image import Transpose
+from PIL.ImageFile import ImageFile
 from PIL.TiffImagePlugin import TiffImageFile
 
 from colmap_ihe.captures.profile import cmyk_to_srgb, rgb_profile
@@ -47,45 +48,61 @@ _UNTURN = {
 """By the Orientation tag, what takes back the turn it asks for."""
 
 
-def read_coded(path: Path, room: Callable[..., NDArray[Any]] = np.empty) -> tuple[NDArray[np.uint8], bytes]:
+def read_coded(
+    path: Path, accept: Callable[[int, int], None], room: Callable[..., NDArray[Any]] = np.empty
+) -> tuple[NDArray[np.uint8], bytes]:
     """Pixels (H, W, 3) uint8, and the RGB profile they are in, empty for sRGB. Of several pages the first;
     alpha is ignored. Pillow, unlike OpenCV, reports a truncated file; OpenCV reads 16 bits a channel. A JPEG is
-    decoded into what `room(shape, dtype)` gives.
+    decoded into what `room(shape, dtype)` gives. `accept(width, height)` may raise before there is memory for them.
 
     Raises OSError for a broken file, `PhotographError` for a kind that is not read.
     """
     try:
-        with Image.open(path, formats=FORMATS) as image:
-            # Of a PNG's depth Pillow tells only before it decodes: "RGB;16B" is the mode in the file.
-            deep = image.format == "PNG" and any("16" in str(tile.args) for tile in image.tile)
-            turned = image.tag_v2.get(_ORIENTATION, 1) if isinstance(image, TiffImageFile) else 1
-            if isinstance(image, TiffImageFile) and _is_deep(image):
-                return _read_deep_tiff(path, image, turned)
-            if image.format == "JPEG" and image.mode == "RGB":
-                pixels = _decode_jpeg(path, room((image.height, image.width, 3), np.uint8))
-                if pixels is not None:
-                    return pixels, rgb_profile(image)
-            image.load()
-            profile = rgb_profile(image)
-            if deep:
-                return _to_8_bit(_read_with_opencv(path)), profile
-            rgb = cmyk_to_srgb(image, path.name) if image.mode == "CMYK" else image.convert("RGB")
-            if turned in _UNTURN:  # Pillow turns a TIFF upright as it loads it; COLMAP must see it as stored
-                rgb = rgb.transpose(_UNTURN[turned])
-            return np.asarray(rgb), profile
+        with path.open("rb") as file, Image.open(file, formats=FORMATS) as image:
+            width, height = _size_of(image)
+            accept(width, height)
+            pixels, profile = _read(path, file, image, room)
     except UnidentifiedImageError:
         raise_if_not_read(path)
         raise
-    except (SyntaxError, ValueError, Image.DecompressionBombError) as error:
+    except (SyntaxError, ValueError, KeyError, Image.DecompressionBombError) as error:
         raise OSError(str(error)) from error
+    if pixels.shape != (height, width, 3):
+        found = f"{pixels.shape[1]}x{pixels.shape[0]}"
+        raise OSError(f"{found} pixels where its header says {width}x{height}")
+    return pixels, profile
 
 
-def _decode_jpeg(path: Path, pixels: NDArray[np.uint8]) -> NDArray[np.uint8] | None:
+def _read(
+    path: Path, file: BinaryIO, image: ImageFile, room: Callable[..., NDArray[Any]]
+) -> tuple[NDArray[np.uint8], bytes]:
+    """As `read_coded`, of a file that Pillow has opened; some kinds are opened again for other libraries."""
+    # Of a PNG's depth Pillow tells only before it decodes: "RGB;16B" is the mode in the file.
+    deep = image.format == "PNG" and any("16" in str(tile.args) for tile in image.tile)
+    turned = image.tag_v2.get(_ORIENTATION, 1) if isinstance(image, TiffImageFile) else 1
+    if isinstance(image, TiffImageFile) and _is_deep(image):
+        return _read_deep_tiff(path, image, turned)
+    if image.format == "JPEG" and image.mode == "RGB":
+        pixels = _decode_jpeg(file, room((image.height, image.width, 3), np.uint8))
+        if pixels is not None:
+            return pixels, rgb_profile(image)
+    image.load()
+    profile = rgb_profile(image)
+    if deep:
+        return _to_8_bit(_read_with_opencv(path)), profile
+    rgb = cmyk_to_srgb(image, path.name) if image.mode == "CMYK" else image.convert("RGB")
+    if turned in _UNTURN:  # Pillow turns a TIFF upright as it loads it; COLMAP must see it as stored
+        rgb = rgb.transpose(_UNTURN[turned])
+    return np.asarray(rgb), profile
+
+
+def _decode_jpeg(file: BinaryIO, pixels: NDArray[np.uint8]) -> NDArray[np.uint8] | None:
     """`pixels` (H, W, 3) filled with a sound JPEG, three times faster than Pillow and to the same pixels; None
     for one that libjpeg has a word to say of, which Pillow judges. Raises OSError where the word is of damage,
     which Pillow passes over."""
     try:
-        found = simplejpeg.decode_jpeg(path.read_bytes(), "RGB", buffer=pixels, strict=True)
+        file.seek(0)
+        found = simplejpeg.decode_jpeg(file.read(), "RGB", buffer=pixels, strict=True)
     except ValueError as error:
         if _DAMAGE.search(str(error)):
             raise OSError(str(error)) from error
@@ -98,14 +115,18 @@ def stored_size(path: Path) -> tuple[int, int]:
     `read_coded`."""
     try:
         with Image.open(path, formats=FORMATS) as image:
-            if isinstance(image, TiffImageFile):
-                return int(image.tag_v2[256]), int(image.tag_v2[257])
-            return image.size
+            return _size_of(image)
     except UnidentifiedImageError:
         raise_if_not_read(path)
         raise
     except (SyntaxError, ValueError, KeyError, Image.DecompressionBombError) as error:
         raise OSError(str(error)) from error
+
+
+def _size_of(image: Image.Image) -> tuple[int, int]:
+    if isinstance(image, TiffImageFile):
+        return int(image.tag_v2[256]), int(image.tag_v2[257])
+    return image.size
 
 
 def raise_if_not_read(path: Path) -> None:

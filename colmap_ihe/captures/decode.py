@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import cv2
@@ -63,19 +64,16 @@ def read_photograph(capture: Capture) -> Photograph:
 
 def read_photograph_here(capture: Capture, room: Callable[..., NDArray[Any]] = np.empty) -> Photograph:
     """As `read_photograph`, in this process. `room(shape, dtype)` may be asked for the array to decode into."""
-    width, height, _ = read_size_here(capture)  # what is too large is refused before there is memory for it
     try:
         if capture.kind == "raw":
+            read_size_here(capture)  # what is too large is refused before there is memory for it
             developed = develop(capture.path, capture.recipe)
             photograph = Photograph(developed.linear_rgb, "linear", developed.srgb_from_camera)
         else:
-            rgb, profile = read_coded(capture.path, room)
+            rgb, profile = read_coded(capture.path, partial(check_size, capture.name), room)
             photograph = Photograph(rgb, "coded", profile=profile)
     except (OSError, cv2.error) as error:
         raise _unreadable(capture, error) from error
-    if capture.kind == "coded" and photograph.rgb.shape != (height, width, 3):
-        found = f"{photograph.rgb.shape[1]}x{photograph.rgb.shape[0]}"
-        raise _unreadable(capture, OSError(f"{found} pixels where its header says {width}x{height}"))
     return replace(photograph, rgb=prepared(photograph.rgb, capture.recipe))
 
 

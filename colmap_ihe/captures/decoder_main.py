@@ -228,7 +228,7 @@ def _memory_limit(size: int) -> Iterator[None]:
 def _data_bytes() -> int | None:
     """What counts for RLIMIT_DATA, which only Linux keeps to."""
     try:
-        pages = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[5])
+        pages = int(Path("/proc/self/statm").read_bytes().split()[5])
     except (OSError, ValueError, IndexError):
         return None
     return pages * resource.getpagesize()
