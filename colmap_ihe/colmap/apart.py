@@ -92,7 +92,8 @@ class _Process:
                 stdout=self._words,
                 stderr=None if heard else self._words,
                 start_new_session=True,
-                env=os.environ | threads.environment(most_threads),
+                # Threads that wait would else keep the cores busy for the others.
+                env=os.environ | {"OMP_WAIT_POLICY": "passive"} | threads.environment(most_threads),
             )
         self._send((most_threads, native.log_file(), heard))
 

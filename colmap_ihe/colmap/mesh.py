@@ -8,11 +8,6 @@ trim, which COLMAP counts in levels of the octree, means the same on every scene
 
 from __future__ import annotations
 
-import json
-import os
-import subprocess
-import sys
-import time
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -21,22 +16,12 @@ from typing import Any
 import cv2
 import numpy as np
 
-from colmap_ihe import threads
+from colmap_ihe.colmap.apart import Apart
 from colmap_ihe.colmap.native import apply_options, called, pycolmap
 from colmap_ihe.colmap.ply import Rows, read_mesh, read_ply, write_mesh, write_rows
 from colmap_ihe.errors import MappingError, NativeError
 from colmap_ihe.progress import SILENT, Watch
 from colmap_ihe.texture.mesh import F32, I32, I64, U8, Mesh, without_small_parts
-
-_START = """
-import json, os, sys, threading
-input_path, output_path, options = json.loads(sys.argv[1])
-sys.path[:] = sys.argv[2:]
-threading.Thread(target=lambda: (sys.stdin.read(), os._exit(1)), daemon=True).start()
-import pycolmap
-pycolmap.poisson_meshing(input_path, output_path, pycolmap.PoissonMeshingOptions(**options))
-"""
-_POLL_SECONDS = 0.1
 
 _KD_TREE = 4  # FLANN's exact one, KDTreeSingleIndex
 
@@ -138,28 +123,20 @@ def nearest_colours(vertices: F32, points: Rows) -> U8:
 def _poisson(cloud: Path, mesh: Path, options: pycolmap.PoissonMeshingOptions, watch: Watch) -> None:
     """Poisson in a process of its own, which can be stopped, and which it aborts on a cloud it makes nothing of.
     Raises `Cancelled`, `NativeError`."""
-    job = json.dumps([str(cloud), str(mesh), options.todict()])
-    process = subprocess.Popen(
-        [sys.executable or "python3", "-c", _START, job, *sys.path],
-        stdin=subprocess.PIPE,  # which ends with us, however that is, and it with that
-        stdout=subprocess.DEVNULL,
-        stderr=subprocess.DEVNULL,
-        start_new_session=True,  # Ctrl-C in the terminal is for us
-        # Its threads meet often: beside other work, those that wait would else keep the cores busy for the others.
-        env=os.environ | {"OMP_WAIT_POLICY": "passive"} | threads.environment(),
-    )
     try:
-        while process.poll() is None:
-            time.sleep(_POLL_SECONDS)
-            watch.check()
-    finally:
-        process.kill()
-        process.communicate()
-    if process.returncode:
+        with Apart() as apart:
+            apart.call(_meshed, (cloud, mesh, options.todict()), watch)
+    except NativeError as error:
         raise NativeError(
-            f"COLMAP's Poisson meshing ended with status {process.returncode}",
+            f"Poisson meshing: {error}",
             hint="too little memory or a degenerate cloud: try --set mesh.colmap.depth=8, or --no-mesh",
-        )
+        ) from error
+
+
+def _meshed(job: tuple[Path, Path, dict[str, Any]], _watch: Watch) -> None:
+    cloud, mesh, options = job
+    settings = pycolmap.PoissonMeshingOptions(**options)
+    called(pycolmap.poisson_meshing, cloud, mesh, settings, watch=SILENT, cancellable=False)
 
 
 def _sound(points: Rows) -> Rows:
