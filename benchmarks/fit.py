@@ -2,14 +2,16 @@
 
     python benchmarks/fit.py [turns] [sceaux] [synthetic] [memory] [--photographs FOLDER] [--count 1000]
 
-`turns` is the fit against decoding by turns, for both sets. `sceaux` uses the photographs of ../shared/data/sceaux,
-`synthetic` makes JPEGs of 1.2 megapixels in a temporary folder. Times are wall clock on all cores, the best of three
-where that takes less than a minute; the paper's loop over 5,151 triplets is timed on 8 of them and scaled.
+`turns` is the fit against decoding, and `convert` against decoding and encoding, by turns, for both sets. `sceaux` uses
+the photographs of ../shared/data/sceaux, `synthetic` makes JPEGs of 1.2 megapixels in a temporary folder. Times are
+wall clock on all cores, the best of three where that takes less than a minute; the paper's loop over 5,151 triplets is
+timed on 8 of them and scaled.
 """
 
 from __future__ import annotations
 
 import argparse
+import itertools
 import os
 import subprocess
 import sys
@@ -111,28 +113,47 @@ def core_seconds() -> float:
 
 
 def turns(folder: Path, title: str) -> None:
-    """Decoding with OpenCV and the fit by turns, so that what else the machine does hits both alike: wall clock and
-    processor time."""
+    """Decoding with OpenCV and the fit by turns, then decoding and encoding, and `convert`."""
     captures = discover(folder).captures
     files = [capture.path for capture in captures]
-    rounds: list[tuple[float, float, float, float]] = []
     with local_executor() as executor:
+        by_turns(
+            title,
+            ("decode with OpenCV", lambda: on_all_cores(read_with_opencv, files)),
+            (
+                "fit, decoding included",
+                lambda: fit_captures(captures, FitOptions(), executor, SILENT, strict=True),
+            ),
+        )
+    with tempfile.TemporaryDirectory() as temporary:
+        out, runs = Path(temporary), itertools.count()
+        by_turns(
+            title,
+            ("decode and encode with OpenCV", lambda: on_all_cores(partial(convert_with_opencv, out), files)),
+            (
+                "convert: fit, grey, encode, EXIF",
+                lambda: convert_folder(folder, out / str(next(runs))),
+            ),
+        )
 
-        def decode() -> None:
-            on_all_cores(read_with_opencv, files)
 
-        def fit() -> None:
-            fit_captures(captures, FitOptions(), executor, SILENT, strict=True)
+def convert_with_opencv(out: Path, file: Path) -> None:
+    grey = cv2.cvtColor(read_with_opencv(file), cv2.COLOR_RGB2GRAY)
+    cv2.imwrite(str(out / f"{file.stem}.png"), grey)
 
-        fit()  # decoders start
-        began = time.perf_counter()
-        while len(rounds) < 3 or (time.perf_counter() - began < 60 and len(rounds) < 25):
-            took: list[float] = []
-            for work in (decode, fit):
-                wall, core = time.perf_counter(), core_seconds()
-                work()
-                took += [time.perf_counter() - wall, core_seconds() - core]
-            rounds.append((took[0], took[2], took[1], took[3]))
+
+def by_turns(title: str, first: tuple[str, Callable[[], Any]], second: tuple[str, Callable[[], Any]]) -> None:
+    """Wall clock and processor time of two, by turns, so that what else the machine does hits both alike."""
+    rounds: list[tuple[float, float, float, float]] = []
+    second[1]()  # decoders start
+    began = time.perf_counter()
+    while len(rounds) < 3 or (time.perf_counter() - began < 60 and len(rounds) < 25):
+        took: list[float] = []
+        for _, work in (first, second):
+            wall, core = time.perf_counter(), core_seconds()
+            work()
+            took += [time.perf_counter() - wall, core_seconds() - core]
+        rounds.append((took[0], took[2], took[1], took[3]))
     of = np.array(rounds)
     rows = [
         (
@@ -145,13 +166,7 @@ def turns(folder: Path, title: str) -> None:
         for what, one, other in (("wall clock", of[:, 0], of[:, 1]), ("processor time", of[:, 2], of[:, 3]))
         for middle in (float(np.median(other / one)),)
     ]
-    columns = (
-        "",
-        "decode with OpenCV",
-        "fit, decoding included",
-        "ratio of the best",
-        "median ratio of a round",
-    )
+    columns = ("", first[0], second[0], "ratio of the best", "median ratio of a round")
     print_table(f"{title}, {len(rounds)} rounds", rows, columns)
 
 
@@ -160,10 +175,6 @@ def compare(folder: Path, title: str) -> None:
     files = [capture.path for capture in captures]
     of_file = dict(zip(files, captures, strict=True))
     table = Table()
-
-    def convert_with_opencv(file: Path) -> None:
-        grey = cv2.cvtColor(read_with_opencv(file), cv2.COLOR_RGB2GRAY)
-        cv2.imwrite(str(out / f"{file.stem}.png"), grey)
 
     def convert_bare(file: Path) -> None:
         grey = np.ascontiguousarray(read_photograph(of_file[file]).rgb[..., 1], np.uint8)
@@ -187,7 +198,7 @@ def compare(folder: Path, title: str) -> None:
             table.add(words, took, decoding)
     with tempfile.TemporaryDirectory() as temporary:
         out = Path(temporary)
-        table.add(coding, seconds(lambda: on_all_cores(convert_with_opencv, files), 2))
+        table.add(coding, seconds(lambda: on_all_cores(partial(convert_with_opencv, out), files), 2))
         table.add(bare, seconds(lambda: on_all_cores(convert_bare, files), 2))
         runs = iter(range(9))
         took = seconds(lambda: convert_folder(folder, out / str(next(runs))), 2)

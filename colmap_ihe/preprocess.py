@@ -32,6 +32,8 @@ from colmap_ihe.options import CamerasOptions, ConvertOptions
 from colmap_ihe.per_image import LeftOut, each_usable
 from colmap_ihe.progress import Watch
 
+_WAITING = 3
+"""Files that wait for the disk, a core: a disk that takes its time now and then holds nobody up."""
 MASKS = ("PNG", "JPEG", "TIFF", "BMP")
 """The kinds of files that are read as masks, whatever their name: Pillow would run a program for some others."""
 _UNREADABLE_MASK = (
@@ -117,7 +119,7 @@ def convert_captures(
         for name, writes in each_usable(converted_here, surveyed, executor, watch, strict, left_out):
             finished.append(name)
             waiting += writes
-            while len(waiting) > local_workers():
+            while len(waiting) > _WAITING * local_workers():
                 waiting.popleft().result()
         for write in waiting:
             write.result()
