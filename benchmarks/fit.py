@@ -11,8 +11,8 @@ timed on 8 of them and scaled.
 from __future__ import annotations
 
 import argparse
-import itertools
 import os
+import shutil
 import subprocess
 import sys
 import tempfile
@@ -126,14 +126,17 @@ def turns(folder: Path, title: str) -> None:
             ),
         )
     with tempfile.TemporaryDirectory() as temporary:
-        out, runs = Path(temporary), itertools.count()
+        out = Path(temporary) / "out"
+
+        def emptied() -> None:
+            shutil.rmtree(out, ignore_errors=True)
+            out.mkdir()
+
         by_turns(
             title,
             ("decode and encode with OpenCV", lambda: on_all_cores(partial(convert_with_opencv, out), files)),
-            (
-                "convert: fit, grey, encode, EXIF",
-                lambda: convert_folder(folder, out / str(next(runs))),
-            ),
+            ("convert: fit, grey, encode, EXIF", lambda: convert_folder(folder, out)),
+            emptied,
         )
 
 
@@ -142,14 +145,22 @@ def convert_with_opencv(out: Path, file: Path) -> None:
     cv2.imwrite(str(out / f"{file.stem}.png"), grey)
 
 
-def by_turns(title: str, first: tuple[str, Callable[[], Any]], second: tuple[str, Callable[[], Any]]) -> None:
-    """Wall clock and processor time of two, by turns, so that what else the machine does hits both alike."""
+def by_turns(
+    title: str,
+    first: tuple[str, Callable[[], Any]],
+    second: tuple[str, Callable[[], Any]],
+    before: Callable[[], None] = lambda: None,
+) -> None:
+    """Wall clock and processor time of two, by turns, so that what else the machine does hits both alike; without that
+    of what is done `before` each."""
     rounds: list[tuple[float, float, float, float]] = []
+    before()
     second[1]()  # decoders start
     began = time.perf_counter()
     while len(rounds) < 3 or (time.perf_counter() - began < 60 and len(rounds) < 25):
         took: list[float] = []
         for _, work in (first, second):
+            before()
             wall, core = time.perf_counter(), core_seconds()
             work()
             took += [time.perf_counter() - wall, core_seconds() - core]

@@ -51,7 +51,7 @@ UP_TO = {
     "exhaustive": (100, 300),
     "spatial": (300, 3000),
     "vocabtree": (100, 3000),
-    "sparse": (100, 3000),
+    "sparse": (100, 1000),
     "hierarchical": (100, 3000),
     "dense": (30, 3000),
 }
@@ -228,7 +228,9 @@ def grow(sizes: Sequence[int], out: Path, small: bool) -> None:
                 found = measured(name, "sparse", chosen, f"sparse.mapper={mapper}")
                 print(f"{'':>6} {found['registered_images']} of {count} registered", flush=True)
         if count <= up_to["dense"]:
-            measured("dense", "dense", chosen)
+            mapper = "incremental" if count <= up_to["sparse"] else "hierarchical"
+            found = measured("dense", "dense", chosen, f"sparse.mapper={mapper}")
+            print(f"{'':>6} {found['dense_points']} points", flush=True)
         shutil.rmtree(project)
     print(f"\n{local_workers()} cores\n")
     tables(costs)
