@@ -27,13 +27,14 @@ from colmap_ihe.fitting import Fit
 from colmap_ihe.grey.convert import check_tone, to_colour, to_grey
 from colmap_ihe.grey.wallis import wallis
 from colmap_ihe.grey.weights import Grey
-from colmap_ihe.memory import keep_freed
+from colmap_ihe.memory import at_once, keep_freed
 from colmap_ihe.options import CamerasOptions, ConvertOptions
 from colmap_ihe.per_image import LeftOut, each_usable
 from colmap_ihe.progress import Watch
 
 _WAITING = 3
-"""Files that wait for the disk, a core: a disk that takes its time now and then holds nobody up."""
+"""Files that wait for the disk, for each photograph that is worked on: a disk that takes its time now and then holds
+nobody up."""
 MASKS = ("PNG", "JPEG", "TIFF", "BMP")
 """The kinds of files that are read as masks, whatever their name: Pillow would run a program for some others."""
 _UNREADABLE_MASK = (
@@ -113,13 +114,14 @@ def convert_captures(
         return one.capture.name, [disk.submit(write_bytes, file, content) for file, content in convert(one)]
 
     waiting: deque[Future[None]] = deque()
+    most = _WAITING * at_once([one.capture for one in surveyed], local_workers())
     finished = []
     # Threads of their own: to wait until the disk has a file takes no core.
     with ThreadPoolExecutor(local_workers(), thread_name_prefix="write") as disk:
         for name, writes in each_usable(converted_here, surveyed, executor, watch, strict, left_out):
             finished.append(name)
             waiting += writes
-            while len(waiting) > _WAITING * local_workers():
+            while len(waiting) > most:
                 waiting.popleft().result()
         for write in waiting:
             write.result()
