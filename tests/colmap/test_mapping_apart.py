@@ -10,9 +10,10 @@ from pathlib import Path
 
 import pytest
 
+from colmap_ihe.colmap import mapping_apart
 from colmap_ihe.colmap.mapping_apart import map_apart, pipeline_options
 from colmap_ihe.errors import Cancelled, NativeError, OptionError
-from colmap_ihe.progress import SILENT, Silent
+from colmap_ihe.progress import SILENT, Silent, Watch
 
 
 def children() -> list[int]:
@@ -49,12 +50,23 @@ class Kills(After):
             os.kill(pid, signal.SIGKILL)
 
 
+def sleep(_request: object, _watch: Watch) -> None:
+    time.sleep(60)
+
+
+@pytest.fixture
+def slow(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Mapping takes its time: of so few photographs it can be over before anybody looks."""
+    monkeypatch.setattr(mapping_apart, "_map", sleep)
+
+
 @pytest.fixture
 def places(finished: Path, tmp_path: Path) -> tuple[Path, Path, Path]:
     (tmp_path / "out").mkdir()
     return finished / "workspace/database.db", finished / "workspace/images", tmp_path / "out"
 
 
+@pytest.mark.usefixtures("slow")
 def test_stopped_at_once(places: tuple[Path, Path, Path]) -> None:
     began = time.monotonic()
     with pytest.raises(Cancelled):
@@ -63,6 +75,7 @@ def test_stopped_at_once(places: tuple[Path, Path, Path]) -> None:
     assert children() == []
 
 
+@pytest.mark.usefixtures("slow")
 def test_killed_by_the_system(places: tuple[Path, Path, Path]) -> None:
     with pytest.raises(NativeError, match=r"died .SIGKILL, perhaps for want of memory"):
         map_apart("hierarchical", *places, {}, 0, Kills(0.3))
