@@ -17,9 +17,7 @@ from colmap_ihe.colmap.pair_blocks import matches_bytes
 from colmap_ihe.options import Options
 from colmap_ihe.preprocess import Surveyed
 
-_BASE = (
-    600_000_000  # bytes of memory of any run: the interpreter, the libraries, COLMAP's caches of a small set
-)
+_BASE = 600_000_000  # bytes of memory of any run: the interpreter, the libraries, what stages before have freed and it keeps
 _TABLE = 192_000_000  # of the fit: its tables of colours, here and in a decoder
 _KEYPOINT = 160  # bytes on disk of a feature with its descriptor, of COLMAP's four floats, six or 128 bytes
 _FEATURES = 1.6  # for each that COLMAP is asked for at the most, as it counts places and not directions

@@ -130,19 +130,23 @@ def match_features(
         else:
             match_in_blocks(database, chosen, options, parts, executor, watch)
     (scratch / VOCABULARY).unlink(missing_ok=True)
+    counts = _counts(database, strategy)
+    if not counts.pairs_verified:
+        raise MappingError(f"no two of the {images} photographs match")
+    return counts
+
+
+def _counts(database: Path, strategy: str) -> MatchCounts:
     with pycolmap.Database.open(database) as opened:
         # COLMAP keeps a row for a pair without an inlier too, and counts it as verified.
         inliers = np.array(opened.read_two_view_geometry_num_inliers()[1], np.int64)
-        counts = MatchCounts(
+        return MatchCounts(
             strategy,
             opened.num_matched_image_pairs(),
             int(np.count_nonzero(inliers)),
             int(inliers.sum()),
             found_again(opened),
         )
-    if not counts.pairs_verified:
-        raise MappingError(f"no two of the {images} photographs match")
-    return counts
 
 
 def found_again(opened: pycolmap.Database) -> float:
