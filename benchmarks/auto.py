@@ -12,12 +12,12 @@ import argparse
 import time
 from pathlib import Path
 
-from colmap_ihe.captures.discover import discover
-from colmap_ihe.executor import local_executor
-from colmap_ihe.fitting import Fit, Trial, fit_captures
-from colmap_ihe.options import FitOptions
-from colmap_ihe.progress import SILENT
-from colmap_ihe.terminal import print_table
+from colmap_ihe.commandline.bars import print_table
+from colmap_ihe.fit.fit_set import Fit, Trial, fit_captures
+from colmap_ihe.machine.executor import local_executor
+from colmap_ihe.machine.progress import SILENT
+from colmap_ihe.photographs.discover import discover
+from colmap_ihe.project.options import FitOptions
 
 DATA = Path(__file__).resolve().parents[2] / "shared" / "data"
 

@@ -17,16 +17,16 @@ from pathlib import Path
 
 from guard_sets import DATA, raw_set
 
-from colmap_ihe.captures.discover import Capture, discover
-from colmap_ihe.demo.folder import render_demo
-from colmap_ihe.executor import local_executor
-from colmap_ihe.fitting import fit_captures
+from colmap_ihe.commandline.bars import print_table
+from colmap_ihe.evaluation.demo.render import render_demo
+from colmap_ihe.fit.fit_set import fit_captures
+from colmap_ihe.fit.given_weights import misfit, warnings_of
 from colmap_ihe.grey.ihe import flatness
 from colmap_ihe.grey.weights import Weights
-from colmap_ihe.misfit import misfit, warnings_of
-from colmap_ihe.options import FitOptions
-from colmap_ihe.progress import SILENT
-from colmap_ihe.terminal import print_table
+from colmap_ihe.machine.executor import local_executor
+from colmap_ihe.machine.progress import SILENT
+from colmap_ihe.photographs.discover import Capture, discover
+from colmap_ihe.project.options import FitOptions
 
 
 @dataclass(frozen=True)

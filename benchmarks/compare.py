@@ -15,10 +15,10 @@ import tempfile
 import time
 from pathlib import Path
 
-from colmap_ihe.compare import compare
-from colmap_ihe.pipeline import reconstruct
-from colmap_ihe.project_yaml import load_options
-from colmap_ihe.terminal import print_table
+from colmap_ihe.commandline.bars import print_table
+from colmap_ihe.evaluation.compare import compare
+from colmap_ihe.pipeline.reconstruct import reconstruct
+from colmap_ihe.project.options_file import load_options
 
 PHOTOGRAPHS = Path(__file__).resolve().parents[2] / "shared" / "data" / "fountain-p11"
 

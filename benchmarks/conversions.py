@@ -20,12 +20,12 @@ import cv2
 import numpy as np
 from PIL import Image
 
+from colmap_ihe.commandline.bars import print_table
 from colmap_ihe.grey.conversions import CONVERSIONS, Conversion
 from colmap_ihe.grey.convert import to_grey
 from colmap_ihe.grey.ihe import fit_weights
 from colmap_ihe.grey.srgb import Float32
 from colmap_ihe.grey.weights import FIXED, Weights
-from colmap_ihe.terminal import print_table
 
 SCEAUX = Path(__file__).resolve().parents[2] / "shared" / "data" / "sceaux"
 COLUMNS = ("conversion", "fit s/MP", "convert s/MP", "s for this photograph")

@@ -20,12 +20,12 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
 
 import odd_sets
 
-from colmap_ihe.colmap.conflicts import conflicts_of
-from colmap_ihe.colmap.plausible import cameras_of, shape_of
+from colmap_ihe.colmap.checks.plausibility import cameras_of, shape_of
+from colmap_ihe.colmap.checks.repeated_structure import conflicts_of
 from colmap_ihe.errors import KnownError
-from colmap_ihe.pipeline import reconstruct
-from colmap_ihe.project import Project
-from colmap_ihe.project_yaml import load_options
+from colmap_ihe.pipeline.reconstruct import reconstruct
+from colmap_ihe.project.folder import Project
+from colmap_ihe.project.options_file import load_options
 
 QUICK = ("fit.step=0.1", "fit.measure=false", "features.colmap.sift.first_octave=0", "dense.enabled=false")
 

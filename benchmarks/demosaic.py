@@ -24,12 +24,12 @@ from guard import measure_greys, reference_geometry
 from guard_sets import raw_set
 
 import colmap_ihe  # noqa: F401  before pycolmap
-from colmap_ihe.captures.raw import develop
-from colmap_ihe.captures.recipe import Demosaic, Recipe
 from colmap_ihe.colmap.native import pycolmap
+from colmap_ihe.commandline.bars import print_table
 from colmap_ihe.grey.convert import to_grey
 from colmap_ihe.grey.ihe import fit_weights
-from colmap_ihe.terminal import print_table
+from colmap_ihe.photographs.raw.develop import develop
+from colmap_ihe.project.recipe import Demosaic, Recipe
 
 SHOTS = (("fountain-p11", 400), ("sceaux", 400), ("fountain-p11", 1600), ("sceaux", 1600))
 WAYS = ("budget", "default")

@@ -23,10 +23,10 @@ import cv2
 import numpy as np
 from PIL import Image
 
-from colmap_ihe.colmap.depth_maps import sgm_depth_maps
-from colmap_ihe.colmap.fusion import fuse
 from colmap_ihe.colmap.native import pycolmap
-from colmap_ihe.colmap.undistort import undistort
+from colmap_ihe.dense.depth_maps import sgm_depth_maps
+from colmap_ihe.dense.fusion import fuse
+from colmap_ihe.dense.undistort import undistort
 
 BASE = "sparse"
 REC709 = np.array([0.2126, 0.7152, 0.0722])

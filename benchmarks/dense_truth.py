@@ -21,19 +21,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from colmap_ihe import convert_folder
-from colmap_ihe.colmap.depth_maps import DepthCounts, depth_file, read_depth, sgm_depth_maps
-from colmap_ihe.colmap.fusion import fuse
 from colmap_ihe.colmap.native import pycolmap
-from colmap_ihe.colmap.ply import read_ply
-from colmap_ihe.colmap.undistort import undistort
-from colmap_ihe.demo.scene import portico
-from colmap_ihe.demo.shapes import Rect
-from colmap_ihe.evaluate.depth import depth_errors, pooled
-from colmap_ihe.evaluate.surface import moved, surface_errors, true_points
-from colmap_ihe.evaluate.truth import Truth, key_of, pose_errors, read_truth
-from colmap_ihe.options import FitOptions
-from colmap_ihe.project import Project
-from colmap_ihe.terminal import print_table
+from colmap_ihe.commandline.bars import print_table
+from colmap_ihe.dense.depth_maps import DepthCounts, depth_file, read_depth, sgm_depth_maps
+from colmap_ihe.dense.fusion import fuse
+from colmap_ihe.dense.ply import read_ply
+from colmap_ihe.dense.undistort import undistort
+from colmap_ihe.evaluation.demo.scene import portico
+from colmap_ihe.evaluation.demo.shapes import Rect
+from colmap_ihe.evaluation.depth_errors import depth_errors, pooled
+from colmap_ihe.evaluation.surface_errors import moved, surface_errors, true_points
+from colmap_ihe.evaluation.truth import Truth, key_of, pose_errors, read_truth
+from colmap_ihe.project.folder import Project
+from colmap_ihe.project.options import FitOptions
 
 WITHIN_PERCENT = (0.1, 0.5)
 SAMPLES = 1_000_000

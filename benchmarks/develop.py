@@ -19,11 +19,11 @@ import cv2
 import numpy as np
 import rawpy
 
-from colmap_ihe.captures.raw import develop
-from colmap_ihe.captures.recipe import Recipe
-from colmap_ihe.demo.dng import write_dng
-from colmap_ihe.demo.exif import PhotoExif
-from colmap_ihe.terminal import print_table
+from colmap_ihe.commandline.bars import print_table
+from colmap_ihe.evaluation.demo.dng import write_dng
+from colmap_ihe.evaluation.demo.exif import PhotoExif
+from colmap_ihe.photographs.raw.develop import develop
+from colmap_ihe.project.recipe import Recipe
 
 
 def bare(path: Path) -> None:

@@ -29,18 +29,18 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from colmap_ihe import convert_folder
-from colmap_ihe.captures.decode import read_photograph
-from colmap_ihe.captures.discover import discover
-from colmap_ihe.captures.png import encode_png
-from colmap_ihe.executor import local_executor, local_workers
-from colmap_ihe.fitting import fit_captures
+from colmap_ihe.commandline.bars import print_table
+from colmap_ihe.fit.fit_set import fit_captures
 from colmap_ihe.grey.convert import to_grey
 from colmap_ihe.grey.histogram import Histogram
 from colmap_ihe.grey.ihe import fit_histogram
 from colmap_ihe.grey.weights import triplets
-from colmap_ihe.options import FitOptions
-from colmap_ihe.progress import SILENT
-from colmap_ihe.terminal import print_table
+from colmap_ihe.machine.executor import local_executor, local_workers
+from colmap_ihe.machine.progress import SILENT
+from colmap_ihe.photographs.decode import read_photograph
+from colmap_ihe.photographs.discover import discover
+from colmap_ihe.photographs.png import encode_png
+from colmap_ihe.project.options import FitOptions
 
 SCEAUX = Path(__file__).resolve().parents[2] / "shared" / "data" / "sceaux"
 PAPER = FitOptions(guard="none")
@@ -256,7 +256,7 @@ def synthetic(folder: Path, count: int) -> Path:
 def memory(folder: Path, counts: Sequence[int]) -> None:
     """Peak memory of a fit in a process of its own, without those that decode for it."""
     code = (
-        "import sys; from pathlib import Path; from colmap_ihe.commands import fit_files;"
+        "import sys; from pathlib import Path; from colmap_ihe.pipeline.fit_files import fit_files;"
         "fit_files([Path(p) for p in sys.stdin.read().split()]);"
         # ru_maxrss would be that of this process, of which it is a child
         "print(Path('/proc/self/status').read_text().partition('VmHWM:')[2].split()[0])"

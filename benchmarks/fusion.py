@@ -20,10 +20,10 @@ from pathlib import Path
 
 import numpy as np
 
-from colmap_ihe.colmap.fusion import FUSION_BYTES, fuse
 from colmap_ihe.colmap.native import pycolmap
-from colmap_ihe.progress import Silent
-from colmap_ihe.terminal import print_table
+from colmap_ihe.commandline.bars import print_table
+from colmap_ihe.dense.fusion import FUSION_BYTES, fuse
+from colmap_ihe.machine.progress import Silent
 
 _FOLDERS = ("images", "stereo/depth_maps", "stereo/normal_maps")
 

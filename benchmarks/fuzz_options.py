@@ -14,18 +14,18 @@ from fuzz_mutations import BYTES, JSON, TEXT, WORDS, YAML, Target
 from PIL import Image
 
 import colmap_ihe  # noqa: F401  before pycolmap
-from colmap_ihe import preflight
-from colmap_ihe.again import read_run, unlike
-from colmap_ihe.captures.calibration import read_bad_pixels
-from colmap_ihe.evaluate.chosen import read_pairs
-from colmap_ihe.evaluate.truth import read_truth
-from colmap_ihe.gathering import Gathered
+from colmap_ihe.evaluation.pair_list import read_pairs
+from colmap_ihe.evaluation.truth import read_truth
+from colmap_ihe.fit.counting import Gathered
+from colmap_ihe.fit.histogram_file import Stored, digest_of, read_stored
+from colmap_ihe.fit.weights_file import read_weights
 from colmap_ihe.grey.histogram import Histogram
-from colmap_ihe.options import Options
-from colmap_ihe.project import Project
-from colmap_ihe.project_yaml import load_options
-from colmap_ihe.stored import Stored, digest_of, read_stored
-from colmap_ihe.weights_file import read_weights
+from colmap_ihe.photographs.raw.calibration import read_bad_pixels
+from colmap_ihe.pipeline import preflight
+from colmap_ihe.pipeline.repeat import read_run, unlike
+from colmap_ihe.project.folder import Project
+from colmap_ihe.project.options import Options
+from colmap_ihe.project.options_file import load_options
 
 
 def _yaml_samples() -> list[bytes]:

@@ -21,21 +21,22 @@ from PIL import Image, ImageCms
 from PIL.TiffImagePlugin import IFDRational
 
 import colmap_ihe  # noqa: F401  before pycolmap
-from colmap_ihe.cameras import filled_in
-from colmap_ihe.captures import cr3, decoders
-from colmap_ihe.captures.coded import read_coded
-from colmap_ihe.captures.decode import read_photograph, read_size
-from colmap_ihe.captures.discover import Capture
-from colmap_ihe.captures.dng_black import black_plane
-from colmap_ihe.captures.encode import encode_image
-from colmap_ihe.captures.exif import for_tiff, put_together
-from colmap_ihe.captures.linear_tiff import encode_linear_tiff
-from colmap_ihe.captures.metadata import Metadata, read_metadata, read_metadata_here, sized
-from colmap_ihe.captures.small import small_picture
-from colmap_ihe.captures.wire import Window, receive
 from colmap_ihe.errors import PhotographError
-from colmap_ihe.options import CamerasOptions, KnownCamera
-from colmap_ihe.preprocess import write_masks
+from colmap_ihe.machine import decoder_pool as decoders
+from colmap_ihe.machine.decoder_wire import Window, receive
+from colmap_ihe.photographs.coded import read_coded
+from colmap_ihe.photographs.decode import read_photograph, read_size
+from colmap_ihe.photographs.discover import Capture
+from colmap_ihe.photographs.encode import encode_image
+from colmap_ihe.photographs.exif import cr3
+from colmap_ihe.photographs.exif.blocks import for_tiff, put_together
+from colmap_ihe.photographs.exif.metadata import Metadata, read_metadata, read_metadata_here, sized
+from colmap_ihe.photographs.known_cameras import filled_in
+from colmap_ihe.photographs.linear_tiff import encode_linear_tiff
+from colmap_ihe.photographs.preview import small_picture
+from colmap_ihe.photographs.raw.dng_black import black_plane
+from colmap_ihe.pipeline.convert import write_masks
+from colmap_ihe.project.options import CamerasOptions, KnownCamera
 
 
 def _mask_samples() -> list[bytes]:

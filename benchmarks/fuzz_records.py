@@ -12,23 +12,23 @@ import numpy as np
 from fuzz_mutations import BYTES, JSON, TEXT, Target
 
 import colmap_ihe  # noqa: F401  before pycolmap
-from colmap_ihe import outputs
-from colmap_ihe.batch_folder import BatchFolder
-from colmap_ihe.batched import BatchState, batched, publish
-from colmap_ihe.captures.discover import Capture, discover
-from colmap_ihe.colmap.ply import read_mesh
-from colmap_ihe.digests import digests_of
-from colmap_ihe.executor import local_executor
-from colmap_ihe.ledger import RECORD, Ledger
-from colmap_ihe.options import Options
-from colmap_ihe.progress import SILENT
-from colmap_ihe.project import Project
+from colmap_ihe.batch.folder import BatchFolder
+from colmap_ihe.batch.state import BatchState, batched, publish
+from colmap_ihe.dense.ply import read_mesh
+from colmap_ihe.machine.executor import local_executor
+from colmap_ihe.machine.progress import SILENT
+from colmap_ihe.photographs.discover import Capture, discover
+from colmap_ihe.pipeline import outputs
+from colmap_ihe.pipeline.input_digests import digests_of
+from colmap_ihe.pipeline.output_folder import RECORD, Ledger
+from colmap_ihe.pipeline.run_state import Run
+from colmap_ihe.pipeline.stage_list import NAMES
+from colmap_ihe.pipeline.stages import fit_of
+from colmap_ihe.project.folder import Project
+from colmap_ihe.project.options import Options
 from colmap_ihe.report.contents import Contents, Photograph
 from colmap_ihe.report.page import render_page
 from colmap_ihe.report.summary import summarise, summary_rows
-from colmap_ihe.road import NAMES
-from colmap_ihe.run import Run
-from colmap_ihe.stages import fit_of
 
 
 def records() -> dict[str, dict[str, Any]]:
@@ -156,8 +156,8 @@ _DISCOVERY = type("None", (), {"captures": (Capture("a.jpg", Path("a.jpg"), "cod
 
 
 def _ply_samples() -> list[bytes]:
-    from colmap_ihe.colmap.ply import write_mesh
-    from colmap_ihe.texture.mesh import Mesh
+    from colmap_ihe.dense.ply import write_mesh
+    from colmap_ihe.dense.texture.mesh import Mesh
 
     path = Path(f"sample-{os.getpid()}.ply")
     try:

@@ -14,9 +14,9 @@ from pathlib import Path
 from statistics import mean, pstdev
 from typing import Any
 
-from colmap_ihe.pipeline import reconstruct
-from colmap_ihe.project_yaml import load_options
-from colmap_ihe.terminal import Bars, print_table
+from colmap_ihe.commandline.bars import Bars, print_table
+from colmap_ihe.pipeline.reconstruct import reconstruct
+from colmap_ihe.project.options_file import load_options
 
 SCEAUX = Path(__file__).resolve().parents[2] / "shared" / "data" / "sceaux"
 FIGURES = (

@@ -19,9 +19,9 @@ import numpy as np
 import rawpy
 from numpy.typing import NDArray
 
-from colmap_ihe.captures.raw import develop
-from colmap_ihe.demo.dng import write_dng
-from colmap_ihe.demo.exif import PhotoExif
+from colmap_ihe.evaluation.demo.dng import write_dng
+from colmap_ihe.evaluation.demo.exif import PhotoExif
+from colmap_ihe.photographs.raw.develop import develop
 
 DATA = Path(__file__).resolve().parents[2] / "shared" / "data"
 FOUNTAIN = ("0004", "0005", "0006")

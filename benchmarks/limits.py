@@ -29,13 +29,14 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from colmap_ihe import memory, outputs
-from colmap_ihe.demands import Set, demands_of
-from colmap_ihe.demo.folder import render_demo
-from colmap_ihe.executor import local_workers
-from colmap_ihe.options import Options
-from colmap_ihe.project import Project
-from colmap_ihe.terminal import print_table
+from colmap_ihe.commandline.bars import print_table
+from colmap_ihe.evaluation.demo.render import render_demo
+from colmap_ihe.machine import memory
+from colmap_ihe.machine.executor import local_workers
+from colmap_ihe.pipeline import outputs
+from colmap_ihe.pipeline.resource_needs import Set, demands_of
+from colmap_ihe.project.folder import Project
+from colmap_ihe.project.options import Options
 
 TICK_SECONDS = 0.1
 QUICK = ("--set", "dense.max_image_size=480", "--set", "mesh.faces=20000")
@@ -235,11 +236,11 @@ ONE_STAGE = """
 import shutil, sys
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
-from colmap_ihe.colmap.match_blocks import match_in_blocks
+from colmap_ihe.colmap.matching_in_blocks import match_in_blocks
 from colmap_ihe.colmap.matching import forget_matches
 from colmap_ihe.colmap.native import pycolmap
-from colmap_ihe.options import MatchesOptions
-from colmap_ihe.progress import SILENT
+from colmap_ihe.project.options import MatchesOptions
+from colmap_ihe.machine.progress import SILENT
 
 def held(name):
     return next(int(line.split()[1]) / 1e3 for line in open("/proc/self/status") if line.startswith(name))

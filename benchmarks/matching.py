@@ -22,14 +22,14 @@ from statistics import median
 
 from colmap_ihe.colmap.matching import forget_matches, match_features, native_options
 from colmap_ihe.colmap.native import pycolmap
-from colmap_ihe.demo.folder import render_demo
-from colmap_ihe.executor import local_executor
-from colmap_ihe.options import MatchesOptions
-from colmap_ihe.pipeline import reconstruct
-from colmap_ihe.progress import SILENT
-from colmap_ihe.project import Project
-from colmap_ihe.project_yaml import load_options
-from colmap_ihe.terminal import print_table
+from colmap_ihe.commandline.bars import print_table
+from colmap_ihe.evaluation.demo.render import render_demo
+from colmap_ihe.machine.executor import local_executor
+from colmap_ihe.machine.progress import SILENT
+from colmap_ihe.pipeline.reconstruct import reconstruct
+from colmap_ihe.project.folder import Project
+from colmap_ihe.project.options import MatchesOptions
+from colmap_ihe.project.options_file import load_options
 
 Matched = dict[int, tuple[bytes, bytes]]
 """By pair its putative matches and its inliers."""

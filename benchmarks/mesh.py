@@ -21,11 +21,11 @@ import trimesh
 from PIL import Image
 
 from colmap_ihe.colmap.native import pycolmap
-from colmap_ihe.colmap.ply import read_mesh
-from colmap_ihe.evaluate.surface import moved, points_on, surface_errors, true_points
-from colmap_ihe.evaluate.truth import pose_errors, read_truth
-from colmap_ihe.texture.bake import sample
-from colmap_ihe.texture.raster import View, covered, depth_picture
+from colmap_ihe.dense.ply import read_mesh
+from colmap_ihe.dense.texture.bake import sample
+from colmap_ihe.dense.texture.raster import View, covered, depth_picture
+from colmap_ihe.evaluation.surface_errors import moved, points_on, surface_errors, true_points
+from colmap_ihe.evaluation.truth import pose_errors, read_truth
 
 SAMPLES = 1_000_000
 WITHIN_PERCENT = (0.1, 0.5)

@@ -16,9 +16,9 @@ import time
 from pathlib import Path
 
 from colmap_ihe.colmap.native import logged_to, pycolmap
-from colmap_ihe.pipeline import reconstruct
-from colmap_ihe.project_yaml import load_options
-from colmap_ihe.terminal import print_table
+from colmap_ihe.commandline.bars import print_table
+from colmap_ihe.pipeline.reconstruct import reconstruct
+from colmap_ihe.project.options_file import load_options
 
 SCEAUX = Path(__file__).resolve().parents[2] / "shared" / "data" / "sceaux"
 

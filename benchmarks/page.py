@@ -20,8 +20,8 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests" / "report")
 from browser import headless
 from synthetic import synthetic_contents
 
+from colmap_ihe.commandline.bars import print_table
 from colmap_ihe.report.page import render_page
-from colmap_ihe.terminal import print_table
 
 _TURN = """([seconds, back]) => new Promise((done) => {
   const canvas = document.querySelector("canvas");

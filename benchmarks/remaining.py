@@ -19,10 +19,10 @@ from dataclasses import astuple
 from pathlib import Path
 from typing import Any
 
-from colmap_ihe.following import Follower, Piece
-from colmap_ihe.forecast import Forecast, Part
-from colmap_ihe.pipeline import reconstruct
-from colmap_ihe.project_yaml import load_options
+from colmap_ihe.commandline.display import Follower, Piece
+from colmap_ihe.machine.remaining_time import Forecast, Part
+from colmap_ihe.pipeline.reconstruct import reconstruct
+from colmap_ihe.project.options_file import load_options
 
 _FACTOR = 1.5
 _AT = (0.2, 0.5, 0.8)

@@ -21,10 +21,10 @@ import time
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from colmap_ihe.demo.folder import render_demo
-from colmap_ihe.executor import local_workers
-from colmap_ihe.project import Project
-from colmap_ihe.terminal import print_table
+from colmap_ihe.commandline.bars import print_table
+from colmap_ihe.evaluation.demo.render import render_demo
+from colmap_ihe.machine.executor import local_workers
+from colmap_ihe.project.folder import Project
 
 VIEWS, SIZE = 8, (480, 320)
 QUICK = ("fit.step=0.1", "features.colmap.sift.first_octave=0", "dense.max_image_size=240", "mesh.faces=2000")

@@ -20,9 +20,9 @@ import time
 from pathlib import Path
 from typing import Any
 
-from colmap_ihe.project import Project
-from colmap_ihe.road import NAMES
-from colmap_ihe.terminal import print_table
+from colmap_ihe.commandline.bars import print_table
+from colmap_ihe.pipeline.stage_list import NAMES
+from colmap_ihe.project.folder import Project
 
 SCEAUX = Path(__file__).resolve().parents[2] / "shared" / "data" / "sceaux"
 SMALL = ("features.max_image_size=944", "dense.max_image_size=944")

@@ -32,14 +32,14 @@ from PIL import Image
 
 import colmap_ihe  # noqa: F401  before pycolmap
 from colmap_ihe.colmap.native import pycolmap
-from colmap_ihe.demo.renderer import bake, render
-from colmap_ihe.demo.scene import portico
-from colmap_ihe.demo.views import FOCAL_LENGTH_35MM, arc_of_views
-from colmap_ihe.evaluate.truth import TrueImage, Truth, pose_errors, read_truth
-from colmap_ihe.executor import local_workers
-from colmap_ihe.pipeline import Reconstruction, reconstruct
-from colmap_ihe.project_yaml import load_options
-from colmap_ihe.terminal import print_table
+from colmap_ihe.commandline.bars import print_table
+from colmap_ihe.evaluation.demo.raycast import bake, render
+from colmap_ihe.evaluation.demo.scene import portico
+from colmap_ihe.evaluation.demo.views import FOCAL_LENGTH_35MM, arc_of_views
+from colmap_ihe.evaluation.truth import TrueImage, Truth, pose_errors, read_truth
+from colmap_ihe.machine.executor import local_workers
+from colmap_ihe.pipeline.reconstruct import Reconstruction, reconstruct
+from colmap_ihe.project.options_file import load_options
 
 VARIANTS = {"raw": "ihe", "jpeg": "ihe", "usual": "rec709"}
 COLUMNS = ("set", "ISO", "variant", "registered", "verified matches", "to usual", "position mm", "error px")

@@ -24,11 +24,11 @@ from limits import descendants, held
 
 import colmap_ihe  # noqa: F401  before pycolmap
 from colmap_ihe.colmap.native import pycolmap
-from colmap_ihe.commands import demo
-from colmap_ihe.evaluate.truth import pose_errors, read_truth
-from colmap_ihe.pipeline import Reconstruction, reconstruct
-from colmap_ihe.project_yaml import load_options
-from colmap_ihe.terminal import Bars, print_table
+from colmap_ihe.commandline.bars import Bars, print_table
+from colmap_ihe.evaluation.demo.run import demo
+from colmap_ihe.evaluation.truth import pose_errors, read_truth
+from colmap_ihe.pipeline.reconstruct import Reconstruction, reconstruct
+from colmap_ihe.project.options_file import load_options
 
 DATA = Path(__file__).resolve().parents[2] / "shared" / "data"
 HALF = ("features.max_image_size=1536", "dense.max_image_size=1536")

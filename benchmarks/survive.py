@@ -33,10 +33,10 @@ from PIL import Image
 
 from colmap_ihe.colmap.measures import poses_of
 from colmap_ihe.colmap.native import pycolmap
-from colmap_ihe.demo.folder import render_demo
-from colmap_ihe.evaluate.truth import Truth, pose_errors, read_truth
-from colmap_ihe.road import NAMES
-from colmap_ihe.terminal import print_table
+from colmap_ihe.commandline.bars import print_table
+from colmap_ihe.evaluation.demo.render import render_demo
+from colmap_ihe.evaluation.truth import Truth, pose_errors, read_truth
+from colmap_ihe.pipeline.stage_list import NAMES
 
 QUICK = (
     "fit.step=0.1",

@@ -27,22 +27,22 @@ from guard import measure_greys, reference_geometry
 from guard_sets import DATA, GAINS, Rgb, Set, expose, linear_of, raw_set, read_rgb
 from numpy.typing import NDArray
 
-from colmap_ihe.captures.metadata import Metadata
-from colmap_ihe.captures.png import encode_png
-from colmap_ihe.captures.prepare import prepared
-from colmap_ihe.captures.recipe import Recipe
 from colmap_ihe.colmap.features import extract_features
 from colmap_ihe.colmap.mapping import map_images
 from colmap_ihe.colmap.matching import match_features
 from colmap_ihe.colmap.native import pycolmap
-from colmap_ihe.evaluate.truth import pose_errors, read_truth
-from colmap_ihe.executor import local_executor
-from colmap_ihe.exposure import exposure_gains
+from colmap_ihe.commandline.bars import print_table
+from colmap_ihe.evaluation.truth import pose_errors, read_truth
 from colmap_ihe.grey.convert import TONES, to_grey
 from colmap_ihe.grey.ihe import fit_weights
-from colmap_ihe.options import CameraOptions, FeaturesOptions, MatchesOptions, SparseOptions
-from colmap_ihe.progress import SILENT
-from colmap_ihe.terminal import print_table
+from colmap_ihe.machine.executor import local_executor
+from colmap_ihe.machine.progress import SILENT
+from colmap_ihe.photographs.adjust import prepared
+from colmap_ihe.photographs.exif.metadata import Metadata
+from colmap_ihe.photographs.exposure import exposure_gains
+from colmap_ihe.photographs.png import encode_png
+from colmap_ihe.project.options import CameraOptions, FeaturesOptions, MatchesOptions, SparseOptions
+from colmap_ihe.project.recipe import Recipe
 
 MIXED = (0.5, 1.0, 2.0)
 SHOTS: tuple[tuple[int, float | tuple[float, float, float]], ...] = (

@@ -16,9 +16,9 @@ from pathlib import Path
 
 from colmap_ihe.colmap import matching
 from colmap_ihe.colmap.native import pycolmap
-from colmap_ihe.progress import SILENT
-from colmap_ihe.project import Project
-from colmap_ihe.terminal import print_table
+from colmap_ihe.commandline.bars import print_table
+from colmap_ihe.machine.progress import SILENT
+from colmap_ihe.project.folder import Project
 
 SETTINGS = [(100_000, (4, 1)), (100_000, (10, 1)), (100_000, (100, 3)), (200_000, (5, 1)), (400_000, (5, 1))]
 """Features at the most, and rounds of clustering: within one start, and starts."""

@@ -28,15 +28,15 @@ from numpy.typing import NDArray
 from PIL import Image
 from tone import WAYS, gain, greys_of
 
-from colmap_ihe.balance import balance_gains
-from colmap_ihe.captures.discover import discover
-from colmap_ihe.captures.prepare import prepared
-from colmap_ihe.captures.recipe import Recipe
 from colmap_ihe.colmap.native import pycolmap
-from colmap_ihe.executor import local_executor
+from colmap_ihe.commandline.bars import print_table
 from colmap_ihe.grey.wallis import wallis
-from colmap_ihe.progress import SILENT
-from colmap_ihe.terminal import print_table
+from colmap_ihe.machine.executor import local_executor
+from colmap_ihe.machine.progress import SILENT
+from colmap_ihe.photographs.adjust import prepared
+from colmap_ihe.photographs.colour_balance import balance_gains
+from colmap_ihe.photographs.discover import discover
+from colmap_ihe.project.recipe import Recipe
 
 NAMES = ("fountain-p11", "sceaux")
 LIGHTS = ((1.0, 1.0, 1.0), (1.3, 1.0, 0.7), (0.75, 1.0, 1.35))

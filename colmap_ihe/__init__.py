@@ -11,12 +11,12 @@ if TYPE_CHECKING:
     from colmap_ihe.grey.histogram import Histogram
     from colmap_ihe.grey.ihe import fit_weights
     from colmap_ihe.grey.weights import Weights
-    from colmap_ihe.grey_folder import convert_folder
-    from colmap_ihe.options import Options
-    from colmap_ihe.pipeline import Reconstruction, reconstruct
-    from colmap_ihe.project_yaml import load_options
-    from colmap_ihe.standing import status
-    from colmap_ihe.version import __version__
+    from colmap_ihe.machine.libraries import __version__
+    from colmap_ihe.pipeline.convert_folder import convert_folder
+    from colmap_ihe.pipeline.reconstruct import Reconstruction, reconstruct
+    from colmap_ihe.pipeline.status import status
+    from colmap_ihe.project.options import Options
+    from colmap_ihe.project.options_file import load_options
 
 __all__ = [
     "Histogram",
@@ -36,15 +36,15 @@ __all__ = [
 _HOMES = {
     "Histogram": "grey.histogram",
     "KnownError": "errors",
-    "Options": "options",
-    "Reconstruction": "pipeline",
+    "Options": "project.options",
+    "Reconstruction": "pipeline.reconstruct",
     "Weights": "grey.weights",
-    "__version__": "version",
-    "convert_folder": "grey_folder",
+    "__version__": "machine.libraries",
+    "convert_folder": "pipeline.convert_folder",
     "fit_weights": "grey.ihe",
-    "load_options": "project_yaml",
-    "reconstruct": "pipeline",
-    "status": "standing",
+    "load_options": "project.options_file",
+    "reconstruct": "pipeline.reconstruct",
+    "status": "pipeline.status",
     "to_grey": "grey.convert",
 }
 

@@ -11,14 +11,14 @@ import warnings
 from collections.abc import Sequence
 from typing import Any
 
-from colmap_ihe import memory
-from colmap_ihe.arguments import Run, parser_of
 from colmap_ihe.colmap.native import hear_colmap
+from colmap_ihe.commandline.arguments import Run, parser_of
+from colmap_ihe.commandline.bars import Bars
+from colmap_ihe.commandline.commands import RUNS
+from colmap_ihe.commandline.display import Follower
+from colmap_ihe.commandline.json_lines import JsonLines
 from colmap_ihe.errors import Cancelled, KnownError
-from colmap_ihe.following import Follower
-from colmap_ihe.json_lines import JsonLines
-from colmap_ihe.runs import RUNS
-from colmap_ihe.terminal import Bars
+from colmap_ihe.machine import memory
 
 EXIT_FAILED, EXIT_CANCELLED = 1, 130
 

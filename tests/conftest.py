@@ -16,11 +16,11 @@ from browser import chromium, headless
 from hypothesis import settings
 
 import colmap_ihe  # noqa: F401  before pycolmap
-from colmap_ihe.captures import decoders
-from colmap_ihe.demo.folder import render_demo
-from colmap_ihe.options import Options
-from colmap_ihe.pipeline import reconstruct
-from colmap_ihe.project_yaml import load_options
+from colmap_ihe.evaluation.demo.render import render_demo
+from colmap_ihe.machine import decoder_pool as decoders
+from colmap_ihe.pipeline.reconstruct import reconstruct
+from colmap_ihe.project.options import Options
+from colmap_ihe.project.options_file import load_options
 
 if TYPE_CHECKING:
     from playwright.sync_api import Browser
@@ -58,7 +58,7 @@ def decode_jpeg(data, *more, **named):
     if b"do: eat" in data:
         eaten = [bytearray(1 << 26) for _ in range(1 << 16)]
     if b"do: late" in data:  # what it was counted with is lost as it is handed over
-        from colmap_ihe.captures.tally import Tally
+        from colmap_ihe.photographs.colour_counts import Tally
         Tally.handed_over = lambda _: os.kill(os.getpid(), signal.SIGSEGV)
     if b"do: surprise" in data:
         raise LookupError("a surprise")

@@ -18,11 +18,11 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from colmap_ihe.demo.colour import coded
-from colmap_ihe.demo.exif import PhotoExif, jpeg_exif
-from colmap_ihe.demo.renderer import Surface, render
-from colmap_ihe.demo.shapes import Rect
-from colmap_ihe.demo.views import View, looking
+from colmap_ihe.evaluation.demo.colour import coded
+from colmap_ihe.evaluation.demo.exif import PhotoExif, jpeg_exif
+from colmap_ihe.evaluation.demo.raycast import Surface, render
+from colmap_ihe.evaluation.demo.shapes import Rect
+from colmap_ihe.evaluation.demo.views import View, looking
 
 F32 = NDArray[np.float32]
 F64 = NDArray[np.float64]

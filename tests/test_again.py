@@ -9,12 +9,12 @@ from pathlib import Path
 import pytest
 from conftest import QUICK
 
-from colmap_ihe.again import read_run, unlike
 from colmap_ihe.cli import main
 from colmap_ihe.errors import OptionError
-from colmap_ihe.executor import local_workers
-from colmap_ihe.project import Project
-from colmap_ihe.project_yaml import load_options
+from colmap_ihe.machine.executor import local_workers
+from colmap_ihe.pipeline.repeat import read_run, unlike
+from colmap_ihe.project.folder import Project
+from colmap_ihe.project.options_file import load_options
 
 Make = Callable[..., Path]
 WEIGHTS = "method: given\nweights: [0.5, 0.25, 0.25]\n"

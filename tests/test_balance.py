@@ -11,13 +11,13 @@ import pytest
 from numpy.typing import NDArray
 from PIL import Image
 
-from colmap_ihe.balance import Gains, balance_gains
-from colmap_ihe.captures.decode import Photograph, read_photograph
-from colmap_ihe.captures.discover import Capture, discover
-from colmap_ihe.captures.recipe import Recipe
-from colmap_ihe.demo.dng import write_dng
-from colmap_ihe.demo.exif import PhotoExif
-from colmap_ihe.progress import SILENT
+from colmap_ihe.evaluation.demo.dng import write_dng
+from colmap_ihe.evaluation.demo.exif import PhotoExif
+from colmap_ihe.machine.progress import SILENT
+from colmap_ihe.photographs.colour_balance import Gains, balance_gains
+from colmap_ihe.photographs.decode import Photograph, read_photograph
+from colmap_ihe.photographs.discover import Capture, discover
+from colmap_ihe.project.recipe import Recipe
 
 LIGHTS = ((1.0, 1.0, 1.0), (0.8, 1.0, 0.6), (0.5, 0.7, 0.5))
 
@@ -106,6 +106,6 @@ def test_denoising_is_not_done_for_it(tmp_path: Path, monkeypatch: pytest.Monkey
         seen.append(capture.recipe.denoise)
         return read_photograph(capture)
 
-    monkeypatch.setattr("colmap_ihe.balance.read_photograph", watched)
+    monkeypatch.setattr("colmap_ihe.photographs.colour_balance.read_photograph", watched)
     assert balanced(noisy) == balanced(captures)
     assert set(seen) == {0.0}

@@ -19,25 +19,26 @@ from typing import Any, NamedTuple
 import pytest
 from conftest import QUICK
 
-from colmap_ihe import batch as driver
-from colmap_ihe import memory, ours
-from colmap_ihe.arguments import parser_of
-from colmap_ihe.batch import batch
-from colmap_ihe.batch_entry import Entry, remaining_of, share_of
-from colmap_ihe.batch_folder import BatchFolder, contents_of
-from colmap_ihe.batch_look import BASE_BYTES, Look, look_at, need_of
-from colmap_ihe.batched import BatchState
-from colmap_ihe.captures.discover import Capture
-from colmap_ihe.captures.metadata import Metadata
+from colmap_ihe.batch import driver
+from colmap_ihe.batch.driver import batch
+from colmap_ihe.batch.entry import Entry, remaining_of, share_of
+from colmap_ihe.batch.folder import BatchFolder, contents_of
+from colmap_ihe.batch.preview import BASE_BYTES, Look, look_at, need_of
+from colmap_ihe.batch.state import BatchState
 from colmap_ihe.cli import main
+from colmap_ihe.commandline.arguments import parser_of
+from colmap_ihe.commandline.commands import RUNS
 from colmap_ihe.errors import Cancelled, OptionError, ProjectError
-from colmap_ihe.executor import local_workers
-from colmap_ihe.files import read_json, write_json
-from colmap_ihe.job import Job, Outcome, Progress
-from colmap_ihe.preprocess import Surveyed
-from colmap_ihe.project import Project
-from colmap_ihe.project_yaml import load_options
-from colmap_ihe.runs import RUNS
+from colmap_ihe.machine import locks as ours
+from colmap_ihe.machine import memory
+from colmap_ihe.machine.executor import local_workers
+from colmap_ihe.machine.files import read_json, write_json
+from colmap_ihe.photographs.discover import Capture
+from colmap_ihe.photographs.exif.metadata import Metadata
+from colmap_ihe.photographs.survey import Surveyed
+from colmap_ihe.pipeline.job import Job, Outcome, Progress
+from colmap_ihe.project.folder import Project
+from colmap_ihe.project.options_file import load_options
 
 GB = 10**9
 SETTINGS = [part for assignment in QUICK for part in ("--set", assignment)]

@@ -12,16 +12,16 @@ import pytest
 from PIL.TiffImagePlugin import IFDRational as R
 
 from colmap_ihe import Weights, convert_folder
-from colmap_ihe.cameras import DIAGONAL_35MM, filled_in, focal_px, pattern_of
-from colmap_ihe.captures.encode import SUFFIXES, Format, encode_image
-from colmap_ihe.captures.exif import put_together
-from colmap_ihe.captures.metadata import Metadata, describe
-from colmap_ihe.captures.png import encode_png
 from colmap_ihe.colmap.native import pycolmap
-from colmap_ihe.colmap.sensors import knows_sensor
 from colmap_ihe.errors import OptionError
-from colmap_ihe.options import CamerasOptions, ConvertOptions
-from colmap_ihe.progress import Silent
+from colmap_ihe.machine.progress import Silent
+from colmap_ihe.photographs.encode import SUFFIXES, Format, encode_image
+from colmap_ihe.photographs.exif.blocks import put_together
+from colmap_ihe.photographs.exif.metadata import Metadata, describe
+from colmap_ihe.photographs.known_cameras import DIAGONAL_35MM, filled_in, focal_px, pattern_of
+from colmap_ihe.photographs.png import encode_png
+from colmap_ihe.pipeline.warnings.colmap_sensors import knows_sensor
+from colmap_ihe.project.options import CamerasOptions, ConvertOptions
 
 FORMATS: tuple[Format, ...] = get_args(Format)
 SIZE = (1500, 1000)

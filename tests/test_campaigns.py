@@ -16,24 +16,24 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from PIL import Image
 
-from colmap_ihe import gathering
 from colmap_ihe.cli import main
-from colmap_ihe.commands import fit_files
 from colmap_ihe.errors import KnownError, OptionError, WeightsError
-from colmap_ihe.fitting import fit_captures
-from colmap_ihe.gathering import Gathered, key_of
+from colmap_ihe.fit import counting as gathering
+from colmap_ihe.fit.counting import Gathered, key_of
+from colmap_ihe.fit.fit_set import fit_captures
+from colmap_ihe.fit.given_weights import misfit, warnings_of
+from colmap_ihe.fit.histogram_file import Stored, digest_of, read_stored, stored_of, write_stored
+from colmap_ihe.fit.weights_file import read_weights
 from colmap_ihe.grey.contrast import Contrast
 from colmap_ihe.grey.histogram import Histogram
 from colmap_ihe.grey.ihe import fit_cells
 from colmap_ihe.grey.sums import Weighting
 from colmap_ihe.grey.weights import Encoding, Weights, triplets
-from colmap_ihe.misfit import misfit, warnings_of
-from colmap_ihe.options import FitOptions, Options
-from colmap_ihe.pipeline import reconstruct
-from colmap_ihe.progress import SILENT, Silent
-from colmap_ihe.project_yaml import load_options
-from colmap_ihe.stored import Stored, digest_of, read_stored, stored_of, write_stored
-from colmap_ihe.weights_file import read_weights
+from colmap_ihe.machine.progress import SILENT, Silent
+from colmap_ihe.pipeline.fit_files import fit_files
+from colmap_ihe.pipeline.reconstruct import reconstruct
+from colmap_ihe.project.options import FitOptions, Options
+from colmap_ihe.project.options_file import load_options
 
 COUNT = 5
 

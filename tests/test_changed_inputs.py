@@ -17,16 +17,18 @@ import numpy as np
 import pytest
 from PIL import Image
 
-import colmap_ihe.version as versions
-from colmap_ihe import outputs, pipeline, road
-from colmap_ihe.captures.png import encode_png
-from colmap_ihe.options import Options
-from colmap_ihe.pipeline import reconstruct
-from colmap_ihe.project import Project
-from colmap_ihe.project_yaml import load_options
-from colmap_ihe.road import NAMES, Stage
-from colmap_ihe.run import Record, Run
-from colmap_ihe.standing import status
+import colmap_ihe.machine.libraries as versions
+from colmap_ihe.photographs.png import encode_png
+from colmap_ihe.pipeline import outputs
+from colmap_ihe.pipeline import reconstruct as pipeline
+from colmap_ihe.pipeline import stage_list as road
+from colmap_ihe.pipeline.reconstruct import reconstruct
+from colmap_ihe.pipeline.run_state import Record, Run
+from colmap_ihe.pipeline.stage_list import NAMES, Stage
+from colmap_ihe.pipeline.status import status
+from colmap_ihe.project.folder import Project
+from colmap_ihe.project.options import Options
+from colmap_ihe.project.options_file import load_options
 
 MakeOptions = Callable[..., Options]
 ALL = NAMES

@@ -18,12 +18,12 @@ import yaml
 from conftest import QUICK
 from PIL import Image
 
-from colmap_ihe import commands
 from colmap_ihe.cli import main
 from colmap_ihe.colmap.native import pycolmap
-from colmap_ihe.road import NAMES
-from colmap_ihe.terminal import Bars, left_in_words, print_table
-from colmap_ihe.version import __version__
+from colmap_ihe.commandline import commands
+from colmap_ihe.commandline.bars import Bars, left_in_words, print_table
+from colmap_ihe.machine.libraries import __version__
+from colmap_ihe.pipeline.stage_list import NAMES
 
 Make = Callable[..., Path]
 Captured = pytest.CaptureFixture[str]

@@ -13,17 +13,17 @@ from pathlib import Path
 
 import pytest
 
-from colmap_ihe.captures.discover import discover
-from colmap_ihe.digests import digests_of
 from colmap_ihe.errors import KnownError, ProjectError
-from colmap_ihe.executor import local_executor
-from colmap_ihe.files import digest_file, holding, room_on_disk, stamp_of, write_bytes, write_json
-from colmap_ihe.options import Options
-from colmap_ihe.pipeline import reconstruct
-from colmap_ihe.progress import SILENT, Watch
-from colmap_ihe.project import Project
-from colmap_ihe.road import ROAD
-from colmap_ihe.run import Record, Run
+from colmap_ihe.machine.executor import local_executor
+from colmap_ihe.machine.files import digest_file, holding, room_on_disk, stamp_of, write_bytes, write_json
+from colmap_ihe.machine.progress import SILENT, Watch
+from colmap_ihe.photographs.discover import discover
+from colmap_ihe.pipeline.input_digests import digests_of
+from colmap_ihe.pipeline.reconstruct import reconstruct
+from colmap_ihe.pipeline.run_state import Record, Run
+from colmap_ihe.pipeline.stage_list import ROAD
+from colmap_ihe.project.folder import Project
+from colmap_ihe.project.options import Options
 
 Make = Callable[..., Path]
 MakeOptions = Callable[..., Options]
@@ -47,7 +47,7 @@ def read_again(place: Project, monkeypatch: pytest.MonkeyPatch) -> list[str]:
         return whole(path)
 
     with monkeypatch.context() as patched, local_executor() as threads:
-        patched.setattr("colmap_ihe.digests.digest_file", digest)
+        patched.setattr("colmap_ihe.pipeline.input_digests.digest_file", digest)
         write_json(place.digests_file, digests_of(place, discover(place.images), threads, SILENT))
     return sorted(read)
 
@@ -156,7 +156,7 @@ def _after(monkeypatch: pytest.MonkeyPatch, stage: str, do: Callable[[Run], obje
         return whole(run, watch)
 
     road = tuple(replace(one, run=and_then) if one.name == stage else one for one in ROAD)
-    monkeypatch.setattr("colmap_ihe.pipeline.ROAD", road)
+    monkeypatch.setattr("colmap_ihe.pipeline.reconstruct.ROAD", road)
 
 
 def test_a_project_that_goes_in_the_middle(

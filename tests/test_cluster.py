@@ -20,11 +20,11 @@ from test_interruptions import LONG, wait_until_begun
 from test_other_executors import contents, known_of
 
 import colmap_ihe
-from colmap_ihe.captures.discover import discover
 from colmap_ihe.cli import main
 from colmap_ihe.errors import CapabilityError, ClusterError, OptionError
-from colmap_ihe.options import Options
-from colmap_ihe.pipeline import reconstruct
+from colmap_ihe.photographs.discover import discover
+from colmap_ihe.pipeline.reconstruct import reconstruct
+from colmap_ihe.project.options import Options
 
 pytestmark = pytest.mark.cluster
 
@@ -363,7 +363,7 @@ def test_an_address_that_is_none(new_project: Make, quick_options: MakeOptions, 
 def test_without_dask(new_project: Make, quick_options: MakeOptions, monkeypatch: pytest.MonkeyPatch) -> None:
     for name in [name for name in sys.modules if name.partition(".")[0] == "distributed"]:
         monkeypatch.delitem(sys.modules, name)
-    for name in ("colmap_ihe.cluster.workers", "colmap_ihe.cluster.executor"):
+    for name in ("colmap_ihe.machine.cluster.local", "colmap_ihe.machine.cluster.executor"):
         monkeypatch.delitem(sys.modules, name, raising=False)
     monkeypatch.setitem(sys.modules, "distributed", None)
     with pytest.raises(CapabilityError, match="needs Dask") as failure:
@@ -372,9 +372,9 @@ def test_without_dask(new_project: Make, quick_options: MakeOptions, monkeypatch
 
 
 def test_errors_reach_the_caller_as_they_were(tmp_path: Path) -> None:
-    from colmap_ihe.cluster.connect import connected
-    from colmap_ihe.options import ClusterOptions
-    from colmap_ihe.progress import SILENT
+    from colmap_ihe.machine.cluster.connect import connected
+    from colmap_ihe.machine.progress import SILENT
+    from colmap_ihe.project.options import ClusterOptions
 
     with connected(ClusterOptions(address="local:1"), tmp_path / "records", (), SILENT) as executor:
         assert executor.width == 1

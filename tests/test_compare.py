@@ -14,16 +14,16 @@ from typing import Any
 import pytest
 from conftest import QUICK
 
-from colmap_ihe import compare as driver
 from colmap_ihe.cli import main
 from colmap_ihe.colmap.mapping import map_images
-from colmap_ihe.compare import compare
-from colmap_ihe.compare_together import match_together
-from colmap_ihe.compared import Compared, sentences, tables_of
 from colmap_ihe.errors import Cancelled, MappingError, OptionError
-from colmap_ihe.options import Options
-from colmap_ihe.progress import Silent
-from colmap_ihe.project import Project
+from colmap_ihe.evaluation import compare as driver
+from colmap_ihe.evaluation.compare import compare
+from colmap_ihe.evaluation.parallel import match_together
+from colmap_ihe.evaluation.tables import Compared, sentences, tables_of
+from colmap_ihe.machine.progress import Silent
+from colmap_ihe.project.folder import Project
+from colmap_ihe.project.options import Options
 from colmap_ihe.report.tables import Table
 
 Make = Callable[..., Path]
@@ -125,7 +125,7 @@ def test_a_method_without_a_model_is_told_and_does_not_end_the_others(
             raise MappingError("none of the photographs could be placed in a model")
         return map_images(database, *rest)
 
-    monkeypatch.setattr("colmap_ihe.compare.map_images", fails_in_green)
+    monkeypatch.setattr("colmap_ihe.evaluation.compare.map_images", fails_in_green)
     project, options = new_project(), quick_options("dense.enabled=false")
     rec709, green = compare(project, options, methods=["rec709", "green"], seeds=0)
     assert (rec709.runs[0]["registered"], green.runs[0]["registered"]) == (8, 0)

@@ -11,15 +11,15 @@ import odd_sets
 import pytest
 
 from colmap_ihe.cli import main
-from colmap_ihe.colmap.conflicts import Conflicts
-from colmap_ihe.colmap.motion import TURNED_DEGREES, parallax_of
+from colmap_ihe.colmap.checks.camera_motion import TURNED_DEGREES, parallax_of
+from colmap_ihe.colmap.checks.plausibility import Shape, Taken, thickness
+from colmap_ihe.colmap.checks.repeated_structure import Conflicts
 from colmap_ihe.colmap.native import pycolmap
-from colmap_ihe.colmap.plausible import Shape, Taken, thickness
-from colmap_ihe.doubts import camera_warnings, flat_warnings, fold_warnings, match_warnings
 from colmap_ihe.errors import MappingError
-from colmap_ihe.options import Options
-from colmap_ihe.pipeline import Reconstruction, reconstruct
-from colmap_ihe.project_yaml import load_options
+from colmap_ihe.pipeline.reconstruct import Reconstruction, reconstruct
+from colmap_ihe.pipeline.warnings.model import camera_warnings, flat_warnings, fold_warnings, match_warnings
+from colmap_ihe.project.options import Options
+from colmap_ihe.project.options_file import load_options
 
 MakeOptions = Callable[..., Options]
 QUICK = ("fit.measure=false", "dense.enabled=false")

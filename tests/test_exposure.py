@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from colmap_ihe.captures.metadata import Metadata
-from colmap_ihe.exposure import exposure_gains
+from colmap_ihe.photographs.exif.metadata import Metadata
+from colmap_ihe.photographs.exposure import exposure_gains
 
 
 def shot(exposure_s: float = 0.01, f_number: float = 8.0, iso: float = 100.0) -> Metadata:

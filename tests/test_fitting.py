@@ -13,15 +13,16 @@ import pytest
 from numpy.typing import NDArray
 from PIL import Image
 
-from colmap_ihe import fitting, gathering
-from colmap_ihe.captures.discover import discover
 from colmap_ihe.errors import NativeError
-from colmap_ihe.fitting import Fit, Trial, fit_captures
+from colmap_ihe.fit import counting as gathering
+from colmap_ihe.fit import fit_set as fitting
+from colmap_ihe.fit.fit_set import Fit, Trial, fit_captures
+from colmap_ihe.fit.trial_result import Candidate, Measured
 from colmap_ihe.grey.ihe import fit_weights
 from colmap_ihe.grey.weights import Formula, Weights
-from colmap_ihe.measured import Candidate, Measured
-from colmap_ihe.options import FitOptions
-from colmap_ihe.progress import SILENT
+from colmap_ihe.machine.progress import SILENT
+from colmap_ihe.photographs.discover import discover
+from colmap_ihe.project.options import FitOptions
 
 
 def noisy_blue(seed: int) -> NDArray[np.uint8]:

@@ -7,9 +7,9 @@ from typing import Any
 
 import pytest
 
-from colmap_ihe.expected import Known, expected
-from colmap_ihe.forecast import Forecast, Part
-from colmap_ihe.options import Options
+from colmap_ihe.machine.remaining_time import Forecast, Part
+from colmap_ihe.pipeline.time_estimate import Known, expected
+from colmap_ihe.project.options import Options
 
 CAPTURES = {"images": 11, "pixels": 66_000_000, "raw": 0, "with_gps": 0, "of_one_camera": 10}
 SET = Known.from_records({"captures": CAPTURES})

@@ -18,18 +18,18 @@ from hypothesis import given
 from hypothesis import strategies as st
 from PIL import Image
 
-from colmap_ihe import gathering
-from colmap_ihe.captures import decoders
-from colmap_ihe.captures.decode import message_of, read_photograph
-from colmap_ihe.captures.decoders import Kept
-from colmap_ihe.captures.discover import Capture
-from colmap_ihe.captures.tally import Tally
 from colmap_ihe.errors import Cancelled, PhotographError, ProjectError
-from colmap_ihe.gathering import Counted, Counting, Gathered, chunks, count, gather
+from colmap_ihe.fit import counting as gathering
+from colmap_ihe.fit.counting import Counted, Counting, Gathered, chunks, count, gather
 from colmap_ihe.grey.contrast import Contrast
 from colmap_ihe.grey.histogram import Histogram
 from colmap_ihe.grey.sums import Weighting
-from colmap_ihe.progress import SILENT, Silent
+from colmap_ihe.machine import decoder_pool as decoders
+from colmap_ihe.machine.decoder_pool import Kept
+from colmap_ihe.machine.progress import SILENT, Silent
+from colmap_ihe.photographs.colour_counts import Tally
+from colmap_ihe.photographs.decode import message_of, read_photograph
+from colmap_ihe.photographs.discover import Capture
 
 
 def photograph(folder: Path, number: int, does: str = "") -> Capture:

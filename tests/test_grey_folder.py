@@ -16,18 +16,18 @@ import pytest
 from icc import rgb_profile
 from PIL import Image
 
-import colmap_ihe.grey_folder
+import colmap_ihe.pipeline.convert_folder
 from colmap_ihe import Weights, convert_folder
-from colmap_ihe.captures.decode import read_photograph
-from colmap_ihe.captures.discover import discover
-from colmap_ihe.captures.encode import Format
 from colmap_ihe.colmap.native import pycolmap
 from colmap_ihe.errors import Cancelled, KnownError, PhotographError, ProjectError, WeightsError
 from colmap_ihe.grey.convert import to_grey
 from colmap_ihe.grey.wallis import wallis
-from colmap_ihe.ledger import RECORD
-from colmap_ihe.options import ConvertOptions, FitOptions
-from colmap_ihe.progress import Silent
+from colmap_ihe.machine.progress import Silent
+from colmap_ihe.photographs.decode import read_photograph
+from colmap_ihe.photographs.discover import discover
+from colmap_ihe.photographs.encode import Format
+from colmap_ihe.pipeline.output_folder import RECORD
+from colmap_ihe.project.options import ConvertOptions, FitOptions
 
 GREEN, BLUE = Weights(0, 1, 0, method="file"), Weights(0, 0, 1, method="file")
 QUICK = FitOptions(step=0.1)
@@ -108,7 +108,7 @@ def test_other_weights_format_and_version_make_all_stale(
     convert_folder(photos, out, weights=GREEN)
     before = noted(out)
     if version := change.pop("version", ""):
-        monkeypatch.setattr(colmap_ihe.grey_folder, "__version__", version)
+        monkeypatch.setattr(colmap_ihe.pipeline.convert_folder, "__version__", version)
     _, grey, _ = convert_folder(photos, out, **{"weights": GREEN, **change})
     assert set(noted(out)) == set(grey.values())
     assert rewritten(before, out) == set(grey.values())
@@ -224,7 +224,7 @@ def test_what_an_interrupted_run_has_written_is_kept(
         path.write_bytes(content)
 
     with monkeypatch.context() as patch, pytest.raises(Cancelled):
-        patch.setattr("colmap_ihe.preprocess.write_bytes", stop_after_one)
+        patch.setattr("colmap_ihe.pipeline.convert.write_bytes", stop_after_one)
         convert_folder(photos, out, weights=GREEN)
     before = noted(out)
     assert len(before) == 1

@@ -17,21 +17,21 @@ from fuzz_records import records
 from fuzz_targets import TARGETS
 from PIL import Image
 
-from colmap_ihe.batch_folder import BatchFolder
-from colmap_ihe.batched import BatchState, batched, publish
-from colmap_ihe.captures.decode import read_photograph, read_size, refuse_too_large
-from colmap_ihe.captures.discover import Capture
-from colmap_ihe.captures.metadata import read_metadata
-from colmap_ihe.colmap.ply import read_mesh, write_mesh
+from colmap_ihe.batch.folder import BatchFolder
+from colmap_ihe.batch.state import BatchState, batched, publish
+from colmap_ihe.dense.ply import read_mesh, write_mesh
+from colmap_ihe.dense.texture.mesh import Mesh
 from colmap_ihe.errors import OptionError, PhotographError, ProjectError
-from colmap_ihe.evaluate.chosen import read_pairs
-from colmap_ihe.evaluate.truth import read_truth
-from colmap_ihe.files import read_json, write_json
-from colmap_ihe.project import Project
-from colmap_ihe.project_yaml import load_options
-from colmap_ihe.record_shapes import is_whole
-from colmap_ihe.texture.mesh import Mesh
-from colmap_ihe.yaml_text import parse_yaml
+from colmap_ihe.evaluation.pair_list import read_pairs
+from colmap_ihe.evaluation.truth import read_truth
+from colmap_ihe.machine.files import read_json, write_json
+from colmap_ihe.photographs.decode import read_photograph, read_size, refuse_too_large
+from colmap_ihe.photographs.discover import Capture
+from colmap_ihe.photographs.exif.metadata import read_metadata
+from colmap_ihe.project.folder import Project
+from colmap_ihe.project.options_file import load_options
+from colmap_ihe.project.record_models import is_whole
+from colmap_ihe.project.safe_yaml import parse_yaml
 
 EXECUTIONS = 25  # of each parser: benchmarks/fuzz.py is for more
 
@@ -211,8 +211,8 @@ import json, resource, sys
 from pathlib import Path
 import colmap_ihe
 from colmap_ihe.errors import KnownError
-from colmap_ihe.evaluate.truth import TrueImage
-from colmap_ihe.preprocess import write_masks
+from colmap_ihe.evaluation.truth import TrueImage
+from colmap_ihe.pipeline.convert import write_masks
 import numpy as np
 folder = Path(sys.argv[1])
 limit = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize() + (256 << 20)

@@ -15,18 +15,18 @@ from PIL import Image
 
 import colmap_ihe
 from colmap_ihe import convert_folder
-from colmap_ihe.batch_folder import BatchFolder
-from colmap_ihe.captures.decode import read_photograph
-from colmap_ihe.captures.discover import Capture, discover
+from colmap_ihe.batch.folder import BatchFolder
 from colmap_ihe.colmap.native import pycolmap
 from colmap_ihe.errors import OptionError, PhotographError, ProjectError
-from colmap_ihe.files import open_file, read_json
-from colmap_ihe.ledger import RECORD, Ledger
-from colmap_ihe.option_paths import named_paths
-from colmap_ihe.options import FitOptions
-from colmap_ihe.preprocess import write_masks
-from colmap_ihe.project import Project
-from colmap_ihe.project_yaml import load_options
+from colmap_ihe.machine.files import open_file, read_json
+from colmap_ihe.photographs.decode import read_photograph
+from colmap_ihe.photographs.discover import Capture, discover
+from colmap_ihe.pipeline.convert import write_masks
+from colmap_ihe.pipeline.output_folder import RECORD, Ledger
+from colmap_ihe.project.folder import Project
+from colmap_ihe.project.option_paths import named_paths
+from colmap_ihe.project.options import FitOptions
+from colmap_ihe.project.options_file import load_options
 
 PACKAGE = Path(colmap_ihe.__file__).parent
 

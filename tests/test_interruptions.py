@@ -16,7 +16,7 @@ from pathlib import Path
 import pytest
 from conftest import QUICK
 
-from colmap_ihe.road import NAMES
+from colmap_ihe.pipeline.stage_list import NAMES
 
 LONG = 120  # seconds; nothing here takes a tenth of it
 

@@ -14,10 +14,10 @@ from pathlib import Path
 
 import pytest
 
-from colmap_ihe import job, job_main
 from colmap_ihe.errors import BusyError, Cancelled, KnownError, MappingError, NativeError
-from colmap_ihe.job import Job, Outcome, Progress, run_job
-from colmap_ihe.project import Project
+from colmap_ihe.pipeline import job, job_main
+from colmap_ihe.pipeline.job import Job, Outcome, Progress, run_job
+from colmap_ihe.project.folder import Project
 
 TELL = "import json, os, sys, time\ndef tell(**v):\n    print(json.dumps(v), flush=True)\n"
 IN_MATCHES = TELL + "tell(stage='matches', done=3, total=9)\n"

@@ -19,15 +19,16 @@ import pytest
 import simplejpeg
 from conftest import QUICK
 
-from colmap_ihe import memory, outputs
 from colmap_ihe.cli import main
-from colmap_ihe.demands import Demand, Set, demands_of
 from colmap_ihe.errors import DiskFullError, NativeError, ShortOfMemoryError
-from colmap_ihe.foreseen import disk_left, disk_warnings, memory_warnings
-from colmap_ihe.ledger import opened
-from colmap_ihe.options import Options
-from colmap_ihe.pipeline import reconstruct
-from colmap_ihe.project import Project
+from colmap_ihe.machine import memory
+from colmap_ihe.pipeline import outputs
+from colmap_ihe.pipeline.output_folder import opened
+from colmap_ihe.pipeline.reconstruct import reconstruct
+from colmap_ihe.pipeline.resource_check import disk_left, disk_warnings, memory_warnings
+from colmap_ihe.pipeline.resource_needs import Demand, Set, demands_of
+from colmap_ihe.project.folder import Project
+from colmap_ihe.project.options import Options
 
 GB = 10**9
 Make = Callable[..., Path]

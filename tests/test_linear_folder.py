@@ -11,11 +11,11 @@ import pytest
 import tifffile
 from PIL import Image
 
-from colmap_ihe.captures.metadata import read_metadata
-from colmap_ihe.captures.raw import develop
 from colmap_ihe.cli import main
 from colmap_ihe.errors import ProjectError
-from colmap_ihe.linear_folder import develop_folder
+from colmap_ihe.photographs.exif.metadata import read_metadata
+from colmap_ihe.photographs.raw.develop import develop
+from colmap_ihe.pipeline.develop_folder import develop_folder
 
 
 @pytest.fixture

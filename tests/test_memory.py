@@ -15,12 +15,14 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from colmap_ihe import executor, memory, oddities, per_image
-from colmap_ihe.captures.discover import Capture
-from colmap_ihe.commands import fit_files
-from colmap_ihe.per_image import each_usable
-from colmap_ihe.preprocess import survey
-from colmap_ihe.progress import SILENT, Silent
+from colmap_ihe.machine import executor, memory
+from colmap_ihe.machine.progress import SILENT, Silent
+from colmap_ihe.photographs import each as per_image
+from colmap_ihe.photographs.discover import Capture
+from colmap_ihe.photographs.each import each_usable
+from colmap_ihe.photographs.survey import survey
+from colmap_ihe.pipeline.fit_files import fit_files
+from colmap_ihe.pipeline.warnings import photographs as oddities
 
 GB = 10**9
 

@@ -12,13 +12,13 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from colmap_ihe import outputs
-from colmap_ihe.colmap.ply import read_mesh, read_ply, write_rows
+from colmap_ihe.dense.ply import read_mesh, read_ply, write_rows
 from colmap_ihe.errors import CapabilityError, OptionError
-from colmap_ihe.options import Options
-from colmap_ihe.pipeline import reconstruct
-from colmap_ihe.project import Project
-from colmap_ihe.standing import status
+from colmap_ihe.pipeline import outputs
+from colmap_ihe.pipeline.reconstruct import reconstruct
+from colmap_ihe.pipeline.status import status
+from colmap_ihe.project.folder import Project
+from colmap_ihe.project.options import Options
 
 MakeOptions = Callable[..., Options]
 

@@ -24,9 +24,9 @@ import tifffile
 from conftest import PHOTOGRAPHS
 from PIL import Image, ImageCms
 
-from colmap_ihe.captures.discover import RAW_SUFFIXES
-from colmap_ihe.demo.dng import write_dng
-from colmap_ihe.demo.exif import PhotoExif
+from colmap_ihe.evaluation.demo.dng import write_dng
+from colmap_ihe.evaluation.demo.exif import PhotoExif
+from colmap_ihe.photographs.discover import RAW_SUFFIXES
 
 MUTATED = 200
 HEIGHT, WIDTH = 96, 128
@@ -37,8 +37,8 @@ RUN = """
 import json, resource, sys
 from pathlib import Path
 from colmap_ihe import convert_folder
-from colmap_ihe.captures import decoders
-from colmap_ihe.options import FitOptions
+from colmap_ihe.machine import decoder_pool as decoders
+from colmap_ihe.project.options import FitOptions
 # A fit would measure contrast in some of the photographs only, and in others where some are left out.
 _, grey, left_out = convert_folder(Path(sys.argv[1]), Path(sys.argv[2]), fit=FitOptions(method="rec709"))
 decoders.rest()

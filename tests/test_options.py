@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 from pydantic import ValidationError
 
 from colmap_ihe.errors import OptionError
-from colmap_ihe.options import Options
-from colmap_ihe.project_yaml import load_options
+from colmap_ihe.project.options import Options
+from colmap_ihe.project.options_file import load_options
 
 
 def written(folder: Path, text: str) -> Path:

@@ -10,17 +10,17 @@ from typing import Any
 
 import pytest
 
-from colmap_ihe.captures.discover import discover
 from colmap_ihe.colmap.native import pycolmap
 from colmap_ihe.errors import Cancelled, PhotographError
-from colmap_ihe.executor import in_order
-from colmap_ihe.linear_folder import develop_folder
-from colmap_ihe.options import DevelopOptions, Options
-from colmap_ihe.pipeline import reconstruct
-from colmap_ihe.preprocess import survey
-from colmap_ihe.progress import SILENT, Silent
-from colmap_ihe.project import Project
-from colmap_ihe.recipes import with_recipes
+from colmap_ihe.machine.executor import in_order
+from colmap_ihe.machine.progress import SILENT, Silent
+from colmap_ihe.photographs.discover import discover
+from colmap_ihe.photographs.recipes import with_recipes
+from colmap_ihe.photographs.survey import survey
+from colmap_ihe.pipeline.develop_folder import develop_folder
+from colmap_ihe.pipeline.reconstruct import reconstruct
+from colmap_ihe.project.folder import Project
+from colmap_ihe.project.options import DevelopOptions, Options
 
 Make = Callable[..., Path]
 

@@ -12,15 +12,15 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from colmap_ihe import outputs
 from colmap_ihe.colmap.native import pycolmap
 from colmap_ihe.errors import Cancelled, OptionError, PhotographError, ProjectError
-from colmap_ihe.options import Options
-from colmap_ihe.pipeline import reconstruct
-from colmap_ihe.progress import Silent, Watch
-from colmap_ihe.project import Project
-from colmap_ihe.road import NAMES
-from colmap_ihe.standing import status
+from colmap_ihe.machine.progress import Silent, Watch
+from colmap_ihe.pipeline import outputs
+from colmap_ihe.pipeline.reconstruct import reconstruct
+from colmap_ihe.pipeline.stage_list import NAMES
+from colmap_ihe.pipeline.status import status
+from colmap_ihe.project.folder import Project
+from colmap_ihe.project.options import Options
 
 MakeOptions = Callable[..., Options]
 Make = Callable[..., Path]

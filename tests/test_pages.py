@@ -9,19 +9,19 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from colmap_ihe import pages
-from colmap_ihe.captures.discover import discover
 from colmap_ihe.cli import main
 from colmap_ihe.errors import NativeError
-from colmap_ihe.executor import local_executor
-from colmap_ihe.options import Options
-from colmap_ihe.pipeline import reconstruct
-from colmap_ihe.progress import SILENT
-from colmap_ihe.project import Project
+from colmap_ihe.machine.executor import local_executor
+from colmap_ihe.machine.progress import SILENT
+from colmap_ihe.photographs.discover import discover
+from colmap_ihe.pipeline import page as pages
+from colmap_ihe.pipeline.reconstruct import reconstruct
+from colmap_ihe.pipeline.run_state import Run
+from colmap_ihe.pipeline.stage_list import ROAD
+from colmap_ihe.project.folder import Project
+from colmap_ihe.project.options import Options
 from colmap_ihe.report.contents import Contents
 from colmap_ihe.report.summary import summarise
-from colmap_ihe.road import ROAD
-from colmap_ihe.run import Run
 
 Make = Callable[..., Path]
 MakeOptions = Callable[..., Options]

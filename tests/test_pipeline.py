@@ -17,17 +17,17 @@ import pytest
 import yaml
 from PIL import Image
 
-from colmap_ihe import stages
-from colmap_ihe.captures.discover import discover
 from colmap_ihe.colmap.native import pycolmap
 from colmap_ihe.errors import Cancelled, MappingError, OptionError, PhotographError, ProjectError
-from colmap_ihe.files import write_bytes
 from colmap_ihe.grey.weights import Weights, grey_from_dict
-from colmap_ihe.options import Options
-from colmap_ihe.pipeline import reconstruct
-from colmap_ihe.progress import Silent
-from colmap_ihe.road import NAMES
-from colmap_ihe.standing import status
+from colmap_ihe.machine.files import write_bytes
+from colmap_ihe.machine.progress import Silent
+from colmap_ihe.photographs.discover import discover
+from colmap_ihe.pipeline import stages
+from colmap_ihe.pipeline.reconstruct import reconstruct
+from colmap_ihe.pipeline.stage_list import NAMES
+from colmap_ihe.pipeline.status import status
+from colmap_ihe.project.options import Options
 
 Make = Callable[..., Path]
 MakeOptions = Callable[..., Options]

@@ -19,9 +19,16 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from colmap_ihe.errors import DiskFullError, ProjectError
-from colmap_ihe.files import digest_file, fingerprint_of, read_json, replace_folder, write_bytes, write_json
-from colmap_ihe.pipeline import reconstruct
-from colmap_ihe.project import Project
+from colmap_ihe.machine.files import (
+    digest_file,
+    fingerprint_of,
+    read_json,
+    replace_folder,
+    write_bytes,
+    write_json,
+)
+from colmap_ihe.pipeline.reconstruct import reconstruct
+from colmap_ihe.project.folder import Project
 
 
 def project(folder: Path) -> Project:
@@ -77,7 +84,7 @@ def test_a_write_that_is_killed_leaves_the_old_file(tmp_path: Path) -> None:
     write_bytes(tmp_path / "a.bin", b"old")
     code = (
         f"import sys, os; sys.path.insert(0, {str(Path(__file__).parents[1])!r})\n"
-        "from pathlib import Path; from colmap_ihe.files import write_bytes\n"
+        "from pathlib import Path; from colmap_ihe.machine.files import write_bytes\n"
         "os.fsync = lambda _: os.kill(os.getpid(), 9)\n"
         "write_bytes(Path('a.bin'), b'new' * 100000)\n"
     )

@@ -11,11 +11,11 @@ import pytest
 import tifffile
 from PIL import Image
 
-from colmap_ihe.grey_folder import convert_folder
-from colmap_ihe.linear_folder import develop_folder
-from colmap_ihe.options import DevelopOptions, Options
-from colmap_ihe.pipeline import reconstruct
-from colmap_ihe.standing import status
+from colmap_ihe.pipeline.convert_folder import convert_folder
+from colmap_ihe.pipeline.develop_folder import develop_folder
+from colmap_ihe.pipeline.reconstruct import reconstruct
+from colmap_ihe.pipeline.status import status
+from colmap_ihe.project.options import DevelopOptions, Options
 
 Make = Callable[..., Path]
 MakeOptions = Callable[..., Options]

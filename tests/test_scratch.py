@@ -11,15 +11,15 @@ from pathlib import Path
 
 import pytest
 
-from colmap_ihe import outputs
 from colmap_ihe.errors import DiskFullError
-from colmap_ihe.files import remove_unfinished, replace_folder, write_bytes
-from colmap_ihe.project import Project
-from colmap_ihe.scratch import scratch_folder, sweep
+from colmap_ihe.machine.files import remove_unfinished, replace_folder, write_bytes
+from colmap_ihe.machine.scratch import scratch_folder, sweep
+from colmap_ihe.pipeline import outputs
+from colmap_ihe.project.folder import Project
 
 LIVES = """
 import sys, time
-from colmap_ihe.scratch import scratch_folder
+from colmap_ihe.machine.scratch import scratch_folder
 with scratch_folder() as folder:
     (folder / "half").write_bytes(b"half")
     print(folder, flush=True)

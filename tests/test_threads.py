@@ -14,13 +14,13 @@ import pytest
 from conftest import QUICK
 from threadpoolctl import threadpool_info
 
-from colmap_ihe import threads
 from colmap_ihe.colmap import mapping
 from colmap_ihe.colmap.matching import native_options
 from colmap_ihe.colmap.native import fill, pycolmap
-from colmap_ihe.executor import local_executor, local_workers, width_of
-from colmap_ihe.options import MatchesOptions, SparseOptions
-from colmap_ihe.threads import limited, limited_here
+from colmap_ihe.machine import threads
+from colmap_ihe.machine.executor import local_executor, local_workers, width_of
+from colmap_ihe.machine.threads import limited, limited_here
+from colmap_ihe.project.options import MatchesOptions, SparseOptions
 
 Make = Callable[..., Path]
 MADE = ("database.db", "sparse/0/*.bin", "images/*.png")

@@ -13,11 +13,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from colmap_ihe.captures.discover import Capture, discover
-from colmap_ihe.captures.png import encode_png
-from colmap_ihe.executor import local_executor
-from colmap_ihe.grey.weights import FIXED, Formula, Grey, Weights
-from colmap_ihe.measured import (
+from colmap_ihe.fit.overlaps import LOOKED_AT
+from colmap_ihe.fit.trial import coarse_grid, measure
+from colmap_ihe.fit.trial_result import (
     Candidate,
     Counts,
     Measured,
@@ -27,9 +25,11 @@ from colmap_ihe.measured import (
     measured_from_dict,
     summed_up,
 )
-from colmap_ihe.overlaps import LOOKED_AT
-from colmap_ihe.progress import SILENT, Silent
-from colmap_ihe.trial import coarse_grid, measure
+from colmap_ihe.grey.weights import FIXED, Formula, Grey, Weights
+from colmap_ihe.machine.executor import local_executor
+from colmap_ihe.machine.progress import SILENT, Silent
+from colmap_ihe.photographs.discover import Capture, discover
+from colmap_ihe.photographs.png import encode_png
 
 SIZE = (280, 210)
 GREYS = {name: Weights(*FIXED[name], method=name) for name in ("rec709", "mean", "green")}

@@ -14,10 +14,10 @@ import tifffile
 from icc import rgb_profile
 from PIL import Image
 
-from colmap_ihe.captures.png import encode_png
 from colmap_ihe.cli import main
-from colmap_ihe.demo.dng import write_dng
-from colmap_ihe.demo.exif import PhotoExif
+from colmap_ihe.evaluation.demo.dng import write_dng
+from colmap_ihe.evaluation.demo.exif import PhotoExif
+from colmap_ihe.photographs.png import encode_png
 
 SIZE = (90, 70)
 Captured = pytest.CaptureFixture[str]

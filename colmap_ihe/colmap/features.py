@@ -8,14 +8,14 @@ from concurrent.futures import Executor
 from dataclasses import dataclass
 from pathlib import Path
 
-from colmap_ihe import memory
-from colmap_ihe.colmap.feature_shards import extract_in_shards, extraction_options
+from colmap_ihe.colmap.database import counting_rows, remove_database
+from colmap_ihe.colmap.features_on_workers import extract_in_shards, extraction_options
 from colmap_ihe.colmap.native import called, pycolmap
-from colmap_ihe.colmap.workspace import counting_rows, remove_database
 from colmap_ihe.errors import NativeError, OptionError
-from colmap_ihe.executor import local_workers, shares_memory
-from colmap_ihe.options import CameraOptions, FeaturesOptions
-from colmap_ihe.progress import Watch
+from colmap_ihe.machine import memory
+from colmap_ihe.machine.executor import local_workers, shares_memory
+from colmap_ihe.machine.progress import Watch
+from colmap_ihe.project.options import CameraOptions, FeaturesOptions
 
 _MODES = {
     "auto": pycolmap.CameraMode.AUTO,

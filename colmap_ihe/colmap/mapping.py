@@ -8,12 +8,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from colmap_ihe.colmap.mapping_apart import map_apart, pipeline_options
+from colmap_ihe.colmap.mapping_process import map_apart, pipeline_options
 from colmap_ihe.colmap.native import apply_options, called, pycolmap
 from colmap_ihe.errors import MappingError
-from colmap_ihe.files import replace_folder
-from colmap_ihe.options import SparseOptions
-from colmap_ihe.progress import Watch
+from colmap_ihe.machine.files import replace_folder
+from colmap_ihe.machine.progress import Watch
+from colmap_ihe.project.options import SparseOptions
 
 _LONG_TRACK = 3
 

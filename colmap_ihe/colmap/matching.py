@@ -11,19 +11,15 @@ from typing import Any
 
 import numpy as np
 
-from colmap_ihe import memory
-from colmap_ihe.colmap.match_blocks import (
-    match_in_blocks,
-    match_in_processes,
-    verification_options,
-)
+from colmap_ihe.colmap.database import counting_rows
+from colmap_ihe.colmap.matching_in_blocks import match_in_blocks, match_in_processes, verification_options
 from colmap_ihe.colmap.native import apply_options, called, cuda_devices, pycolmap
 from colmap_ihe.colmap.pair_blocks import matches_bytes
-from colmap_ihe.colmap.workspace import counting_rows
 from colmap_ihe.errors import MappingError, ProjectError
-from colmap_ihe.executor import local_workers, shares_memory
-from colmap_ihe.options import MatchesOptions
-from colmap_ihe.progress import Watch
+from colmap_ihe.machine import memory
+from colmap_ihe.machine.executor import local_workers, shares_memory
+from colmap_ihe.machine.progress import Watch
+from colmap_ihe.project.options import MatchesOptions
 
 EXHAUSTIVE_UP_TO = 200
 """Photographs: 19,900 pairs, about an hour on two cores; past it time grows with the square."""

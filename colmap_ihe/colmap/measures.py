@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shutil
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -59,3 +60,14 @@ def putative_and_inliers(database: Path) -> dict[tuple[str, str], tuple[int, int
         first, second = (names[i] for i in pycolmap.pair_id_to_image_pair(pair))
         found[first, second] = (int(count), int(inliers.get(pair, 0)))
     return found
+
+
+def upright(cam_from_world: Sequence[NDArray[np.float64]]) -> NDArray[np.float64]:
+    """(3, 3): turns the mean upward direction of photographs, (3, 4) each, to +y; what they look at is towards -z."""
+    up = -np.mean([pose[1, :3] for pose in cam_from_world], axis=0)
+    back = -np.mean([pose[2, :3] for pose in cam_from_world], axis=0)
+    right = np.cross(up, back)
+    if np.linalg.norm(up) < 1e-6 or np.linalg.norm(right) < 1e-6:
+        return np.eye(3)
+    up, right = up / np.linalg.norm(up), right / np.linalg.norm(right)
+    return np.stack((right, up, np.cross(right, up)))

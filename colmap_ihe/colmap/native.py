@@ -8,19 +8,15 @@ from __future__ import annotations
 import ctypes
 import threading
 import time
-import zlib  # noqa: F401  before pycolmap, whose own zlib symbols would else be bound to the system's
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Protocol, TypeVar
 
-import cv2  # noqa: F401  before pycolmap, for the same reason
-import PIL.Image  # noqa: F401
-import pycolmap
-
-from colmap_ihe import threads
 from colmap_ihe.errors import Cancelled, KnownError, NativeError, OptionError
-from colmap_ihe.progress import Watch
+from colmap_ihe.machine import threads
+from colmap_ihe.machine.libraries import pycolmap
+from colmap_ihe.machine.progress import Watch
 
 __all__ = [
     "apply_options",

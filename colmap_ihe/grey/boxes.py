@@ -14,10 +14,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from colmap_ihe.executor import local_workers
 from colmap_ihe.grey import kernels
 from colmap_ihe.grey.histogram import LINEAR_EDGES, Histogram
 from colmap_ihe.grey.rules import Rules
+from colmap_ihe.machine.executor import local_workers
 
 Triplet = tuple[int, int, int]
 """Weights of red, green and blue in hundredths."""

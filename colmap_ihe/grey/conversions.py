@@ -10,13 +10,13 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any, Literal, Protocol
 
-from colmap_ihe.grey.apparent import apparent
-from colmap_ihe.grey.color2gray import color2gray
-from colmap_ihe.grey.contrast_preserving import contrast_preserving
-from colmap_ihe.grey.decolorize import DecolorizeSet, apply_decolorize, decolorize
-from colmap_ihe.grey.luminance import cie_y, value
-from colmap_ihe.grey.realtime import RealtimeSet, realtime, weighed
-from colmap_ihe.grey.song import song
+from colmap_ihe.grey.methods.apparent import apparent
+from colmap_ihe.grey.methods.color2gray import color2gray
+from colmap_ihe.grey.methods.contrast_preserving import contrast_preserving
+from colmap_ihe.grey.methods.decolorize import DecolorizeSet, apply_decolorize, decolorize
+from colmap_ihe.grey.methods.luminance import cie_y, value
+from colmap_ihe.grey.methods.realtime import RealtimeSet, realtime, weighed
+from colmap_ihe.grey.methods.song import song
 from colmap_ihe.grey.srgb import Float32
 from colmap_ihe.grey.weights import FIXED
 

@@ -13,11 +13,11 @@ from isal import isal_zlib
 from numpy.typing import NDArray
 
 from colmap_ihe.errors import WeightsError
-from colmap_ihe.executor import local_workers
 from colmap_ihe.grey import kernels
 from colmap_ihe.grey.rules import Rules
 from colmap_ihe.grey.sums import IMAGE_MASS, MOST, MOST_IMAGES, Sums, Weighting
 from colmap_ihe.grey.weights import Encoding
+from colmap_ihe.machine.executor import local_workers
 
 _CODES = 256
 _MAGIC = b"colmap-ihe histogram 2\n"

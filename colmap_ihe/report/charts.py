@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from colmap_ihe.captures.png import encode_png
+from colmap_ihe.photographs.png import encode_png
 from colmap_ihe.report.contents import Contents, Grey
 
 WIDTH, HEIGHT = 640, 200  # of a chart, in units of its drawing

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from colmap_ihe.options import Options
+from colmap_ihe.project.options import Options
 
 _NAMES = ("red", "green", "blue")
 

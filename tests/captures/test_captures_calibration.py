@@ -13,7 +13,13 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from colmap_ihe.captures.calibration import (
+from colmap_ihe.errors import PhotographError, ProjectError
+from colmap_ihe.evaluation.demo.dng import write_dng
+from colmap_ihe.evaluation.demo.exif import PhotoExif
+from colmap_ihe.machine.progress import SILENT
+from colmap_ihe.photographs.decode import read_photograph
+from colmap_ihe.photographs.discover import discover
+from colmap_ihe.photographs.raw.calibration import (
     Master,
     Shot,
     flat_gain,
@@ -23,17 +29,11 @@ from colmap_ihe.captures.calibration import (
     mean_of,
     read_bad_pixels,
 )
-from colmap_ihe.captures.decode import read_photograph
-from colmap_ihe.captures.discover import discover
-from colmap_ihe.captures.mosaic import Mosaic
-from colmap_ihe.captures.recipe import Recipe, recipe_from_dict
-from colmap_ihe.demo.dng import write_dng
-from colmap_ihe.demo.exif import PhotoExif
-from colmap_ihe.errors import PhotographError, ProjectError
-from colmap_ihe.options import DevelopOptions
-from colmap_ihe.preprocess import survey
-from colmap_ihe.progress import SILENT
-from colmap_ihe.recipes import Recipes, recipe_notes, with_recipes
+from colmap_ihe.photographs.raw.mosaic import Mosaic
+from colmap_ihe.photographs.recipes import Recipes, recipe_notes, with_recipes
+from colmap_ihe.photographs.survey import survey
+from colmap_ihe.project.options import DevelopOptions
+from colmap_ihe.project.recipe import Recipe, recipe_from_dict
 
 BAYER = np.array([[0, 1], [3, 2]], np.uint8)
 SIZE = (96, 128)
@@ -263,7 +263,7 @@ def test_frames_are_averaged_once(flawed: Callable[..., Path], monkeypatch: pyte
     def fail(*_: object) -> None:
         raise AssertionError("a frame was read again")
 
-    monkeypatch.setattr("colmap_ihe.masters.read_mosaic", fail)
+    monkeypatch.setattr("colmap_ihe.photographs.raw.calibration_masters.read_mosaic", fail)
     assert [s.capture.recipe for s in recipes(project).surveyed] == [s.capture.recipe for s in first.surveyed]
 
 

@@ -10,8 +10,8 @@ import pytest
 from exif_samples import GPS, IMAGE, SHOT
 from PIL import Image
 
-from colmap_ihe.captures.exif import PREFIX, take_apart
-from colmap_ihe.captures.metadata import read_metadata
+from colmap_ihe.photographs.exif.blocks import PREFIX, take_apart
+from colmap_ihe.photographs.exif.metadata import read_metadata
 
 CANON = bytes.fromhex("85c0b687820f11e08111f4ce462b6a48")
 

@@ -12,11 +12,11 @@ import tifffile
 from numpy.typing import NDArray
 from PIL import Image
 
-from colmap_ihe.captures.decode import read_photograph, read_size
-from colmap_ihe.captures.discover import Capture, discover
-from colmap_ihe.captures.metadata import read_metadata
-from colmap_ihe.captures.png import encode_png
 from colmap_ihe.errors import PhotographError
+from colmap_ihe.photographs.decode import read_photograph, read_size
+from colmap_ihe.photographs.discover import Capture, discover
+from colmap_ihe.photographs.exif.metadata import read_metadata
+from colmap_ihe.photographs.png import encode_png
 
 HEIGHT, WIDTH = 72, 100
 

@@ -22,14 +22,15 @@ import pytest
 from numpy.typing import NDArray
 from PIL import Image
 
-from colmap_ihe import memory
-from colmap_ihe.captures import decoders, wire
-from colmap_ihe.captures.decode import read_photograph, read_photograph_here, read_size
-from colmap_ihe.captures.discover import Capture
-from colmap_ihe.captures.metadata import read_metadata
-from colmap_ihe.captures.small import small_picture, small_picture_here
 from colmap_ihe.errors import Cancelled, CapabilityError, PhotographError
-from colmap_ihe.executor import in_order
+from colmap_ihe.machine import decoder_pool as decoders
+from colmap_ihe.machine import decoder_wire as wire
+from colmap_ihe.machine import memory
+from colmap_ihe.machine.executor import in_order
+from colmap_ihe.photographs.decode import read_photograph, read_photograph_here, read_size
+from colmap_ihe.photographs.discover import Capture
+from colmap_ihe.photographs.exif.metadata import read_metadata
+from colmap_ihe.photographs.preview import small_picture, small_picture_here
 
 ROOT = Path(__file__).parents[2]
 
@@ -290,7 +291,7 @@ def test_a_metadata_reader_that_crashes_loses_the_metadata_only(
 
 
 def test_a_decoder_is_small() -> None:
-    code = "import sys, colmap_ihe.captures.decoder_main; print(*sys.modules)"
+    code = "import sys, colmap_ihe.photographs.decoder_main; print(*sys.modules)"
     done = subprocess.run(
         [sys.executable, "-c", code],
         env=os.environ | {"PYTHONPATH": str(ROOT)},
@@ -303,9 +304,9 @@ def test_a_decoder_is_small() -> None:
 READ = """
 import sys, threading, time
 from pathlib import Path
-from colmap_ihe.captures.decode import read_photograph, read_size
-from colmap_ihe.captures.discover import Capture
-from colmap_ihe.captures import decoders
+from colmap_ihe.photographs.decode import read_photograph, read_size
+from colmap_ihe.photographs.discover import Capture
+from colmap_ihe.machine import decoder_pool as decoders
 file = Path(sys.argv[1])
 capture = Capture(file.name, file, "coded", file.stem)
 read_size(capture)

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from colmap_ihe.captures.discover import Capture, discover
 from colmap_ihe.errors import ProjectError
+from colmap_ihe.photographs.discover import Capture, discover
 
 
 def touched(folder: Path, *names: str) -> Path:

@@ -14,12 +14,19 @@ from exif_samples import EVERY_TAG, GPS, IMAGE, SHOT, SIZE, block, full_photogra
 from PIL import Image
 from PIL.TiffImagePlugin import IFDRational as R
 
-from colmap_ihe.captures.encode import SUFFIXES, Format, encode_image
-from colmap_ihe.captures.exif import PREFIX, pixels_per_mm, put_together, slimmed, take_apart, with_size
-from colmap_ihe.captures.mend import mend
-from colmap_ihe.captures.metadata import Metadata, read_metadata, read_metadata_here, sized
-from colmap_ihe.captures.png import encode_png
 from colmap_ihe.colmap.native import pycolmap
+from colmap_ihe.photographs.encode import SUFFIXES, Format, encode_image
+from colmap_ihe.photographs.exif.blocks import (
+    PREFIX,
+    pixels_per_mm,
+    put_together,
+    slimmed,
+    take_apart,
+    with_size,
+)
+from colmap_ihe.photographs.exif.metadata import Metadata, read_metadata, read_metadata_here, sized
+from colmap_ihe.photographs.exif.repair import mend
+from colmap_ihe.photographs.png import encode_png
 
 FORMATS: tuple[Format, ...] = get_args(Format)
 GREY = np.zeros((SIZE[1], SIZE[0]), np.uint8)

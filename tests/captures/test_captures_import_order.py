@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from colmap_ihe.captures.png import encode_png
+from colmap_ihe.photographs.png import encode_png
 
 CONVERT = """
 from pathlib import Path

@@ -10,10 +10,10 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from colmap_ihe.captures import keep
-from colmap_ihe.captures.decode import read_photograph, read_photograph_here
-from colmap_ihe.captures.discover import Capture, discover
-from colmap_ihe.captures.recipe import Recipe
+from colmap_ihe.photographs import developed_cache as keep
+from colmap_ihe.photographs.decode import read_photograph, read_photograph_here
+from colmap_ihe.photographs.discover import Capture, discover
+from colmap_ihe.project.recipe import Recipe
 
 
 @pytest.fixture

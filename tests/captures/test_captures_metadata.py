@@ -12,14 +12,14 @@ import numpy as np
 import pytest
 from PIL import ExifTags, Image
 
-from colmap_ihe.captures import metadata as captures_metadata
-from colmap_ihe.captures.coded import stored_size
-from colmap_ihe.captures.encode import SUFFIXES, Format, encode_image
-from colmap_ihe.captures.metadata import Metadata, read_metadata, read_metadata_here, sized
-from colmap_ihe.captures.raw import Noted, noted_by_libraw
 from colmap_ihe.colmap.native import pycolmap
-from colmap_ihe.demo.dng import write_dng
-from colmap_ihe.demo.exif import PhotoExif, jpeg_exif
+from colmap_ihe.evaluation.demo.dng import write_dng
+from colmap_ihe.evaluation.demo.exif import PhotoExif, jpeg_exif
+from colmap_ihe.photographs.coded import stored_size
+from colmap_ihe.photographs.encode import SUFFIXES, Format, encode_image
+from colmap_ihe.photographs.exif import metadata as captures_metadata
+from colmap_ihe.photographs.exif.metadata import Metadata, read_metadata, read_metadata_here, sized
+from colmap_ihe.photographs.raw.develop import Noted, noted_by_libraw
 
 FORMATS: tuple[Format, ...] = get_args(Format)
 SIZE = (96, 64)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from colmap_ihe.captures.mosaic import Frames, Mosaic, calibrated, green_gains, repair
+from colmap_ihe.photographs.raw.mosaic import Frames, Mosaic, calibrated, green_gains, repair
 
 BAYER = np.array([[0, 1], [3, 2]], np.uint8)
 SHAPE = (200, 302)

@@ -9,14 +9,14 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from colmap_ihe.captures import denoise
-from colmap_ihe.captures.denoise import denoised, noise_of
-from colmap_ihe.captures.prepare import prepared
-from colmap_ihe.captures.recipe import Recipe
 from colmap_ihe.errors import CapabilityError
-from colmap_ihe.options import Options
-from colmap_ihe.preflight import check_options
-from colmap_ihe.project_yaml import load_options
+from colmap_ihe.photographs.adjust import prepared
+from colmap_ihe.photographs.raw import denoise
+from colmap_ihe.photographs.raw.denoise import denoised, noise_of
+from colmap_ihe.pipeline.preflight import check_options
+from colmap_ihe.project.options import Options
+from colmap_ihe.project.options_file import load_options
+from colmap_ihe.project.recipe import Recipe
 
 pytest.importorskip("pywt", reason="denoising needs PyWavelets: pip install 'colmap-ihe[denoise]'")
 

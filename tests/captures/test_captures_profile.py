@@ -11,11 +11,11 @@ import tifffile
 from icc import grey_profile, red_cyan_profile, rgb_profile
 from PIL import Image, ImageCms
 
-from colmap_ihe.captures.decode import Photograph, read_photograph
-from colmap_ihe.captures.discover import discover
-from colmap_ihe.captures.encode import SUFFIXES, Format, encode_image
-from colmap_ihe.captures.metadata import read_metadata
 from colmap_ihe.errors import PhotographError
+from colmap_ihe.photographs.decode import Photograph, read_photograph
+from colmap_ihe.photographs.discover import discover
+from colmap_ihe.photographs.encode import SUFFIXES, Format, encode_image
+from colmap_ihe.photographs.exif.metadata import read_metadata
 
 ADOBE = rgb_profile("Adobe RGB (1998)")
 PINK = np.full((70, 80, 3), (200, 100, 120), np.uint8)

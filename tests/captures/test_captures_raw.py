@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from colmap_ihe.captures.raw import develop, preview_of, read_header, read_mosaic
-from colmap_ihe.demo.dng import PATTERNS, write_dng
-from colmap_ihe.demo.exif import PhotoExif
 from colmap_ihe.errors import PhotographError
+from colmap_ihe.evaluation.demo.dng import PATTERNS, write_dng
+from colmap_ihe.evaluation.demo.exif import PhotoExif
+from colmap_ihe.photographs.raw.develop import develop, preview_of, read_header, read_mosaic
 
 BLACK, WHITE = 512, 16383
 GAINS = {"R": 0.45, "G": 1.0, "B": 0.7}

@@ -10,8 +10,8 @@ import pytest
 from dngs import XTRANS, write_kind
 from numpy.typing import NDArray
 
-from colmap_ihe.captures.raw import develop, read_header, read_mosaic
 from colmap_ihe.errors import PhotographError
+from colmap_ihe.photographs.raw.develop import develop, read_header, read_mosaic
 
 HEIGHT, WIDTH = 96, 144
 GAINS = {"R": 0.45, "G": 1.0, "B": 0.7}

@@ -8,9 +8,9 @@ from pathlib import Path
 
 import pytest
 
-from colmap_ihe.cluster.lease import end_lease, end_old_leases, has_leases, held, new_lease
 from colmap_ihe.errors import Cancelled, ClusterError
-from colmap_ihe.progress import SILENT, Silent
+from colmap_ihe.machine.cluster.lease import end_lease, end_old_leases, has_leases, held, new_lease
+from colmap_ihe.machine.progress import SILENT, Silent
 
 
 def test_its_end_waits_for_the_tasks(tmp_path: Path) -> None:

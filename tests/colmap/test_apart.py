@@ -13,11 +13,11 @@ from typing import Any
 
 import pytest
 
-from colmap_ihe import threads
-from colmap_ihe.colmap.apart import Apart
 from colmap_ihe.colmap.native import logged_to, pycolmap
+from colmap_ihe.colmap.process import Apart
 from colmap_ihe.errors import Cancelled, NativeError, OptionError
-from colmap_ihe.progress import SILENT, Silent, Watch
+from colmap_ihe.machine import threads
+from colmap_ihe.machine.progress import SILENT, Silent, Watch
 
 
 def about(what: str, _watch: Watch) -> Any:

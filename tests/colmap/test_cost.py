@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import pytest
 
-from colmap_ihe.colmap.cloud import fusion_share
-from colmap_ihe.colmap.cost import STEREO_BYTES_A_PIXEL, dense_cost
-from colmap_ihe.colmap.fusion import FUSION_BYTES
+from colmap_ihe.dense.cloud import fusion_share
+from colmap_ihe.dense.cost import STEREO_BYTES_A_PIXEL, dense_cost
+from colmap_ihe.dense.fusion import FUSION_BYTES
 
 SIZES = [(3000, 2000)] * 20
 

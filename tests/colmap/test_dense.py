@@ -15,13 +15,14 @@ from numpy.typing import NDArray
 from PIL import Image
 from plane import COLOUR, NORMAL, SIZE, VIEWS, make_project, plane_depth
 
-from colmap_ihe.colmap import dense, depth_maps
-from colmap_ihe.colmap.depth_maps import DepthCounts, sgm_depth_maps, write_map
-from colmap_ihe.colmap.fusion import fuse
 from colmap_ihe.colmap.native import cuda_devices, pycolmap
-from colmap_ihe.colmap.undistort import undistort
+from colmap_ihe.dense import backend as dense
+from colmap_ihe.dense import depth_maps
+from colmap_ihe.dense.depth_maps import DepthCounts, sgm_depth_maps, write_map
+from colmap_ihe.dense.fusion import fuse
+from colmap_ihe.dense.undistort import undistort
 from colmap_ihe.errors import Cancelled, CapabilityError, OptionError, ProjectError
-from colmap_ihe.progress import Silent
+from colmap_ihe.machine.progress import Silent
 
 NAMES = list(VIEWS)
 

@@ -10,14 +10,14 @@ from numpy.typing import NDArray
 from PIL import Image
 from plane import SIZE, K, make_project
 
-from colmap_ihe.colmap import fusion
-from colmap_ihe.colmap.cells import Price, Seen, cells_of
-from colmap_ihe.colmap.depth_maps import depth_file, read_depth, sgm_depth_maps
 from colmap_ihe.colmap.native import pycolmap
-from colmap_ihe.colmap.ply import read_ply
-from colmap_ihe.colmap.undistort import mask_of, read_mask, undistort
+from colmap_ihe.dense import fusion
+from colmap_ihe.dense.depth_maps import depth_file, read_depth, sgm_depth_maps
+from colmap_ihe.dense.fusion_cells import Price, Seen, cells_of
+from colmap_ihe.dense.ply import read_ply
+from colmap_ihe.dense.undistort import mask_of, read_mask, undistort
 from colmap_ihe.errors import Cancelled
-from colmap_ihe.progress import Silent
+from colmap_ihe.machine.progress import Silent
 
 STRIP = {f"{n:02}.png": (0.5 * n, 0.0, 0.0) for n in range(14)}
 FEW = dict(list(STRIP.items())[:5])

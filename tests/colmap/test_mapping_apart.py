@@ -10,16 +10,16 @@ from pathlib import Path
 
 import pytest
 
-from colmap_ihe.colmap import mapping_apart
-from colmap_ihe.colmap.mapping_apart import map_apart, pipeline_options
+from colmap_ihe.colmap import mapping_process as mapping_apart
+from colmap_ihe.colmap.mapping_process import map_apart, pipeline_options
 from colmap_ihe.errors import Cancelled, NativeError, OptionError
-from colmap_ihe.progress import SILENT, Silent, Watch
+from colmap_ihe.machine.progress import SILENT, Silent, Watch
 
 
 def children() -> list[int]:
     command = ["ps", "-o", "pid=", "--ppid", str(os.getpid())]
     listed = subprocess.run(command, capture_output=True, text=True, check=False)
-    return [int(pid) for pid in listed.stdout.split() if "colmap.apart" in command_of(int(pid))]
+    return [int(pid) for pid in listed.stdout.split() if "colmap.process" in command_of(int(pid))]
 
 
 def command_of(pid: int) -> str:

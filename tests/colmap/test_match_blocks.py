@@ -14,12 +14,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from colmap_ihe.colmap import match_blocks, matching, pair_blocks
+from colmap_ihe.colmap import matching, pair_blocks
+from colmap_ihe.colmap import matching_in_blocks as match_blocks
 from colmap_ihe.colmap.matching import build_vocabulary, forget_matches, match_features, native_options
 from colmap_ihe.colmap.native import pycolmap
 from colmap_ihe.errors import Cancelled, NativeError
-from colmap_ihe.options import MatchesOptions
-from colmap_ihe.progress import SILENT, Silent
+from colmap_ihe.machine.progress import SILENT, Silent
+from colmap_ihe.project.options import MatchesOptions
 
 PAIRINGS: dict[str, dict[str, Any]] = {
     "exhaustive": {},
@@ -215,7 +216,7 @@ def test_a_process_that_dies_is_told_of_and_the_others_results_are_kept(
             super().advance(count)
             if self.done and not self.killed:
                 self.killed = True
-                subprocess.run(["pkill", "-KILL", "-P", str(os.getpid()), "-f", "colmap.apart"], check=True)
+                subprocess.run(["pkill", "-KILL", "-P", str(os.getpid()), "-f", "colmap.process"], check=True)
 
         killed = False
 

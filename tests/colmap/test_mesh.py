@@ -10,11 +10,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from colmap_ihe.colmap import mesh as surface
-from colmap_ihe.colmap.ply import Rows, read_mesh, read_ply, write_mesh, write_rows
+from colmap_ihe.dense import mesh as surface
+from colmap_ihe.dense.ply import Rows, read_mesh, read_ply, write_mesh, write_rows
+from colmap_ihe.dense.texture.mesh import Mesh, face_normals
 from colmap_ihe.errors import Cancelled, MappingError, NativeError, OptionError, ProjectError
-from colmap_ihe.progress import Silent, Watch
-from colmap_ihe.texture.mesh import Mesh, face_normals
+from colmap_ihe.machine.progress import Silent, Watch
 
 _FIELDS = [
     *((n, "<f4") for n in ("x", "y", "z", "nx", "ny", "nz")),

@@ -13,8 +13,8 @@ import pytest
 import rawpy
 from PIL import ExifTags, Image
 
-from colmap_ihe.demo.dng import PATTERNS, write_dng
-from colmap_ihe.demo.exif import PhotoExif
+from colmap_ihe.evaluation.demo.dng import PATTERNS, write_dng
+from colmap_ihe.evaluation.demo.exif import PhotoExif
 
 NEUTRAL = (0.5, 1.0, 0.625)
 MATRIX = np.array(((0.9, -0.3, -0.1), (-0.4, 1.3, 0.1), (0.0, 0.2, 0.6)))

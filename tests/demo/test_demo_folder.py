@@ -16,13 +16,13 @@ import pytest
 import rawpy
 from PIL import Image
 
-from colmap_ihe.demo.folder import render_demo
-from colmap_ihe.demo.frescoes import BORDER_M
-from colmap_ihe.demo.photograph import SENSOR_GAINS
-from colmap_ihe.demo.scene import ISOLUMINANT_PANELS
 from colmap_ihe.errors import Cancelled
-from colmap_ihe.evaluate.truth import TrueImage, Truth, pose_errors, read_truth
-from colmap_ihe.progress import Silent
+from colmap_ihe.evaluation.demo.camera import SENSOR_GAINS
+from colmap_ihe.evaluation.demo.frescoes import BORDER_M
+from colmap_ihe.evaluation.demo.render import render_demo
+from colmap_ihe.evaluation.demo.scene import ISOLUMINANT_PANELS
+from colmap_ihe.evaluation.truth import TrueImage, Truth, pose_errors, read_truth
+from colmap_ihe.machine.progress import Silent
 
 VIEWS, SIZE = 8, (480, 320)
 REC709 = np.array((0.2126, 0.7152, 0.0722))

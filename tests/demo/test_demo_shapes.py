@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from colmap_ihe.demo.shapes import Arch, Cylinder, Rect, Shape, Sphere, Vector
+from colmap_ihe.evaluation.demo.shapes import Arch, Cylinder, Rect, Shape, Sphere, Vector
 
 SHAPES: dict[str, Shape] = {
     "wall": Rect(1, 2.0, (-3, 0.5), (4, 5), -1),

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from colmap_ihe.evaluate.depth import depth_errors, pooled, truth_summary
-from colmap_ihe.evaluate.truth import F32, F64, PoseErrors, Similarity, TrueImage
+from colmap_ihe.evaluation.depth_errors import depth_errors, pooled, truth_summary
+from colmap_ihe.evaluation.truth import F32, F64, PoseErrors, Similarity, TrueImage
 
 WIDTH, HEIGHT = 240, 160
 K = np.array(((200.0, 0, 120), (0, 200, 80), (0, 0, 1)))

@@ -8,15 +8,15 @@ import cv2
 import numpy as np
 import pytest
 
-from colmap_ihe.evaluate.paired import LEFT_OUT, standard_error, verdict
-from colmap_ihe.evaluate.pairs import (
+from colmap_ihe.evaluation.pair_errors import (
     PairMatches,
     area_under_curve_percent,
     efficiency_percent,
     movement,
     relative_errors_deg,
 )
-from colmap_ihe.evaluate.truth import F64
+from colmap_ihe.evaluation.significance import LEFT_OUT, standard_error, verdict
+from colmap_ihe.evaluation.truth import F64
 
 
 def pose(

@@ -11,7 +11,7 @@ import numpy.typing as npt
 import pytest
 
 from colmap_ihe.errors import ProjectError
-from colmap_ihe.evaluate.truth import (
+from colmap_ihe.evaluation.truth import (
     Similarity,
     TrueImage,
     Truth,

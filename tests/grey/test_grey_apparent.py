@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from oracle import scene
 
 from colmap_ihe.errors import CapabilityError
-from colmap_ihe.grey import apparent as room
 from colmap_ihe.grey import srgb
+from colmap_ihe.grey.methods import apparent as room
 
 with warnings.catch_warnings():
     warnings.simplefilter("ignore")

@@ -9,7 +9,7 @@ import pytest
 from numpy.typing import NDArray
 from oracle import scene
 
-from colmap_ihe.grey.color2gray import ALPHA, THETA, color2gray, color2gray_exact, target
+from colmap_ihe.grey.methods.color2gray import ALPHA, THETA, color2gray, color2gray_exact, target
 from colmap_ihe.grey.srgb import grey_of_lightness, lab
 
 

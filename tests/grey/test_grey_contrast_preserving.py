@@ -10,7 +10,7 @@ import pytest
 from oracle import scene
 
 from colmap_ihe.errors import CapabilityError, PhotographError
-from colmap_ihe.grey.contrast_preserving import contrast_preserving
+from colmap_ihe.grey.methods.contrast_preserving import contrast_preserving
 
 
 def test_it_is_what_opencv_gives_for_the_photograph_as_it_reads_it() -> None:

@@ -21,12 +21,12 @@ from numpy.typing import NDArray
 from oracle import scene
 
 from colmap_ihe.errors import PhotographError
-from colmap_ihe.grey.color2gray import THETA, color2gray
 from colmap_ihe.grey.contrast import Contrast
 from colmap_ihe.grey.conversions import CONVERSIONS, PROPERTIES, Conversion, Property
 from colmap_ihe.grey.convert import to_grey
 from colmap_ihe.grey.ihe import fit_weights
-from colmap_ihe.grey.realtime import weighed
+from colmap_ihe.grey.methods.color2gray import THETA, color2gray
+from colmap_ihe.grey.methods.realtime import weighed
 from colmap_ihe.grey.srgb import lab
 from colmap_ihe.grey.weights import FIXED, Weights, triplets
 

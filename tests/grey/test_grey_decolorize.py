@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from oracle import scene
 
-from colmap_ihe.grey.decolorize import DecolorizeSet, apply_decolorize, decolorize, quantiles
+from colmap_ihe.grey.methods.decolorize import DecolorizeSet, apply_decolorize, decolorize, quantiles
 
 
 def photograph(seed: int, height: int = 40, width: int = 60) -> NDArray[np.float32]:

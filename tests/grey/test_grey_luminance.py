@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from colmap_ihe.grey import srgb
-from colmap_ihe.grey.luminance import cie_y, value
+from colmap_ihe.grey.methods.luminance import cie_y, value
 
 with warnings.catch_warnings():
     warnings.simplefilter("ignore")

@@ -9,9 +9,9 @@ import oracle
 import pytest
 from numpy.typing import NDArray
 
-from colmap_ihe.captures.decode import read_photograph
-from colmap_ihe.captures.discover import discover
 from colmap_ihe.grey.ihe import fit_weights
+from colmap_ihe.photographs.decode import read_photograph
+from colmap_ihe.photographs.discover import discover
 
 DATA = Path(__file__).resolve().parents[3] / "shared" / "data"
 pytestmark = [

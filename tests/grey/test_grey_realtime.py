@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from oracle import scene
 
-from colmap_ihe.grey.realtime import GRID, RealtimeSet, pairs, realtime
+from colmap_ihe.grey.methods.realtime import GRID, RealtimeSet, pairs, realtime
 
 
 def photograph(seed: int, height: int = 90, width: int = 120) -> NDArray[np.float32]:

@@ -7,7 +7,7 @@ import pytest
 from numpy.typing import NDArray
 from oracle import scene
 
-from colmap_ihe.grey.song import costs, local_minima, song, song_weights, thumbnail
+from colmap_ihe.grey.methods.song import costs, local_minima, song, song_weights, thumbnail
 from colmap_ihe.grey.weights import triplets
 
 GRID = np.array(triplets(0.1)) / 100

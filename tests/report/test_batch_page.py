@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 from test_page import HOSTILE, Elements
 
-from colmap_ihe.batch_folder import BatchFolder
-from colmap_ihe.batched import Batched, BatchState, Phase, batched, facts_of, publish
-from colmap_ihe.files import write_json
-from colmap_ihe.project import Project
+from colmap_ihe.batch.folder import BatchFolder
+from colmap_ihe.batch.state import Batched, BatchState, Phase, batched, facts_of, publish
+from colmap_ihe.machine.files import write_json
+from colmap_ihe.project.folder import Project
 from colmap_ihe.report import pictures
 from colmap_ihe.report.contents import BatchContents, Picture, ProjectRow
 from colmap_ihe.report.page import render_batch

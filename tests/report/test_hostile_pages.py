@@ -14,9 +14,9 @@ from synthetic import synthetic_contents
 from test_batch_page import contents as batch_contents
 from test_page import Elements
 
-from colmap_ihe.batch_folder import BatchFolder
-from colmap_ihe.batched import BatchState, batched, publish
-from colmap_ihe.project import Project
+from colmap_ihe.batch.folder import BatchFolder
+from colmap_ihe.batch.state import BatchState, batched, publish
+from colmap_ihe.project.folder import Project
 from colmap_ihe.report import pictures
 from colmap_ihe.report.contents import Comparison, MethodFigures, Picture
 from colmap_ihe.report.page import render_batch, render_comparison, render_page

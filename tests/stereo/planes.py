@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from colmap_ihe.stereo.views import Camera, Float64, UInt8, View
+from colmap_ihe.dense.stereo.views import Camera, Float64, UInt8, View
 
 REFERENCE_SIZE = (400, 300)
 FOCAL = 420.0

@@ -9,9 +9,9 @@ import pytest
 from numpy.typing import NDArray
 from planes import Plane, camera, plane, render, sparse_points
 
+from colmap_ihe.dense.stereo.depth import DepthResult, StereoOptions, depth_and_normals
+from colmap_ihe.dense.stereo.views import Camera, Float64, View
 from colmap_ihe.errors import Cancelled
-from colmap_ihe.stereo.depth import DepthResult, StereoOptions, depth_and_normals
-from colmap_ihe.stereo.views import Camera, Float64, View
 
 SLANTED = plane(4.0, 0.3, -0.2, (4.0, 4.0), seed=1)
 REFERENCE = camera([0, 0, 0])

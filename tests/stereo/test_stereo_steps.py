@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 from planes import REFERENCE_SIZE, camera, plane, render, sparse_points
 
-from colmap_ihe.stereo.match import match_around, match_whole_range
-from colmap_ihe.stereo.merge import filled, merge, without_speckles
-from colmap_ihe.stereo.normals import normals_from_inverse_depth
-from colmap_ihe.stereo.rectify import PairLeftOutError, rectify
-from colmap_ihe.stereo.refine import prepared, refined
-from colmap_ihe.stereo.sources import choose_sources
-from colmap_ihe.stereo.views import Camera, Float32, Float64, View, sizes_coarse_to_fine
+from colmap_ihe.dense.stereo.match import match_around, match_whole_range
+from colmap_ihe.dense.stereo.merge import filled, merge, without_speckles
+from colmap_ihe.dense.stereo.normals import normals_from_inverse_depth
+from colmap_ihe.dense.stereo.rectify import PairLeftOutError, rectify
+from colmap_ihe.dense.stereo.refine import prepared, refined
+from colmap_ihe.dense.stereo.sources import choose_sources
+from colmap_ihe.dense.stereo.views import Camera, Float32, Float64, View, sizes_coarse_to_fine
 
 SLANTED = plane(4.0, 0.3, -0.2, (4.0, 4.0), seed=1)
 REFERENCE = camera([0, 0, 0])

@@ -7,12 +7,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from colmap_ihe.texture.atlas import cut, pack
-from colmap_ihe.texture.bake import bake, corner_colours, corner_labels, texels_of
-from colmap_ihe.texture.level import seam_offsets
-from colmap_ihe.texture.mesh import U8, Mesh, components, face_normals, neighbours, without_small_parts
-from colmap_ihe.texture.raster import View, covered, depth_picture
-from colmap_ihe.texture.select import UNSEEN, Candidates, box_labels, choose, quality_in
+from colmap_ihe.dense.texture.atlas import cut, pack
+from colmap_ihe.dense.texture.bake import bake, corner_colours, corner_labels, texels_of
+from colmap_ihe.dense.texture.level import seam_offsets
+from colmap_ihe.dense.texture.mesh import U8, Mesh, components, face_normals, neighbours, without_small_parts
+from colmap_ihe.dense.texture.raster import View, covered, depth_picture
+from colmap_ihe.dense.texture.select import UNSEEN, Candidates, box_labels, choose, quality_in
 
 pytest.importorskip("xatlas", reason="needs the extra `mesh`")
 

@@ -1,0 +1,224 @@
+"""What a batch has come to, project by project: for machines as batch.json, for people as a page and in words."""
+
+from __future__ import annotations
+
+import json
+import os
+import time
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, field
+from datetime import datetime, timezone
+from pathlib import Path
+from typing import Any, Literal
+from urllib.parse import quote
+
+from colmap_ihe.batch.folder import BatchFolder
+from colmap_ihe.machine.files import read_json, write_bytes, write_json
+from colmap_ihe.pipeline.job import Ending
+from colmap_ihe.project.folder import Project
+from colmap_ihe.report.charts import duration
+from colmap_ihe.report.contents import BatchContents, Picture, ProjectRow
+from colmap_ihe.report.page import render_batch
+
+State = Literal["copying", "waiting", "running"] | Ending
+Phase = Literal["running", "watching", "stopped", "finished"]
+_Kind = Literal["done", "failed", "running", "waiting"]
+
+_IN_WORDS: dict[State, tuple[str, _Kind]] = {
+    "copying": ("photographs are arriving", "waiting"),
+    "waiting": ("waiting", "waiting"),
+    "running": ("running", "running"),
+    "busy": ("another run is at it", "waiting"),
+    "stopped": ("stopped", "waiting"),
+    "done": ("done", "done"),
+    "failed": ("failed", "failed"),
+    "crashed": ("crashed", "failed"),
+    "out_of_memory": ("out of memory", "failed"),
+    "timed_out": ("out of time", "failed"),
+}
+FAILURES: tuple[State, ...] = tuple(state for state, (_, kind) in _IN_WORDS.items() if kind == "failed")
+_REFRESH_SECONDS = 10
+_FIGURES = (
+    "images",
+    "registered_images",
+    "mean_reprojection_error_px",
+    "points3D",
+    "dense_points",
+    "mesh_faces",
+)
+
+
+@dataclass(frozen=True)
+class Batched:
+    """One project of a batch. What `figures` are None its stages have not made; docs/batch.md says what each is."""
+
+    name: str
+    state: State
+    reason: str = ""
+    hint: str = ""
+    stage: str = ""
+    progress: tuple[int, int] | None = None
+    photographs: int | None = None
+    figures: dict[str, Any] = field(default_factory=dict)
+    left_out: int = 0
+    warnings: int = 0
+    stages: dict[str, float] = field(default_factory=dict)
+    seconds: float | None = None
+    peak_memory_gb: float | None = None
+    began: str | None = None
+    ended: str | None = None
+    page: str | None = None
+    log: str | None = None
+
+    @property
+    def kind(self) -> _Kind:
+        return _IN_WORDS[self.state][1]
+
+    @property
+    def in_words(self) -> str:
+        words = _IN_WORDS[self.state][0]
+        if self.state == "running" and self.stage:
+            done = f" {self.progress[0]} of {self.progress[1]}" if self.progress and self.progress[1] else ""
+            return f"{words}: {self.stage}{done}"
+        return words
+
+    def as_dict(self) -> dict[str, Any]:
+        values = asdict(self)
+        return {**{k: v for k, v in values.items() if k != "figures"}, **values["figures"]}
+
+
+@dataclass(frozen=True)
+class BatchState:
+    """All of a batch, and when it began. `command` goes on with it."""
+
+    root: str
+    phase: Phase
+    projects: Sequence[Batched]
+    began: str
+    remaining_s: float | None = None
+    command: str = ""
+    warnings: Sequence[str] = ()
+
+    @property
+    def succeeded(self) -> bool:
+        return all(project.state == "done" for project in self.projects)
+
+    def as_dict(self) -> dict[str, Any]:
+        values = {
+            "root": self.root,
+            "state": self.phase,
+            "began": self.began,
+            "updated": time_of(time.time()),
+            "remaining_s": None if self.remaining_s is None else round(self.remaining_s),
+            "counts": dict(Counter(project.state for project in self.projects)),
+            "projects": [project.as_dict() for project in self.projects],
+            "warnings": list(self.warnings),
+        }
+        text = json.dumps(values, ensure_ascii=False)  # names that are not UTF-8 can be in no file
+        return dict(json.loads(text.encode("utf-8", "replace")))
+
+    def in_words(self) -> str:
+        kinds = Counter(project.kind for project in self.projects)
+        parts = [f"{kinds['done']} of {len(self.projects)} projects done"]
+        words: dict[_Kind, str] = {
+            "failed": "failed",
+            "running": "running",
+            "waiting": "not begun or not finished",
+        }
+        parts += [f"{kinds[kind]} {said}" for kind, said in words.items() if kinds[kind]]
+        if self.phase in ("running", "watching") and self.remaining_s is not None:
+            long = self.remaining_s >= 10
+            parts.append(f"about {duration(self.remaining_s)} left" if long else "a few seconds left")
+        elif self.phase == "stopped":
+            parts.append("stopped by hand")
+        elif self.phase == "watching":
+            parts.append("watching for more")
+        return ", ".join(parts)
+
+
+def time_of(seconds: float) -> str:
+    """A time since the epoch as batch.json has it: UTC, ISO 8601."""
+    return datetime.fromtimestamp(seconds, timezone.utc).isoformat(timespec="seconds")
+
+
+def batched(folder: BatchFolder, project: Project, state: State, **known: Any) -> Batched:
+    """A project as its records show it, with what is known of it besides."""
+    record = read_json(project.batch_record) or {}
+    summary = read_json(project.summary_file) or {}
+    stages = summary.get("stages")
+    values: dict[str, Any] = {
+        "seconds": _number(record.get("seconds")),
+        "peak_memory_gb": _number(record.get("peak_memory_gb")),
+        "began": _text(record.get("began")),
+        "ended": _text(record.get("ended")),
+        "figures": {name: _number(summary.get(name)) for name in _FIGURES},
+        "left_out": _length(summary.get("left_out")),
+        "warnings": _length(summary.get("warnings")),
+        "stages": {str(n): s for n, s in stages.items() if _number(s)} if isinstance(stages, dict) else {},
+        "page": _relative(folder, project.page_file),
+        "log": _relative(folder, project.batch_log),
+    }
+    return Batched(folder.name_of(project.root), state, **{**values, **known})
+
+
+def _number(value: Any) -> Any:
+    """None for what no run wrote there."""
+    return value if type(value) in (int, float) and 0 <= value < 1e15 else None
+
+
+def _text(value: Any) -> str | None:
+    return value if isinstance(value, str) else None
+
+
+def _length(value: Any) -> int:
+    return len(value) if isinstance(value, list | dict) else 0
+
+
+def publish(folder: BatchFolder, state: BatchState, thumbnails: dict[str, Picture]) -> None:
+    """Writes the page and batch.json, each whole or not at all. Raises `KnownError`s."""
+    write_json(folder.json_file, state.as_dict())
+    going_on = state.phase in ("running", "watching")
+    contents = BatchContents(
+        title=f"{folder.root.name}: {len(state.projects)} projects",
+        result=f"{state.in_words()}.",
+        rows=[_row(one, thumbnails.get(one.name)) for one in state.projects],
+        command=state.command,
+        written=datetime.now().astimezone().strftime("%Y-%m-%d %H:%M:%S %Z"),
+        again_s=_REFRESH_SECONDS if going_on else None,
+        warnings=state.warnings,
+    )
+    write_bytes(folder.page_file, render_batch(contents).encode())
+
+
+def _relative(folder: BatchFolder, file: Path) -> str | None:
+    return os.path.relpath(file, folder.folder) if file.exists() else None
+
+
+def _row(one: Batched, thumbnail: Picture | None) -> ProjectRow:
+    page, log = (quote((place or "").encode("utf-8", "surrogateescape")) for place in (one.page, one.log))
+    return ProjectRow(
+        one.name, one.kind, one.in_words, page, thumbnail, facts_of(one), one.reason, one.hint, log
+    )
+
+
+def facts_of(one: Batched) -> list[tuple[str, str]]:
+    """The figures of a project as a person reads them, as many as there are."""
+    of = one.figures
+    facts: list[tuple[str, str]] = []
+    images = of.get("images") or one.photographs
+    if of.get("registered_images") is not None:
+        facts.append(("registered images", f"{of['registered_images']} of {images}"))
+    elif images:
+        facts.append(("photographs", str(images)))
+    if of.get("mean_reprojection_error_px") is not None:
+        facts.append(("mean reprojection error", f"{of['mean_reprojection_error_px']:.2f} px"))
+    for name, words in (("points3D", "points"), ("dense_points", "dense points"), ("mesh_faces", "faces")):
+        if of.get(name) is not None:
+            facts.append((words, f"{of[name]:,}"))
+    for count, words in ((one.left_out, "left out"), (one.warnings, "warnings")):
+        if count:
+            facts.append((words, str(count)))
+    if one.stages:
+        facts.append(("time", duration(sum(one.stages.values()))))
+    return facts

@@ -1,0 +1,52 @@
+"""Depth and normal maps by the backend that this machine has: the same files, whichever made them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, Literal
+
+from colmap_ihe.colmap.native import apply_options, called, cuda_devices, pycolmap
+from colmap_ihe.errors import CapabilityError
+from colmap_ihe.machine.progress import SILENT, Watch
+
+Backend = Literal["patchmatch", "sgm"]
+
+
+def pick_backend(requested: Literal["auto", "patchmatch", "sgm"] = "auto") -> Backend:
+    """The backend that will run. Raises `CapabilityError` if PatchMatch is asked for and there is no CUDA."""
+    if requested == "auto":
+        return "patchmatch" if cuda_devices() else "sgm"
+    if requested == "patchmatch" and not cuda_devices():
+        raise CapabilityError(
+            "dense.backend is 'patchmatch', which needs CUDA, and pycolmap finds no device here",
+            hint="install pycolmap-cuda12 on a machine with an NVIDIA GPU, or set dense.backend to 'sgm'",
+        )
+    return requested
+
+
+def patchmatch_depth_maps(
+    dense_dir: Path, *, options: Mapping[str, Any] | None = None, watch: Watch = SILENT
+) -> int:
+    """Depth and normal maps by COLMAP's PatchMatch on CUDA, from the grey images; returns their number.
+
+    `options` goes to pycolmap.PatchMatchOptions.
+    """
+    native = patchmatch_options(options or {})
+    watch.start(1, "runs of PatchMatch")
+    called(pycolmap.patch_match_stereo, dense_dir / "grey", options=native, watch=watch)
+    # Copied by link, not moved: COLMAP skips the maps that it finds in its own workspace.
+    for made in (dense_dir / "grey" / "stereo").glob("*_maps/**/*.geometric.bin"):
+        target = dense_dir / made.relative_to(dense_dir / "grey")
+        target.parent.mkdir(parents=True, exist_ok=True)
+        target.unlink(missing_ok=True)
+        target.hardlink_to(made)
+    watch.advance()
+    return len(list((dense_dir / "stereo" / "depth_maps").glob("**/*.geometric.bin")))
+
+
+def patchmatch_options(values: Mapping[str, Any]) -> pycolmap.PatchMatchOptions:
+    """Raises `OptionError`."""
+    native = pycolmap.PatchMatchOptions()
+    apply_options(native, values, "dense.patchmatch")
+    return native

@@ -1,0 +1,82 @@
+"""From a sparse model to its dense cloud: undistortion, depth maps, fusion, within the memory that there is."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable
+from concurrent.futures import Executor
+from pathlib import Path
+from typing import Any
+
+from colmap_ihe.dense.backend import patchmatch_depth_maps, pick_backend
+from colmap_ihe.dense.cost import dense_cost
+from colmap_ihe.dense.depth_maps import sgm_depth_maps
+from colmap_ihe.dense.fusion import FUSION_BYTES, fuse
+from colmap_ihe.dense.undistort import sizes_of, undistort
+from colmap_ihe.errors import MappingError
+from colmap_ihe.machine import memory
+from colmap_ihe.machine.executor import local_workers, shares_memory, width_of
+from colmap_ihe.machine.progress import Watch
+from colmap_ihe.project.options import DenseOptions
+
+logger = logging.getLogger(__name__)
+
+_LEAST_FUSION = FUSION_BYTES // 16
+
+
+def dense_cloud(
+    sparse_model: Path,
+    grey: Path,
+    colour: Path,
+    masks: Path,
+    dense_dir: Path,
+    options: DenseOptions,
+    executor: Executor,
+    watch: Watch,
+    require_room: Callable[[int], None],
+) -> dict[str, Any]:
+    """Makes `dense_dir/fused.ply`, and says how, for the record. Depth maps that are there already are kept.
+
+    `masks` need not be there. `require_room` is told how many bytes will be written, and may raise. Raises
+    `MappingError` for a model of fewer than two images, and other `KnownError`s.
+    """
+    sizes = sizes_of(sparse_model)
+    if len(sizes) < 2:
+        raise MappingError(
+            "dense stereo needs two registered photographs, the model has one",
+            hint="look at the warnings of the sparse stage in records/sparse.json",
+        )
+    free = memory.available()
+    cost = dense_cost(sizes, options.max_image_size, pick_backend(options.backend), local_workers(), free)
+    logger.info("%s", cost.in_words())
+    require_room(cost.disk_bytes)
+    size = options.max_image_size
+    undistort(sparse_model, grey, colour, dense_dir, masks_dir=masks, max_image_size=size, watch=watch)
+    record: dict[str, Any] = {"backend": cost.backend, "warnings": []}
+    if cost.backend == "sgm":
+        at_once = cost.at_once if shares_memory(executor) else 2 * width_of(executor)
+        counts = sgm_depth_maps(dense_dir, executor=executor, at_once=at_once, watch=watch)
+        record |= {
+            "pixels": counts.pixels,
+            "pixels_with_depth": counts.pixels_with_depth,
+            "pairs_used": counts.pairs_used,
+            "pairs_left_out": counts.pairs_left_out,
+        }
+        if counts.empty:
+            record["warnings"].append(f"no depth could be found for {', '.join(sorted(counts.empty)[:5])}")
+    else:
+        patchmatch_depth_maps(dense_dir, options=options.patchmatch, watch=watch)
+    most = record["fusion_bytes"] = fusion_share(free)
+    points = fuse(dense_dir, options=options.colmap, most_bytes=most, watch=watch)
+    if not points:
+        record["warnings"].append("no point of the depth maps was confirmed: the cloud is empty")
+    return {**record, "points": points}
+
+
+def fusion_share(free: int) -> int:
+    """Bytes that fusion may hold where `free` are (0 for unknown): half of them at the most, in steps of two, so that
+    what else runs does not change how space is cut into cells."""
+    most = FUSION_BYTES
+    while 0 < free < 2 * most and most > _LEAST_FUSION:
+        most //= 2
+    return most

@@ -1,0 +1,87 @@
+"""What dense reconstruction will take of a machine, said before it begins."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from colmap_ihe.dense.backend import Backend
+from colmap_ihe.dense.fusion import FUSION_BYTES, fusion_bytes
+from colmap_ihe.machine.memory import most_at_once
+
+ASPECT = 1.5  # of photographs, by and large
+STEREO_BYTES_A_PIXEL = 200
+"""Of one depth map on the way: five sources and their common frames. Measured with benchmarks/dense.py."""
+_CORE_SECONDS_A_MEGAPIXEL = 4.8
+"""Of semi-global matching with fusion, on a server's core of 2 to 3 GHz; likewise."""
+_FILES_BYTES_A_PIXEL = 28  # grey, colour, depth and normals of a pixel, and its share of the cloud
+
+
+def pixels_within(largest: int, images: int, pixels: float) -> float:
+    """Pixels of `images` photographs that have `pixels` in all, made no larger than so many along the longer side."""
+    return min(pixels, images * largest**2 / ASPECT)
+
+
+@dataclass(frozen=True)
+class DenseCost:
+    """An estimate. `at_once`: depth maps that are worked on at a time; None where the GPU does that. `fusion_bytes` of
+    `memory_bytes`, which comes after the maps. `minutes`: None where it was never measured."""
+
+    backend: Backend
+    images: int
+    megapixels: float
+    at_once: int | None
+    memory_bytes: int
+    fusion_bytes: int
+    disk_bytes: int
+    minutes: float | None
+
+    def as_dict(self) -> dict[str, Any]:
+        return {
+            "dense_backend": self.backend,
+            "dense_images": self.images,
+            "dense_megapixels": round(self.megapixels, 1),
+            "dense_maps_at_once": self.at_once,
+            "dense_memory_gb": round(self.memory_bytes / 1e9, 1),
+            "dense_disk_gb": round(self.disk_bytes / 1e9, 1),
+            "dense_minutes": None if self.minutes is None else round(self.minutes, 1),
+        }
+
+    def in_words(self) -> str:
+        kind = "PatchMatch on the GPU" if self.backend == "patchmatch" else "semi-global matching on the CPU"
+        took = "" if self.minutes is None else f"about {max(1, round(self.minutes))} min, "
+        return (
+            f"dense stereo of {self.images} images by {kind}: {took}up to {self.memory_bytes / 1e9:.1f} GB of"
+            f" memory and {self.disk_bytes / 1e9:.1f} GB on disk"
+        )
+
+
+def dense_cost(
+    sizes: Sequence[tuple[int, int]], max_image_size: int, backend: Backend, workers: int, free_bytes: int
+) -> DenseCost:
+    """What images of these sizes (width, height) take, their longer side bounded by `max_image_size`.
+
+    `free_bytes` of memory, 0 if unknown, bound how many of `workers` have room for a depth map.
+    """
+    pixels = [_pixels(*size, max_image_size) for size in sizes]
+    one = STEREO_BYTES_A_PIXEL * max(pixels, default=0)
+    at_once = most_at_once(one, free_bytes, workers) if backend == "sgm" else None
+    stereo = one * (at_once or 0)
+    fusion = min(FUSION_BYTES, fusion_bytes(sum(pixels)))
+    seconds = _CORE_SECONDS_A_MEGAPIXEL * sum(pixels) / 1e6 / (at_once or 1)
+    return DenseCost(
+        backend=backend,
+        images=len(pixels),
+        megapixels=sum(pixels) / 1e6,
+        at_once=at_once,
+        memory_bytes=max(stereo, fusion),
+        fusion_bytes=fusion,
+        disk_bytes=_FILES_BYTES_A_PIXEL * sum(pixels),
+        minutes=seconds / 60 if backend == "sgm" else None,
+    )
+
+
+def _pixels(width: int, height: int, most: int) -> int:
+    scale = min(1.0, most / max(width, height))
+    return round(width * scale) * round(height * scale)

@@ -1,0 +1,204 @@
+"""A surface with vertex colours from the fused cloud: Poisson reconstruction, trimmed, then simplified.
+
+Poisson's own time and memory go by points and cells, and where cells are larger than the distance of the points,
+most of them say nothing new. So the depth of its octree is chosen for the number of faces that is wanted, and
+the cloud thinned to about one point for each half cell, which also makes its density alike everywhere: there the
+trim, which COLMAP counts in levels of the octree, means the same on every scene.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+
+from colmap_ihe.colmap.native import apply_options, called, pycolmap
+from colmap_ihe.colmap.process import Apart
+from colmap_ihe.dense.ply import Rows, read_mesh, read_ply, write_mesh, write_rows
+from colmap_ihe.dense.texture.mesh import F32, I32, I64, U8, Mesh, without_small_parts
+from colmap_ihe.errors import MappingError, NativeError
+from colmap_ihe.machine.progress import SILENT, Watch
+
+_KD_TREE = 4  # FLANN's exact one, KDTreeSingleIndex
+
+_MIN_POINTS = 100
+_DEPTHS = range(5, 14)
+_SCALE = 1.1  # of Poisson's cube over the box of the points
+_FINER = 4  # times as many faces as wanted: what simplification takes away is where the surface is flat
+_FACES_PER_CELL = 2.1
+_LEVELS_TRIMMED = (
+    2.0  # below the octree's depth; the surface then reaches about three cells beyond the points
+)
+_CELLS_BEYOND = 2.5  # that it may reach at most, which the density alone does not bound
+_SMALL_PART = 0.002  # of the area of the largest part
+_SMALL_CELLS = 200  # the area of a small part in any case
+
+
+@dataclass(frozen=True)
+class Surface:
+    """How a mesh was made, for the record; `faces_before` as Poisson left them."""
+
+    depth: int
+    trim: float
+    points_used: int
+    faces_before: int
+    faces: int
+
+
+def reconstruct_surface(
+    cloud: Path, mesh: Path, faces: int, *, options: Mapping[str, Any] | None = None, watch: Watch = SILENT
+) -> Surface:
+    """Meshes the PLY file `cloud`, with normals and colours, to `mesh` with at most `faces` faces.
+
+    `options` goes to pycolmap.PoissonMeshingOptions, over what is chosen for the cloud. Raises `MappingError`
+    where the points give no surface, `NativeError`.
+    """
+    watch.start(4, "parts of the surface")
+    points = _sound(read_ply(cloud)["vertex"])
+    _require_points(len(points))
+    depth = _depth(_positions(points), faces)
+    native = poisson_options({"depth": depth, "trim": depth - _LEVELS_TRIMMED, **(options or {})})
+    thin = thinned(points, 2 * _cells_per_unit(_positions(points), native.depth))
+    del points
+    _require_points(len(thin))
+    parts = [mesh.with_name(f".{mesh.stem}.{word}.part.ply") for word in ("cloud", "poisson", "simple")]
+    try:
+        write_rows(parts[0], thin)
+        watch.advance()
+        _poisson(parts[0], parts[1], native, watch)
+        watch.advance()
+        cell = 1 / _cells_per_unit(_positions(thin), native.depth)
+        surface = _trimmed(parts[1], thin, cell)
+        before = len(surface.faces)
+        if before > faces:
+            write_mesh(parts[1], surface)
+            ratio = pycolmap.MeshSimplificationOptions(target_face_ratio=faces / before)
+            apply_options(ratio, {}, "the simplification")
+            called(pycolmap.simplify_mesh, parts[1], parts[2], ratio, watch=watch, cancellable=False)
+            simple = read_mesh(parts[2])
+            # pycolmap 4.2.1 reads no colours and writes none, whatever interpolate_colors says.
+            surface = replace(simple, colours=nearest_colours(simple.vertices, thin))
+        watch.advance()
+        write_mesh(parts[2], surface)
+        parts[2].replace(mesh)
+    finally:
+        for part in parts:
+            part.unlink(missing_ok=True)
+    watch.advance()
+    return Surface(native.depth, native.trim, len(thin), before, len(surface.faces))
+
+
+def poisson_options(values: Mapping[str, Any]) -> pycolmap.PoissonMeshingOptions:
+    """Raises `OptionError`."""
+    native = pycolmap.PoissonMeshingOptions()
+    apply_options(native, values, "mesh.colmap")
+    return native
+
+
+def thinned(points: Rows, cells_per_unit: float) -> Rows:
+    """The mean of position, normal and colour of the points in each cell of a grid; normals have length one."""
+    key = _cells(_positions(points), cells_per_unit)
+    _, inverse, counts = np.unique(key, return_inverse=True, return_counts=True)
+    mean = np.empty(len(counts), points.dtype)
+    for name in points.dtype.names or ():
+        values = np.bincount(inverse, points[name]) / counts
+        mean[name] = np.rint(values) if points.dtype[name].kind == "u" else values
+    length = np.sqrt(sum(mean[name].astype(np.float64) ** 2 for name in ("nx", "ny", "nz")))
+    for name in ("nx", "ny", "nz"):
+        mean[name] /= np.maximum(length, 1e-6)
+    return mean[length > 1e-6]
+
+
+def nearest_colours(vertices: F32, points: Rows) -> U8:
+    """(V, 3) uint8: the mean colour of the three points nearest to each vertex."""
+    rows, _ = _nearest(vertices, points, min(3, len(points)))
+    colours = np.stack([points[name] for name in ("red", "green", "blue")], axis=1)
+    return np.asarray(np.rint(colours[rows].mean(axis=1)), np.uint8)
+
+
+def _poisson(cloud: Path, mesh: Path, options: pycolmap.PoissonMeshingOptions, watch: Watch) -> None:
+    """Poisson in a process of its own, which can be stopped, and which it aborts on a cloud it makes nothing of.
+    Raises `Cancelled`, `NativeError`."""
+    try:
+        with Apart() as apart:
+            apart.call(_meshed, (cloud, mesh, options.todict()), watch)
+    except NativeError as error:
+        raise NativeError(
+            f"Poisson meshing: {error}",
+            hint="too little memory or a degenerate cloud: try --set mesh.colmap.depth=8, or --no-mesh",
+        ) from error
+
+
+def _meshed(job: tuple[Path, Path, dict[str, Any]], _watch: Watch) -> None:
+    cloud, mesh, options = job
+    settings = pycolmap.PoissonMeshingOptions(**options)
+    called(pycolmap.poisson_meshing, cloud, mesh, settings, watch=SILENT, cancellable=False)
+
+
+def _sound(points: Rows) -> Rows:
+    """Without points that are not numbers or have no normal."""
+    values = np.stack([points[name] for name in ("x", "y", "z", "nx", "ny", "nz")])
+    sound: Rows = points[np.isfinite(values).all(axis=0) & (np.abs(values[3:]).sum(axis=0) > 0)]
+    return sound
+
+
+def _require_points(count: int) -> None:
+    if count < _MIN_POINTS:
+        raise MappingError(
+            f"a surface needs {_MIN_POINTS} points, the dense cloud has {count} apart from each other",
+            hint="see the warnings of the dense stage, or leave the mesh out with --no-mesh",
+        )
+
+
+def _positions(points: Rows) -> F32:
+    return np.stack([points[axis] for axis in "xyz"], axis=1)
+
+
+def _cells_per_unit(positions: F32, depth: int) -> float:
+    side = _SCALE * float(np.ptp(positions, axis=0).max())
+    return float(2**depth) / max(side, 1e-12)
+
+
+def _cells(positions: F32, cells_per_unit: float) -> I64:
+    """(N,) int64: the number of the cell of each point."""
+    cell = ((positions - positions.min(axis=0)) * cells_per_unit).astype(np.int64)
+    return np.asarray((cell[:, 0] << 42) | (cell[:, 1] << 21) | cell[:, 2])
+
+
+def _depth(positions: F32, faces: int) -> int:
+    """The deepest octree that gives no more than `_FINER` times the wanted faces, and has two points or more in
+    its cells."""
+    limit = min(_FINER * faces / _FACES_PER_CELL, len(positions) / 2)
+    depth = _DEPTHS[0]
+    for deeper in _DEPTHS[1:]:
+        if len(np.unique(_cells(positions, _cells_per_unit(positions, deeper)))) > limit:
+            break
+        depth = deeper
+    return depth
+
+
+def _trimmed(path: Path, points: Rows, cell: float) -> Mesh:
+    """Poisson's mesh without what lies far from the cloud, and without floating parts. Raises `MappingError`."""
+    mesh = read_mesh(path) if path.is_file() else None
+    if mesh is not None and len(mesh.faces):
+        _, squared = _nearest(mesh.vertices, points, 1)
+        near = squared[:, 0] <= (_CELLS_BEYOND * cell) ** 2
+        mesh = mesh.with_faces(np.asarray(near[mesh.faces].all(axis=1)))
+        mesh = without_small_parts(mesh, _SMALL_PART, _SMALL_CELLS * cell**2)
+    if mesh is None or not len(mesh.faces):
+        raise MappingError(
+            "no surface is dense enough to be kept",
+            hint="try a lower trim, as --set mesh.colmap.trim=0, or leave the mesh out with --no-mesh",
+        )
+    return mesh
+
+
+def _nearest(vertices: F32, points: Rows, count: int) -> tuple[I32, F32]:
+    """(V, count) rows of the points nearest to each vertex, and the squares of their distances."""
+    tree = cv2.flann.Index(_positions(points), {"algorithm": _KD_TREE})
+    rows, squared = tree.knnSearch(vertices, count, params={"checks": -1})
+    return np.asarray(rows, np.int32), np.asarray(squared, np.float32)

@@ -1,0 +1,81 @@
+"""Depth maps of one reference, one a source, made one: kept where they agree, filled where asked."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import cv2
+import numpy as np
+
+from colmap_ihe.dense.stereo.views import Float32, UInt8
+
+
+def merge(inverse_depths: Sequence[Float32], one_pixel: Sequence[float]) -> tuple[Float32, UInt8]:
+    """The inverse depth most sources agree on, and how many they are.
+
+    `inverse_depths` K x (H, W) float32, 0 for none; `one_pixel` K values: the change of inverse depth
+    that moves a match by one pixel in each. Two agree when they differ by at most the larger of their
+    two pixels. Of equally large groups the one with the finest member wins; its members are averaged
+    with weights 1 / one_pixel^2, the variance a match of fixed precision has. Returns (H, W) float32
+    and (H, W) uint8.
+    """
+    shape = inverse_depths[0].shape
+    best = np.zeros(shape, np.float32)
+    support = np.zeros(shape, np.uint8)
+    finest_first = sorted(range(len(one_pixel)), key=lambda index: one_pixel[index])
+    for index in finest_first:
+        candidate = inverse_depths[index]
+        count = np.zeros(shape, np.uint8)
+        total = np.zeros(shape, np.float32)
+        weights = np.zeros(shape, np.float32)
+        for other in finest_first:
+            tolerance = np.float32(max(one_pixel[index], one_pixel[other]))
+            weight = np.float32((one_pixel[finest_first[0]] / one_pixel[other]) ** 2)
+            agrees = np.abs(inverse_depths[other] - candidate) <= tolerance
+            agrees &= (inverse_depths[other] > 0) & (candidate > 0)
+            count += agrees
+            total += agrees * inverse_depths[other] * weight
+            weights += agrees * weight
+        better = count > support
+        best[better] = total[better] / weights[better]
+        support[better] = count[better]
+    return best, support
+
+
+def filled(inverse_depth: Float32) -> Float32:
+    """`inverse_depth` (H, W) float32 with its holes (0) filled smoothly from around them.
+
+    Each hole takes the average of what is known at the finest level of an image pyramid that knows anything
+    there. Raises ValueError if nothing is known.
+    """
+    if not (inverse_depth > 0).any():
+        raise ValueError("no pixel has a depth, expected at least one to fill the others from")
+    held = (inverse_depth > 0).astype(np.float32)
+    return _pull_push(inverse_depth, held)
+
+
+def _pull_push(total: Float32, weight: Float32) -> Float32:
+    height, width = weight.shape
+    known = total / np.maximum(weight, np.float32(1e-6))
+    if weight.min() > 0:
+        return known.astype(np.float32)
+    half = ((width + 1) // 2, (height + 1) // 2)
+    coarser = _pull_push(
+        np.asarray(cv2.resize(total, half, interpolation=cv2.INTER_AREA), np.float32),
+        np.asarray(cv2.resize(weight, half, interpolation=cv2.INTER_AREA), np.float32),
+    )
+    enlarged = cv2.resize(coarser, (width, height), interpolation=cv2.INTER_LINEAR)
+    return np.where(weight > 0, known, enlarged).astype(np.float32)
+
+
+def without_speckles(inverse_depth: Float32, smallest_px: int, one_pixel: float) -> Float32:
+    """`inverse_depth` (H, W) without connected patches of fewer than `smallest_px` pixels.
+
+    Neighbours are connected if they differ by at most two of `one_pixel`.
+    """
+    # cv2.filterSpeckles takes 16-bit integers: an eighth of a pixel a step leaves 4,000 pixels of range.
+    low = float(inverse_depth[inverse_depth > 0].min(initial=np.inf))
+    steps = (inverse_depth - low) * (8.0 / one_pixel)
+    levels = np.where(inverse_depth > 0, np.clip(steps, 0, 32000), -100).astype(np.int16)
+    cv2.filterSpeckles(levels, -100, smallest_px, 16)
+    return np.where(levels >= 0, inverse_depth, 0).astype(np.float32)

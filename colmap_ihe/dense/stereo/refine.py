@@ -1,0 +1,136 @@
+"""Sub-pixel refinement of one reference's depth against all its sources at once.
+
+The semi-global matcher prefers whole pixels (its cost is sampled at them). Here every pixel's inverse
+depth moves along its ray until a small window looks most alike in the reference and in all sources that
+see it: Gauss-Newton (Lucas and Kanade 1981) on grey values whose local mean and contrast have been
+equalised. Each source weighs by the precision its baseline and texture give. The normalised correlation
+(ZNCC) left at the end is the check that a depth is supported by a source.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from colmap_ihe.dense.stereo.rectify import inside
+from colmap_ihe.dense.stereo.views import Bool, Float32, Float64, View
+
+WINDOW_PX = 7
+NOISE_VARIANCE = 4.0
+
+
+@dataclass(frozen=True)
+class Reference:
+    """The reference's grey values with the local statistics that every comparison needs."""
+
+    view: View
+    grey: Float32
+    mean: Float32
+    variance: Float32
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """How the reference and one source look at the present depth: all (H, W) float32.
+
+    `correlation` -1..1 is 0 where there is nothing to compare; `likeness` -1..1 is 1 there, and the
+    same elsewhere; both are -1 where the source does not see the pixel. `numerator / denominator` is
+    the change of inverse depth that this source alone asks for.
+    """
+
+    correlation: Float32
+    likeness: Float32
+    numerator: Float32
+    denominator: Float32
+
+
+def prepared(view: View) -> Reference:
+    """`view` with its local means and variances."""
+    grey = view.grey_u8.astype(np.float32)
+    mean = _window_mean(grey)
+    return Reference(view, grey, mean, np.maximum(_window_mean(grey * grey) - mean * mean, 0))
+
+
+def compare(reference: Reference, source: View, inverse_depth: Float32) -> Comparison:
+    """How a source supports `inverse_depth` (H, W) float32, > 0, of the reference."""
+    x, y, dx, dy, seen = _project(reference.view, source, inverse_depth)
+    # One pixel along the epipolar line, for the derivative by central difference.
+    length: Float32 = np.maximum(np.sqrt(dx * dx + dy * dy), np.float32(1e-12))
+    half = np.float32(0.5) / length
+    half_x, half_y = dx * half, dy * half
+    here = _sample(source, x, y)
+    slope = _sample(source, x + half_x, y + half_y) - _sample(source, x - half_x, y - half_y)
+    mean = _window_mean(here)
+    slope_mean = _window_mean(slope)
+    variance = np.maximum(_window_mean(here * here) - mean * mean, 0)
+    covariance = _window_mean(here * reference.grey) - mean * reference.mean
+    expected = np.sqrt((variance + NOISE_VARIANCE) * (reference.variance + NOISE_VARIANCE))
+    correlation = np.where(seen, covariance / expected, -1)
+    likeness = np.where(seen, (covariance + NOISE_VARIANCE) / expected, -1)
+    gain = np.sqrt((reference.variance + NOISE_VARIANCE) / (variance + NOISE_VARIANCE))
+    slope_reference = _window_mean(slope * reference.grey) - slope_mean * reference.mean
+    slope_source = _window_mean(slope * here) - slope_mean * mean
+    slope_square = np.maximum(_window_mean(slope * slope) - slope_mean * slope_mean, 0)
+    numerator = length * gain * (slope_reference - gain * slope_source)
+    denominator = length * length * gain * gain * slope_square
+    return Comparison(correlation, likeness, numerator, denominator)
+
+
+def refined(
+    reference: Reference,
+    sources: Sequence[View],
+    inverse_depth: Float32,
+    one_pixel: float,
+    iterations: int,
+) -> Float32:
+    """`inverse_depth` (H, W) float32, > 0, moved to where the sources agree best, at most `one_pixel` an
+    iteration.
+    """
+    for _ in range(iterations):
+        numerator = np.zeros_like(inverse_depth)
+        denominator = np.zeros_like(inverse_depth)
+        for source in sources:
+            found = compare(reference, source, inverse_depth)
+            weight = np.square(np.clip((found.correlation - 0.3) / 0.7, 0, 1))
+            numerator += weight * found.numerator
+            denominator += weight * found.denominator
+        floor = np.float32(1e-3 / one_pixel**2)
+        step = numerator / (denominator + floor)
+        inverse_depth = inverse_depth + np.clip(step, -one_pixel, one_pixel)
+    return inverse_depth
+
+
+def _project(
+    reference: View, source: View, inverse_depth: Float32
+) -> tuple[Float32, Float32, Float32, Float32, Bool]:
+    """OpenCV position in the source, its derivative by inverse depth, and whether the source sees it."""
+    rotation = source.rotation @ reference.rotation.T
+    translation = source.cam_from_world[:, 3] - rotation @ reference.cam_from_world[:, 3]
+    infinite: Float64 = source.K @ rotation @ np.linalg.inv(reference.K)
+    epipole: Float64 = source.K @ translation
+    u = np.arange(reference.size[0]) + 0.5
+    v = np.arange(reference.size[1]) + 0.5
+    a, b, c = (
+        (row[0] * u[None, :] + (row[1] * v[:, None] + row[2])).astype(np.float32)
+        + np.float32(shift) * inverse_depth
+        for row, shift in zip(infinite, epipole, strict=True)
+    )
+    in_front = c > 1e-6
+    scale = np.where(in_front, 1 / np.where(in_front, c, 1), 0).astype(np.float32)
+    x, y = a * scale, b * scale
+    dx = (np.float32(epipole[0]) - x * np.float32(epipole[2])) * scale
+    dy = (np.float32(epipole[1]) - y * np.float32(epipole[2])) * scale
+    x, y = x - np.float32(0.5), y - np.float32(0.5)
+    return x, y, dx, dy, in_front & inside(x, y, source)
+
+
+def _sample(view: View, x: Float32, y: Float32) -> Float32:
+    sampled = cv2.remap(view.grey_u8, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    return np.asarray(sampled, np.float32)
+
+
+def _window_mean(image: Float32) -> Float32:
+    return np.asarray(cv2.blur(image, (WINDOW_PX, WINDOW_PX), borderType=cv2.BORDER_REFLECT_101), np.float32)

@@ -1,0 +1,63 @@
+"""Which photographs are matched with a reference."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from colmap_ihe.dense.stereo.rectify import PairLeftOutError, rectify
+from colmap_ihe.dense.stereo.views import Camera, Float64
+
+# A shared point counts by the angle between its rays: too narrow is imprecise, too wide looks different.
+ANGLES_DEG = (1.5, 3.0, 20.0, 35.0)
+WORTH = (0.0, 1.0, 1.0, 0.0)
+
+
+@dataclass(frozen=True)
+class Sources:
+    """The sources of one reference, best first, and the better ones that were left out, with the reason."""
+
+    chosen: tuple[int, ...]
+    left_out: Mapping[int, str]
+
+
+def choose_sources(
+    reference: int,
+    cameras: Mapping[int, Camera],
+    points_world: Float64,
+    seen_point: npt.NDArray[np.int64],
+    seen_by: npt.NDArray[np.int64],
+    count: int,
+) -> Sources:
+    """The `count` cameras best suited to match with camera `reference`.
+
+    `points_world` (N, 3), N >= 1, are the sparse points the reference sees; `seen_point` and `seen_by`
+    (M,) say that the point in that row is seen by that camera too. A camera's score is the number of
+    points it shares, each weighed by the angle between its rays (`ANGLES_DEG`, `WORTH`). Cameras that
+    cannot be rectified with the reference give their place to the next.
+    """
+    points = points_world[seen_point]
+    to_reference = _unit(cameras[reference].centre - points)
+    centres = {key: camera.centre for key, camera in cameras.items()}
+    to_other = _unit(np.array([centres[key] for key in seen_by]).reshape(-1, 3) - points)
+    cosines = np.clip((to_reference * to_other).sum(axis=1), -1, 1)
+    worth = np.interp(np.degrees(np.arccos(cosines)), ANGLES_DEG, WORTH)
+    scores = {int(key): float(worth[seen_by == key].sum()) for key in np.unique(seen_by) if key != reference}
+    chosen: list[int] = []
+    left_out: dict[int, str] = {}
+    for other in sorted((key for key in scores if scores[key] > 0), key=lambda key: (-scores[key], key)):
+        if len(chosen) == count:
+            break
+        try:
+            rectify(cameras[reference], cameras[other], points_world)
+            chosen.append(other)
+        except PairLeftOutError as reason:
+            left_out[other] = str(reason)
+    return Sources(tuple(chosen), left_out)
+
+
+def _unit(vectors: Float64) -> Float64:
+    return np.asarray(vectors / np.maximum(np.linalg.norm(vectors, axis=-1, keepdims=True), 1e-12))

@@ -1,0 +1,80 @@
+"""The figures of one method: its matches by pairs and movements, and its cameras against a truth."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from colmap_ihe.colmap.measures import poses_of, putative_and_inliers
+from colmap_ihe.evaluation.pair_errors import (
+    MOVEMENTS,
+    PairMatches,
+    area_under_curve_percent,
+    efficiency_percent,
+    movement,
+    relative_errors_deg,
+)
+from colmap_ihe.evaluation.truth import Truth, key_of, pose_errors, read_truth
+from colmap_ihe.project.folder import Project
+
+AUC_DEG = 5.0
+
+
+def truth_of(place: Project) -> Truth | None:
+    """PROJECT/truth, or `gt` beside the photographs; None without."""
+    for folder in (place.root / "truth", place.images / "gt"):
+        if folder.is_dir():
+            return read_truth(folder)
+    return None
+
+
+def plain_truth(truth: Truth | None) -> list[Any] | None:
+    """What figures against a truth depend on, as plain values."""
+    if truth is None:
+        return None
+    return [
+        truth.extent_m,
+        *((key, image.cam_from_world.tolist()) for key, image in sorted(truth.images.items())),
+    ]
+
+
+def matching_of(
+    project: Project, cameras: Path, chosen: Collection[frozenset[str]] | None
+) -> dict[str, dict[str, float | None]]:
+    """Over all pairs, or those chosen, and by movement of the camera, as the sparse model `cameras` tells it."""
+    poses = poses_of(cameras)
+    record = project.read_record("convert") or {}
+    photographs = {grey: name for name, grey in record["grey"].items()}
+    kinds: dict[str, list[PairMatches]] = {"all": [], **{name: [] for name in MOVEMENTS}}
+    for (one, other), counts in putative_and_inliers(project.database).items():
+        if chosen is not None and frozenset((photographs[one], photographs[other])) not in chosen:
+            continue
+        pair = PairMatches(*counts)
+        kinds["all"].append(pair)
+        if one in poses and other in poses and pair.inliers:
+            kinds[movement(poses[one], poses[other])].append(pair)
+    return {
+        name: {
+            "pairs": len(pairs),
+            "putative": sum(p.putative for p in pairs),
+            "inliers": sum(p.inliers for p in pairs),
+            "efficiency_percent": efficiency_percent(pairs),
+        }
+        for name, pairs in kinds.items()
+    }
+
+
+def errors_against(truth: Truth, model: Path) -> dict[str, float]:
+    """Of a sparse model's cameras: degrees, metres, and the area under the curve of relative errors in percent."""
+    poses = {key_of(name): pose for name, pose in poses_of(model).items()}
+    errors = pose_errors(poses, truth)
+    true = {key: image.cam_from_world for key, image in truth.images.items()}
+    relative = relative_errors_deg(poses, true)
+    return {
+        "rotation_deg": errors.rotation_error_deg,
+        "position_m": float(np.mean(list(errors.position_m.values()))),
+        "auc_percent": area_under_curve_percent(relative, AUC_DEG),
+    }

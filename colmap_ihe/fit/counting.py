@@ -1,0 +1,269 @@
+"""What the fit has to know of a set, gathered in chunks: some photographs in, their sums out, in any process.
+
+A chunk is counted by one decoder, where its photographs are decoded, so that only sums leave it; what sums to add
+and in what order makes no difference. If a photograph kills the decoder, what it had counted is lost with it, and is
+counted again, one photograph at a time.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from concurrent.futures import Executor
+from dataclasses import dataclass, field
+from functools import partial, reduce
+from itertools import groupby
+from operator import add
+from pathlib import Path
+
+from colmap_ihe.errors import PhotographError
+from colmap_ihe.grey.contrast import Contrast
+from colmap_ihe.grey.conversions import CONVERSIONS, SetFit
+from colmap_ihe.grey.convert import coded_share
+from colmap_ihe.grey.histogram import Histogram
+from colmap_ihe.grey.sums import Sums, Weighting
+from colmap_ihe.grey.weights import Encoding
+from colmap_ihe.machine import decoder_pool as decoders
+from colmap_ihe.machine.decoder_process import BROKEN
+from colmap_ihe.machine.executor import in_order, width_of
+from colmap_ihe.machine.progress import Watch
+from colmap_ihe.photographs.colour_counts import sampled
+from colmap_ihe.photographs.decode import encoding_of, message_of
+from colmap_ihe.photographs.discover import Capture
+from colmap_ihe.photographs.each import LeftOut, at_once, leave_out, none_usable
+
+_CONTRAST_OF = 64
+"""Photographs in which contrast is measured, which costs more than counting colours: a thousand tiles are enough."""
+
+_MOST, _LEAST = 64e6, 32e6  # pixels of a chunk
+_UNKNOWN = 1.3e6  # pixels of a photograph whose header was not read
+_RAW = 8  # times as long takes a pixel
+_SAMPLED_BYTES = 4096  # of a file, twice, for its key
+
+
+@dataclass(frozen=True)
+class Counting:
+    """How photographs are counted: `method` of the fit, whose own sums are gathered too; whether `contrast` is
+    measured. `strict`: a chunk ends at the first photograph that cannot be used."""
+
+    method: str
+    weighting: Weighting
+    sample: float
+    contrast: bool
+    strict: bool = False
+
+
+@dataclass(frozen=True)
+class Counted:
+    """What came of a chunk: of those photographs that can be used the sums, one or more to be added, and the contrast
+    where it was measured; of the others the errors, both by name."""
+
+    sums: tuple[Sums, ...] = ()
+    contrasts: Mapping[str, Contrast] = field(default_factory=dict)
+    formula: SetFit | None = None
+    errors: Mapping[str, PhotographError] = field(default_factory=dict)
+
+
+@dataclass
+class Gathered:
+    """What the fit has to know of the photographs of one encoding. Adding two is pooling their photographs.
+
+    `keys` tell photographs apart, of those that were counted. `measured` are key and contrast of the
+    photographs with the least keys, `_CONTRAST_OF` of them at the most; nothing of those that could not be used. Of
+    two sets the least keys are among the least of either, so what is kept of each is enough for both.
+    """
+
+    histogram: Histogram
+    keys: list[str] = field(default_factory=list)
+    measured: list[tuple[str, Contrast]] = field(default_factory=list)
+    formula: SetFit | None = None
+
+    @property
+    def encoding(self) -> Encoding:
+        return self.histogram.encoding
+
+    @property
+    def contrast(self) -> Contrast:
+        return reduce(add, (contrast for _, contrast in self.measured), Contrast(self.encoding))
+
+    def add(self, counted: Counted) -> None:
+        """Counts in what came of a chunk. Raises ValueError for sums of another kind."""
+        for sums in counted.sums:
+            self.histogram.add_sums(sums)
+        if counted.formula is not None:
+            self.formula = counted.formula if self.formula is None else self.formula + counted.formula
+
+    def pool(self, other: Gathered) -> None:
+        """Raises ValueError for sums of another kind."""
+        self.histogram.add_sums(other.histogram.sums())
+        self.keys = sorted(self.keys + other.keys)
+        self.measured = _least(self.measured + other.measured)
+        if other.formula is not None:
+            self.formula = other.formula if self.formula is None else self.formula + other.formula
+
+
+def _least(measured: Iterable[tuple[str, Contrast]]) -> list[tuple[str, Contrast]]:
+    return sorted(measured, key=lambda one: (one[0], str(one[1].as_dict())))[:_CONTRAST_OF]
+
+
+def key_of(path: Path) -> str:
+    """What tells a photograph from others, wherever it lies: a digest of some of its bytes and how many it has."""
+    digest = hashlib.blake2b(digest_size=8)
+    try:
+        with path.open("rb") as file:
+            size = file.seek(0, os.SEEK_END)
+            digest.update(str(size).encode())
+            for place in (size // 2, size - _SAMPLED_BYTES):
+                file.seek(max(0, place))
+                digest.update(file.read(_SAMPLED_BYTES))
+    except OSError:  # it will be left out
+        digest.update(os.fsencode(path))
+    return digest.hexdigest()
+
+
+class _Lost(Exception):
+    """The decoder is gone, and what it counted."""
+
+
+def chunks(captures: Sequence[Capture], workers: int) -> Iterator[tuple[Capture, ...]]:
+    """Captures of one encoding each, in their order; large enough that handing sums over is little beside counting,
+    small enough that all of `workers` have some to the end."""
+    for _, members in groupby(sorted(captures, key=encoding_of), encoding_of):
+        left = list(members)
+        most = -(-len(left) // workers)
+        rest = sum(map(_pixels, left))
+        while left:
+            wanted = min(_MOST, max(_LEAST, rest / (2 * workers)))
+            chunk: list[Capture] = []
+            while left and len(chunk) < most and (not chunk or sum(map(_pixels, chunk)) < wanted):
+                chunk.append(left.pop(0))
+            rest -= sum(map(_pixels, chunk))
+            yield tuple(chunk)
+
+
+def _pixels(capture: Capture) -> float:
+    return (capture.pixels or _UNKNOWN) * (_RAW if capture.kind == "raw" else 1)
+
+
+def gather(
+    captures: Sequence[Capture],
+    counting: Counting,
+    executor: Executor,
+    watch: Watch,
+    left_out: LeftOut,
+) -> dict[Encoding, Gathered]:
+    """The sums of all captures that can be used, by encoding; the others go to `left_out`. Contrast is measured,
+    if at all, in the photographs with the least keys.
+
+    Raises `PhotographError` if strict, `ProjectError` if none can be used.
+    """
+    watch.start(len(captures))
+    keys = {capture.name: key_of(capture.path) for capture in captures}
+    chosen: set[str] = set()
+    for encoding in {encoding_of(c) for c in captures} if counting.contrast else ():
+        names = sorted((keys[c.name], c.name) for c in captures if encoding_of(c) == encoding)
+        chosen |= {name for _, name in names[:_CONTRAST_OF]}
+    gathered: dict[Encoding, Gathered] = {}
+    contrasts: dict[str, Contrast] = {}
+    parts = list(chunks(captures, width_of(executor)))
+    work, by_name = partial(count, counting, frozenset(chosen)), {c.name: c for c in captures}
+    for chunk, found in zip(
+        parts, in_order(executor, work, parts, at_once(captures, executor), watch), strict=True
+    ):
+        watch.advance(len(chunk))
+        for name, error in found.errors.items():
+            leave_out(by_name[name], error, counting.strict, left_out)
+        if found.sums:
+            encoding = found.sums[0].encoding
+            if encoding not in gathered:
+                gathered[encoding] = Gathered(Histogram(encoding, counting.weighting))
+            gathered[encoding].add(found)
+            contrasts |= found.contrasts
+    if not gathered:
+        raise none_usable(captures, left_out)
+    for encoding, one in gathered.items():
+        members = [c.name for c in captures if encoding_of(c) == encoding]
+        one.keys = sorted(keys[name] for name in members if name not in left_out)
+        nothing = Contrast(encoding)
+        one.measured = _least((keys[n], contrasts.get(n, nothing)) for n in members if n in chosen)
+    return gathered
+
+
+def count(counting: Counting, contrast_in: frozenset[str], chunk: Sequence[Capture]) -> Counted:
+    """Counts the photographs of a chunk, all of one encoding, and measures contrast in those named. Plain values in
+    and out, which can be pickled.
+
+    Raises `Cancelled` within `stoppable`, `CapabilityError` if no decoder can be started.
+    """
+    errors: dict[str, PhotographError] = {}
+    try:
+        return _together(counting, contrast_in, chunk, errors)
+    except _Lost:
+        found = Counted(errors=errors)
+    for capture in chunk:
+        if capture.name in errors:
+            if counting.strict:
+                break
+            continue
+        try:
+            one = _together(counting, contrast_in, [capture], errors)
+        except _Lost:
+            continue
+        formula = one.formula if found.formula is None else found.formula + one.formula
+        contrasts = {**found.contrasts, **one.contrasts}
+        found = Counted((*found.sums, *one.sums), contrasts, formula, errors)
+    return found
+
+
+def _together(
+    counting: Counting,
+    contrast_in: frozenset[str],
+    chunk: Sequence[Capture],
+    errors: dict[str, PhotographError],
+) -> Counted:
+    """Raises `_Lost` where a photograph, whose error is then in `errors`, took its decoder along."""
+    encoding = encoding_of(chunk[0])
+    how = {"encoding": encoding, "weighting": counting.weighting, "sample": counting.sample}
+    new_formula = CONVERSIONS[counting.method].new_fit
+    formula = new_formula() if new_formula else None
+    contrasts: dict[str, Contrast] = {}
+    used = 0
+    with decoders.kept() as decoder:
+        for capture in chunk:
+            contrast = capture.name in contrast_in
+            asked = {"capture": message_of(capture), "first": not used, "contrast": contrast}
+            try:
+                measured, rgb = decoder.ask(
+                    "count", capture.name, capture.pixels, returned=formula is not None, **asked, **how
+                )
+                if contrast:
+                    contrasts[capture.name] = Contrast.from_dict(measured, encoding)
+            except (PhotographError, ValueError, KeyError, TypeError) as error:
+                errors[capture.name] = _as_of(capture, error)
+                if decoder.is_lost or not isinstance(error, PhotographError):
+                    raise _Lost from error
+                if counting.strict:
+                    break
+                continue
+            used += 1
+            if formula is not None and rgb is not None:
+                formula.add(coded_share(sampled(rgb, counting.sample)))
+        if not used:
+            return Counted(errors=errors)
+        try:
+            head, cells = decoder.ask("tally", chunk[0].name)
+            sums = Sums(**head, cells=b"" if cells is None else cells.tobytes()).checked()
+            if (sums.encoding, sums.weighting, sums.images) != (encoding, counting.weighting, used):
+                raise ValueError("sums of something else")
+        except (PhotographError, ValueError, KeyError, TypeError) as error:
+            if len(chunk) == 1:
+                errors[chunk[0].name] = _as_of(chunk[0], error)
+            raise _Lost from error
+    return Counted((sums,), contrasts, formula, errors)
+
+
+def _as_of(capture: Capture, error: Exception) -> PhotographError:
+    if isinstance(error, PhotographError):
+        return error
+    return PhotographError(f"{capture.name}: the decoder lost its way on it ({error})", hint=BROKEN)

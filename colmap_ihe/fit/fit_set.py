@@ -1,0 +1,291 @@
+"""The fit: the one place where the whole set meets."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from concurrent.futures import Executor
+from dataclasses import dataclass, field, replace
+from functools import partial
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from colmap_ihe.errors import DiskFullError, KnownError, WeightsError
+from colmap_ihe.fit.counting import Counting, Gathered, gather
+from colmap_ihe.fit.histogram_file import Stored
+from colmap_ihe.fit.trial import coarse_grid, measure
+from colmap_ihe.fit.trial_result import REFERENCE, SAME, Measured, choose, in_words
+from colmap_ihe.grey.boxes import Triplet
+from colmap_ihe.grey.conversions import CONVERSIONS
+from colmap_ihe.grey.convert import Tone
+from colmap_ihe.grey.equalise import curve_of
+from colmap_ihe.grey.histogram import Histogram, mass_of
+from colmap_ihe.grey.ihe import count_levels, fit_cells, fit_histogram, likely_winner, white_point
+from colmap_ihe.grey.sums import Weighting
+from colmap_ihe.grey.weights import FIXED, Encoding, Formula, Grey, Weights, triplets
+from colmap_ihe.machine.executor import in_order
+from colmap_ihe.machine.progress import Watch
+from colmap_ihe.photographs.colour_counts import sampled
+from colmap_ihe.photographs.decode import encoding_of, read_photograph
+from colmap_ihe.photographs.discover import Capture
+from colmap_ihe.photographs.each import LeftOut
+from colmap_ihe.project.options import FitOptions
+
+
+@dataclass(frozen=True)
+class Trial:
+    """How COLMAP will see the photographs: the tone of linear ones, and the longer side in pixels."""
+
+    tone: Tone = "sqrt"
+    max_image_size: int = 3200
+
+
+@dataclass(frozen=True)
+class Tried:
+    """What was measured on the photographs, and which of the candidates the grey is."""
+
+    chosen: str
+    measured: Measured
+
+    def as_dict(self) -> dict[str, Any]:
+        words = in_words(self.measured, self.chosen)
+        return {"chosen": self.chosen, "in_words": words, **self.measured.as_dict()}
+
+
+@dataclass(frozen=True)
+class Fit:
+    """The grey of the set, one for each encoding in it; `colour_white` is the white point of a linear
+    set's colour twins, as a share of saturation. `tried`: what was measured on pairs of its photographs, if
+    anything. `gathered`: what it was fitted to."""
+
+    weights: Mapping[Encoding, Grey]
+    colour_white: float = 1.0
+    left_out: LeftOut = field(default_factory=dict)
+    tried: Mapping[Encoding, Tried] = field(default_factory=dict)
+    gathered: Mapping[Encoding, Gathered] = field(default_factory=dict, compare=False, repr=False)
+
+    @property
+    def main(self) -> Grey:
+        """Of the encoding with most images."""
+        return max(self.weights.values(), key=lambda w: w.images)
+
+
+def fit_captures(
+    captures: Sequence[Capture],
+    options: FitOptions,
+    executor: Executor,
+    watch: Watch,
+    *,
+    strict: bool,
+    trial: Trial | None = None,
+    stored: Sequence[Stored] = (),
+    given: Grey | None = None,
+) -> Fit:
+    """One grey for the whole set, from every pixel of every capture, one image in memory a worker.
+
+    A set that mixes gamma-coded and linear photographs gets one for each: a sensor's red is not
+    sRGB's red, so one triplet for both would mean two different greys. With `trial` the grey is tried against
+    Rec.709 on a few pairs; method "auto" always tries, and takes the best. What is `stored` of other photographs
+    counts as if they were among the captures, of which there need then be none. `given` weights are taken instead of
+    fitted ones. Raises `PhotographError` if strict, `ProjectError` if no photograph can be used, `WeightsError` if
+    `stored` is of another kind or `given` of another encoding.
+    """
+    left_out: LeftOut = {}
+    for encoding in sorted({encoding_of(c) for c in captures}) if given is not None else ():
+        if given is not None and encoding != given.encoding:
+            raise WeightsError(
+                f"the weights are for {given.encoding} photographs, and some here are {encoding}",
+                hint="RAW is linear, JPEG is gamma-coded: use weights of the same kind, or another folder",
+            )
+    wants_contrast = options.method in ("snr", "auto") or (options.method, options.guard) == ("ihe", "noise")
+    counting = Counting(options.method, options.weighting, options.sample, wants_contrast, strict)
+    gathered = gather(captures, counting, executor, watch, left_out) if captures or not stored else {}
+    unseen = _pooled(gathered, stored, options, wants_contrast)
+    usable = [c for c in captures if c.name not in left_out]
+    weights: dict[Encoding, Grey] = {}
+    tried: dict[Encoding, Tried] = {}
+    colour_white = 1.0
+    for encoding in sorted(gathered):
+        members = [c for c in usable if encoding_of(c) == encoding]
+        recount = options.recount and encoding not in unseen
+        one = _SetFit(gathered[encoding], members, options, executor, watch, recount)
+        if given is not None:
+            weights[encoding] = given
+            if trial is not None:
+                tried[encoding] = one.against_rec709(given, trial)
+        elif options.method == "auto":
+            weights[encoding], tried[encoding] = one.tried(trial or Trial())
+            weights[encoding] = one.with_curve(weights[encoding])
+        else:
+            weights[encoding] = one.with_curve(one.grey(options.method))
+            if trial is not None:
+                tried[encoding] = one.against_rec709(weights[encoding], trial)
+        if encoding == "linear":
+            colour_white = one.white_of(FIXED["green"])
+    return Fit(weights, colour_white, left_out, tried, gathered)
+
+
+def _pooled(
+    gathered: dict[Encoding, Gathered], stored: Sequence[Stored], options: FitOptions, contrast: bool
+) -> set[Encoding]:
+    """Adds what is stored to what was gathered. Returns the encodings of photographs that were not read now."""
+    unseen: set[Encoding] = set()
+    for one in stored:
+        if CONVERSIONS[options.method].new_fit is not None or options.method == "auto":
+            raise WeightsError(
+                f"{one.source}: {options.method} looks at the photographs, and a histogram does not hold them",
+                hint="name their folder, or use --method ihe, snr or a fixed one",
+            )
+        for encoding, other in one.gathered.items():
+            found = {"sample": one.sample, "weighting": other.histogram.weighting}
+            wanted = {"sample": options.sample, "weighting": options.weighting}
+            if found != wanted:
+                raise WeightsError(
+                    f"{one.source}: was counted with {_said(found)}; wanted {_said(wanted)}, as for the others",
+                    hint="fit with these options, or count its photographs again",
+                )
+            if contrast and not other.measured:
+                raise WeightsError(
+                    f"{one.source}: holds no contrast, which the guard goes by",
+                    hint="use --guard none, or count its photographs again with the guard",
+                )
+            if encoding not in gathered:
+                gathered[encoding] = Gathered(Histogram(encoding, options.weighting))
+            gathered[encoding].pool(other)
+            unseen.add(encoding)
+    return unseen
+
+
+def _said(values: Mapping[str, Any]) -> str:
+    return " and ".join(f"{name} {value}" for name, value in values.items())
+
+
+@dataclass(frozen=True)
+class _SetFit:
+    """What is known of the photographs of one encoding, and the greys that follow."""
+
+    gathered: Gathered
+    members: Sequence[Capture]
+    options: FitOptions
+    executor: Executor
+    watch: Watch
+    recount: bool
+
+    @property
+    def encoding(self) -> Encoding:
+        return self.gathered.histogram.encoding
+
+    def white_of(self, triplet: tuple[float, float, float]) -> float:
+        return white_point(self.gathered.histogram, triplet) if self.encoding == "linear" else 1.0
+
+    def grey(self, method: str) -> Grey:
+        grid = triplets(self.options.step)
+        if method == "ihe":
+            guarded = self.options.guard == "noise"
+            return self.flattest(self.gathered.contrast.admitted(grid) if guarded else grid)
+        if method == "snr":
+            return self.weights(method, _shares(self.gathered.contrast.best(grid)))
+        if method in FIXED:
+            return self.weights(method, FIXED[method])
+        histogram, formula = self.gathered.histogram, self.gathered.formula
+        return Formula(
+            method=method,
+            parameters=() if formula is None else formula.finish(),
+            encoding=self.encoding,
+            white=1.0 if formula is not None else self.white_of(FIXED["green"]),  # as its fit saw the values
+            images=histogram.images,
+            pixels=histogram.pixels,
+        )
+
+    def weights(self, method: str, triplet: tuple[float, float, float]) -> Weights:
+        histogram = self.gathered.histogram
+        return Weights(
+            *triplet,
+            method=method,
+            encoding=self.encoding,
+            white=self.white_of(triplet),
+            images=histogram.images,
+            pixels=histogram.pixels,
+            contrast=self.gathered.contrast.share_of(triplet),
+        )
+
+    def with_curve(self, grey: Grey) -> Grey:
+        """The same grey, able to be equalised where it is one that can be."""
+        if self.encoding == "coded" or isinstance(grey, Formula) or grey.curve:
+            return grey
+        return replace(grey, curve=curve_of(self.gathered.histogram, grey.triplet))
+
+    def flattest(self, grid: Sequence[Triplet]) -> Weights:
+        """The winner of IHE among the triplets of `grid`."""
+        options = self.options
+
+        def recount(chosen: Sequence[Triplet], whites: Sequence[int]) -> NDArray[np.int64]:
+            count = partial(_levels_of, options.sample, options.weighting, chosen, whites)
+            self.watch.start(len(self.members), f"images, for {len(chosen)} triplets")
+            total: NDArray[np.int64] = np.zeros((len(chosen), 256), np.int64)
+            for counts in in_order(self.executor, count, self.members, watch=self.watch):
+                total += counts
+                self.watch.advance()
+            return total
+
+        self.watch.start(len(grid), "triplets")
+        if self.encoding == "linear" and not self.recount:
+            found = fit_cells(self.gathered.histogram, grid)
+        else:
+            again = recount if self.encoding == "linear" else None
+            found = fit_histogram(self.gathered.histogram, grid, again, self.watch.advance)
+        return replace(found, contrast=self.gathered.contrast.share_of(found.triplet))
+
+    def tried(self, trial: Trial) -> tuple[Grey, Tried]:
+        """The candidate that matches best on a few pairs; guarded IHE where no pair overlaps. The paper's IHE of a
+        linear set is estimated."""
+        grid = triplets(self.options.step)
+        papers = likely_winner(self.gathered.histogram, grid)
+        greys: dict[str, Grey] = {
+            "rec709": self.grey("rec709"),
+            "ihe": self.flattest(self.gathered.contrast.admitted(grid)),
+            "ihe of the paper": self.weights("ihe", _shares(papers)),
+            **{name: self.grey(name) for name in ("snr", "mean", "green")},
+        }
+        screen = {n: self.weights("grid", w.triplet) for n, w in coarse_grid(self.encoding).items()}
+        measured = self.measure(greys, trial, screen)
+        name = choose(measured) if measured.candidates else "ihe"
+        return replace({**screen, **greys}[name], method="auto"), Tried(name, measured)
+
+    def against_rec709(self, grey: Grey, trial: Trial) -> Tried:
+        default = self.weights(REFERENCE, FIXED[REFERENCE])
+        if isinstance(grey, Weights) and max(np.abs(np.subtract(grey.triplet, default.triplet))) < 0.01:
+            return Tried(REFERENCE, Measured(reason=SAME))
+        return Tried(grey.method, self.measure({REFERENCE: default, grey.method: grey}, trial, {}))
+
+    def measure(self, greys: Mapping[str, Grey], trial: Trial, screen: Mapping[str, Grey]) -> Measured:
+        """A measurement that fails is no reason to end a run: it says so in its place."""
+        try:
+            if trial.tone == "equalise":
+                greys, screen = ({n: self.with_curve(g) for n, g in some.items()} for some in (greys, screen))
+            return measure(
+                self.members,
+                greys,
+                self.executor,
+                self.watch,
+                tone=trial.tone,
+                max_image_size=trial.max_image_size,
+                screen=screen,
+            )
+        except DiskFullError:
+            raise
+        except (KnownError, OSError, RuntimeError, KeyError) as error:
+            return Measured(reason=f"it failed ({error})")
+
+
+def _levels_of(
+    sample: float, weighting: Weighting, chosen: Sequence[Triplet], whites: Sequence[int], capture: Capture
+) -> NDArray[np.int64]:
+    rgb = np.asarray(sampled(read_photograph(capture).rgb, sample), np.uint16)
+    return count_levels(rgb, chosen, whites) * mass_of(rgb, weighting)
+
+
+def _shares(triplet: Triplet) -> tuple[float, float, float]:
+    red, green, blue = triplet
+    return red / 100, green / 100, blue / 100

@@ -1,0 +1,63 @@
+"""Weights of another campaign on new photographs: how far they fall short of what a fit of these would give."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+
+import numpy as np
+
+from colmap_ihe.fit.counting import Gathered
+from colmap_ihe.grey.ihe import clipped, fit_cells, flatness
+from colmap_ihe.grey.weights import Weights, triplets
+from colmap_ihe.project.options import FitOptions
+
+LEAST_CONTRAST = LEAST_LEVELS = 0.95
+MOST_CLIPPED, LEAST_RANGE = 0.01, 0.5
+
+
+@dataclass(frozen=True)
+class Misfit:
+    """Shares of what weights fitted to the photographs give: `contrast` of detail over noise, None where none was
+    measured, and `levels` of grey that are filled, with the white point of the photographs. Of linear ones also
+    `clipped`, the share of pixels that the weights' white point makes white, and `range`, how much of the grey up to
+    it is used."""
+
+    contrast: float | None
+    levels: float
+    clipped: float = 0.0
+    range: float = 1.0
+
+    def as_dict(self) -> dict[str, float | None]:
+        return asdict(self)
+
+
+def misfit(weights: Weights, gathered: Gathered, options: FitOptions) -> Misfit:
+    """What `weights` are worth on photographs that were counted, beside a fit of them by `options`."""
+    grid, contrast, histogram = triplets(options.step), gathered.contrast, gathered.histogram
+    fitted = fit_cells(histogram, contrast.admitted(grid) if options.guard == "noise" else grid)
+    own, best = contrast.snr_of(100 * np.array([weights.triplet, fitted.triplet]))
+    levels = flatness(histogram, weights.triplet) / flatness(histogram, fitted.triplet)
+    share = float(own / best) if best > 0 else None
+    if histogram.encoding == "coded":
+        return Misfit(share, levels)
+    return Misfit(share, levels, clipped(histogram, weights), fitted.white / weights.white)
+
+
+def warnings_of(weights: Weights, gathered: Gathered, options: FitOptions) -> list[str]:
+    """What the owner of the photographs should know, nothing where the weights fit; see docs/campaigns.md."""
+    found = misfit(weights, gathered, options)
+    words = []
+    if found.contrast is not None and found.contrast < LEAST_CONTRAST:
+        words.append(f"detail stands out of noise {found.contrast:.0%} as far as in a grey fitted to them")
+    if found.levels < LEAST_LEVELS:
+        words.append(f"the grey fills {found.levels:.0%} of the levels that a fitted one does")
+    if found.clipped > MOST_CLIPPED:
+        words.append(f"{found.clipped:.1%} of the pixels are above the white point and become white")
+    if found.range < LEAST_RANGE:
+        words.append(f"the brightest of them reach {found.range:.0%} of the white point")
+    if not words:
+        return []
+    return [
+        f"the weights no longer fit these photographs: {'; '.join(words)}. For one grey with the other campaigns"
+        " keep them, or fit all campaigns together; see docs/campaigns.md"
+    ]

@@ -1,0 +1,62 @@
+"""Weights in a file: written by a fit, read for photographs that are to have the same grey."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+from numpy.typing import NDArray
+
+from colmap_ihe.errors import WeightsError
+from colmap_ihe.grey.convert import to_grey
+from colmap_ihe.grey.weights import Grey, grey_from_dict
+from colmap_ihe.machine.files import read_at_most, write_bytes
+from colmap_ihe.project.safe_yaml import MOST_BYTES, parse_yaml
+
+
+def write_weights(file: Path, grey: Grey) -> None:
+    text = yaml.safe_dump(grey.as_dict(), sort_keys=False, default_flow_style=None)
+    write_bytes(file, text.encode())
+
+
+def read_weights(file: Path) -> Grey:
+    """A weights file, as `fit -o` writes it. Raises `WeightsError`."""
+    hint = "write one with `colmap-ihe fit IMAGES -o weights.yaml`"
+    try:
+        values = parse_yaml(read_at_most(file, MOST_BYTES).decode("utf-8"))
+    except (OSError, ValueError) as error:
+        reason = error.strerror if isinstance(error, OSError) else str(error)
+        raise WeightsError(f"{file}: cannot be read ({reason})", hint=hint) from error
+    if isinstance(values, dict) and values.get("weights") is None and "parameters" in values:
+        return _read_formula(file, values)
+    triplet = values.get("weights") if isinstance(values, dict) else None
+    if not isinstance(triplet, list) or len(triplet) != 3 or {type(w) for w in triplet} - {int, float}:
+        came = triplet if isinstance(values, dict) else values
+        raise WeightsError(
+            f"{file}: not a weights file, it holds {came!r:.60}; wanted `weights: [r, g, b]`, three numbers",
+            hint=hint,
+        )
+    try:
+        return grey_from_dict(values, str(file))
+    except WeightsError as error:
+        if str(file) in str(error):
+            raise
+        raise WeightsError(f"{file}: {error}", hint=error.hint) from error
+
+
+def _read_formula(file: Path, values: dict[str, Any]) -> Grey:
+    """The conversion that is no triplet, tried on a few pixels."""
+    grey = grey_from_dict(values, str(file))
+    dark: NDArray[np.uint8] | NDArray[np.uint16] = np.zeros((8, 8, 3), np.uint8)
+    if grey.encoding == "linear":
+        dark = np.zeros((8, 8, 3), np.uint16)
+    try:
+        to_grey(dark, grey)
+    except (ValueError, TypeError, KeyError, IndexError) as error:
+        raise WeightsError(
+            f"{file}: {grey.method!r} with {values['parameters']!r:.60} is no conversion of a set",
+            hint="write one with `colmap-ihe fit IMAGES --method NAME -o weights.yaml`",
+        ) from error
+    return grey

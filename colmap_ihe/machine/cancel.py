@@ -1,0 +1,33 @@
+"""How work on a thread learns that it is no longer wanted."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
+from typing import Protocol
+
+
+class Stop(Protocol):
+    """What says that work is no longer wanted: an Event, or what a task on another machine looks at."""
+
+    def is_set(self) -> bool: ...
+
+
+_stop: ContextVar[Stop | None] = ContextVar("stop", default=None)
+
+
+@contextmanager
+def stoppable(stop: Stop) -> Iterator[None]:
+    """Reads of this thread within end with `Cancelled` soon after `stop` is set, however slow the decoder is."""
+    token = _stop.set(stop)
+    try:
+        yield
+    finally:
+        _stop.reset(token)
+
+
+def stopped() -> bool:
+    """Whether what this thread works on, within `stoppable`, is no longer wanted."""
+    event = _stop.get()
+    return event is not None and event.is_set()

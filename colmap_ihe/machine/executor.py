@@ -1,0 +1,110 @@
+"""Work on one image at a time, on any `concurrent.futures.Executor`, with a bound on what is in flight.
+
+Threads share our memory; the workers of any other executor may be anywhere: what they are given and return is
+pickled, so it is a function of a module, or `partial` of one, and plain values and paths.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import Executor, Future, ThreadPoolExecutor, wait
+from contextlib import contextmanager
+from threading import Event
+from typing import TypeVar
+
+from colmap_ihe.errors import Cancelled
+from colmap_ihe.machine import cancel, threads
+from colmap_ihe.machine import decoder_pool as decoders
+from colmap_ihe.machine.progress import SILENT, Silent, Watch
+
+_TICK_SECONDS = 0.2  # how long Ctrl-C may take to be noticed while a photograph is worked on
+
+_Item = TypeVar("_Item")
+_Result = TypeVar("_Result")
+
+
+def local_workers() -> int:
+    """Cores that this process may use, or as many of them as a run is limited to."""
+    return min(threads.cores(), threads.limit() or threads.cores())
+
+
+@contextmanager
+def local_executor() -> Iterator[ThreadPoolExecutor]:
+    """One thread a core. Threads, for photographs are decoded and counted in processes anyway."""
+    try:
+        with ThreadPoolExecutor(local_workers(), thread_name_prefix="image") as executor:
+            yield executor
+    finally:
+        decoders.relax()
+
+
+def shares_memory(executor: Executor) -> bool:
+    """Whether its workers are threads of this process."""
+    return isinstance(executor, ThreadPoolExecutor)
+
+
+def width_of(executor: Executor) -> int:
+    """How many tasks an executor works on at a time; of those that do not say, as many as there are cores."""
+    width: int = getattr(executor, "width", 0)
+    return width or local_workers()
+
+
+@contextmanager
+def threads_of(executor: Executor) -> Iterator[Executor]:
+    """Threads of this process, for work whose results are too large to be sent: the executor's own if it has such."""
+    if shares_memory(executor):
+        yield executor
+    else:
+        with local_executor() as own:
+            yield own
+
+
+class TaskWatch(Silent):
+    """Follows what a worker does: `Cancelled` as soon as its result is no longer wanted."""
+
+    def check(self) -> None:
+        if cancel.stopped():
+            raise Cancelled
+
+
+def in_order(
+    executor: Executor,
+    function: Callable[[_Item], _Result],
+    items: Iterable[_Item],
+    at_once: int | None = None,
+    watch: Watch = SILENT,
+) -> Iterator[_Result]:
+    """`function` of every item, in order; no more results wait than there are workers and one, so memory does
+    not grow with the set, and never more than `at_once` are begun and not yet fetched. What `function` raises
+    is raised here, and so is `Cancelled` by `watch`, after what is in flight has ended; reads of photographs end
+    at once then. Where workers are not threads, two results a worker wait, for it takes time to send another."""
+    local, over = shares_memory(executor), Event()
+
+    def stoppable(item: _Item) -> _Result:
+        with cancel.stoppable(over):
+            return function(item)
+
+    work = stoppable if local else function
+    waiting: deque[Future[_Result]] = deque()
+    try:
+        for item in items:
+            waiting.append(executor.submit(work, item))
+            # asked each time: workers of a cluster come and go
+            if len(waiting) >= (at_once or (width_of(executor) + 1 if local else 2 * width_of(executor))):
+                yield _fetched(waiting, watch)
+        while waiting:
+            yield _fetched(waiting, watch)
+    finally:
+        over.set()
+        for future in waiting:
+            future.cancel()
+        for future in waiting:
+            if not future.cancelled():
+                future.exception()
+
+
+def _fetched(waiting: deque[Future[_Result]], watch: Watch) -> _Result:
+    while not wait([waiting[0]], _TICK_SECONDS).done:
+        watch.check()
+    return waiting.popleft().result()

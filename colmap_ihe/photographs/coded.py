@@ -1,0 +1,212 @@
+"""JPEG, TIFF and PNG to 8-bit RGB as stored. What each kind of file becomes: docs/photographs.md."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, BinaryIO
+
+import cv2
+import numpy as np
+import simplejpeg
+import tifffile
+from numpy.typing import NDArray
+from PIL import Image, UnidentifiedImageError
+from PIL.Image import Transpose
+from PIL.ImageFile import ImageFile
+from PIL.TiffImagePlugin import TiffImageFile
+
+from colmap_ihe.errors import PhotographError
+from colmap_ihe.photographs.icc_profile import cmyk_to_srgb, rgb_profile
+
+MAX_PIXELS = 500_000_000
+"""Of one photograph, checked before it is decoded: more is a damaged or a hostile header."""
+Image.MAX_IMAGE_PIXELS = MAX_PIXELS
+FORMATS = ("JPEG", "PNG", "TIFF")
+"""Of Pillow's: for a file of some others, whatever its name, it would run a program, as Ghostscript for EPS."""
+
+_ORIENTATION, _BITS, _PHOTOMETRIC, _PLANES, _SAMPLE_FORMAT = 274, 258, 262, 284, 339  # tags of TIFF 6.0
+_WHITE_IS_ZERO, _BLACK_IS_ZERO, _RGB, _SEPARATED = 0, 1, 2, 5
+_UNSIGNED = 1
+
+_DAMAGE = re.compile(
+    r"bad Huffman code|bad arithmetic code|premature end of data|found marker|Inconsistent progression"
+)
+"""libjpeg's warnings of pixels that are lost; others are of bytes too many, or of what some cameras write."""
+
+_UNTURN = {
+    2: Transpose.FLIP_LEFT_RIGHT,
+    3: Transpose.ROTATE_180,
+    4: Transpose.FLIP_TOP_BOTTOM,
+    5: Transpose.TRANSPOSE,
+    6: Transpose.ROTATE_90,
+    7: Transpose.TRANSVERSE,
+    8: Transpose.ROTATE_270,
+}
+"""By the Orientation tag, what takes back the turn it asks for."""
+
+
+def read_coded(
+    path: Path, accept: Callable[[int, int], None], room: Callable[..., NDArray[Any]] = np.empty
+) -> tuple[NDArray[np.uint8], bytes]:
+    """Pixels (H, W, 3) uint8, and the RGB profile they are in, empty for sRGB. Of several pages the first;
+    alpha is ignored. Pillow, unlike OpenCV, reports a truncated file; OpenCV reads 16 bits a channel. A JPEG is
+    decoded into what `room(shape, dtype)` gives. `accept(width, height)` may raise before there is memory for them.
+
+    Raises OSError for a broken file, `PhotographError` for a kind that is not read.
+    """
+    try:
+        with path.open("rb") as file, Image.open(file, formats=FORMATS) as image:
+            width, height = _size_of(image)
+            accept(width, height)
+            pixels, profile = _read(path, file, image, room)
+    except UnidentifiedImageError:
+        raise_if_not_read(path)
+        raise
+    except (SyntaxError, ValueError, KeyError, Image.DecompressionBombError) as error:
+        raise OSError(str(error)) from error
+    if pixels.shape != (height, width, 3):
+        found = f"{pixels.shape[1]}x{pixels.shape[0]}"
+        raise OSError(f"{found} pixels where its header says {width}x{height}")
+    return pixels, profile
+
+
+def _read(
+    path: Path, file: BinaryIO, image: ImageFile, room: Callable[..., NDArray[Any]]
+) -> tuple[NDArray[np.uint8], bytes]:
+    """As `read_coded`, of a file that Pillow has opened; some kinds are opened again for other libraries."""
+    # Of a PNG's depth Pillow tells only before it decodes: "RGB;16B" is the mode in the file.
+    deep = image.format == "PNG" and any("16" in str(tile.args) for tile in image.tile)
+    turned = image.tag_v2.get(_ORIENTATION, 1) if isinstance(image, TiffImageFile) else 1
+    if isinstance(image, TiffImageFile) and _is_deep(image):
+        return _read_deep_tiff(path, image, turned)
+    if image.format == "JPEG" and image.mode == "RGB":
+        pixels = _decode_jpeg(file, room((image.height, image.width, 3), np.uint8))
+        if pixels is not None:
+            return pixels, rgb_profile(image)
+    image.load()
+    profile = rgb_profile(image)
+    if deep:
+        return _to_8_bit(_read_with_opencv(path)), profile
+    rgb = cmyk_to_srgb(image, path.name) if image.mode == "CMYK" else image.convert("RGB")
+    if turned in _UNTURN:  # Pillow turns a TIFF upright as it loads it; COLMAP must see it as stored
+        rgb = rgb.transpose(_UNTURN[turned])
+    return np.asarray(rgb), profile
+
+
+def _decode_jpeg(file: BinaryIO, pixels: NDArray[np.uint8]) -> NDArray[np.uint8] | None:
+    """`pixels` (H, W, 3) filled with a sound JPEG, three times faster than Pillow and to the same pixels; None
+    for one that libjpeg has a word to say of, which Pillow judges. Raises OSError where the word is of damage,
+    which Pillow passes over."""
+    try:
+        file.seek(0)
+        found = simplejpeg.decode_jpeg(file.read(), "RGB", buffer=pixels, strict=True)
+    except ValueError as error:
+        if _DAMAGE.search(str(error)):
+            raise OSError(str(error)) from error
+        return None
+    return pixels if found.shape == pixels.shape else None
+
+
+def stored_size(path: Path) -> tuple[int, int]:
+    """Width and height as stored, from the header: Pillow swaps those of a TIFF by its Orientation. Raises as
+    `read_coded`."""
+    try:
+        with Image.open(path, formats=FORMATS) as image:
+            return _size_of(image)
+    except UnidentifiedImageError:
+        raise_if_not_read(path)
+        raise
+    except (SyntaxError, ValueError, KeyError, Image.DecompressionBombError) as error:
+        raise OSError(str(error)) from error
+
+
+def _size_of(image: Image.Image) -> tuple[int, int]:
+    if isinstance(image, TiffImageFile):
+        return int(image.tag_v2[256]), int(image.tag_v2[257])
+    return image.size
+
+
+def raise_if_not_read(path: Path) -> None:
+    """Raises `PhotographError` if the file is a sound TIFF of a kind that Pillow does not know, as colour in
+    floating point."""
+    try:
+        with tifffile.TiffFile(path) as tiff:
+            kind = tiff.pages.first.dtype
+    except Exception:  # noqa: BLE001  a broken file, of which the caller has its own words
+        return
+    raise _not_read(path, f"{kind} pixels")
+
+
+def _is_deep(image: TiffImageFile) -> bool:
+    """Whether the file holds more than 8 bits a channel, which Pillow cuts to 8 where it reads colour."""
+    bits = image.tag_v2.get(_BITS, (8,))
+    return max(bits if isinstance(bits, tuple) else (bits,)) > 8 or image.mode.startswith(("I", "F"))
+
+
+def _read_deep_tiff(path: Path, image: TiffImageFile, turned: int) -> tuple[NDArray[np.uint8], bytes]:
+    """A TIFF of 16-bit integers, coded; refuses floating point, whose numbers have no level of their own."""
+    tags = image.tag_v2
+    bits, formats, photometric = set(tags[_BITS]), set(tags.get(_SAMPLE_FORMAT, ())), tags.get(_PHOTOMETRIC)
+    if formats - {_UNSIGNED}:
+        raise _not_read(path, "floating-point pixels" if 3 in formats else "signed pixels")
+    if bits != {16} or photometric not in (_WHITE_IS_ZERO, _BLACK_IS_ZERO, _RGB, _SEPARATED):
+        raise _not_read(path, f"{max(bits)}-bit pixels of TIFF's colour kind {photometric}")
+    # OpenCV 5 fails on these orientations, whatever it is told, misreads separate planes and refuses CMYK.
+    if turned in (5, 6, 7, 8) or tags.get(_PLANES, 1) != 1 or photometric == _SEPARATED:
+        pixels = _to_8_bit(_read_with_tifffile(path))
+    else:
+        pixels = _to_8_bit(_read_with_opencv(path))
+    if photometric == _WHITE_IS_ZERO:
+        pixels = np.asarray(255 - pixels, np.uint8)
+    if photometric == _SEPARATED:
+        inks = Image.fromarray(np.ascontiguousarray(pixels[..., :4]), "CMYK")
+        inks.info["icc_profile"] = image.info.get("icc_profile")
+        return np.asarray(cmyk_to_srgb(inks, path.name)), b""
+    return np.ascontiguousarray(pixels[..., :3]), rgb_profile(image)
+
+
+def _to_8_bit(pixels: NDArray[np.generic]) -> NDArray[np.uint8]:
+    """16 bits rounded to the 8 that COLMAP will see."""
+    if pixels.dtype != np.uint16:
+        raise OSError(f"holds {pixels.dtype} pixels; wanted 8 or 16 bit integers")
+    return np.asarray((pixels.astype(np.uint32) + 128) // 257, np.uint8)  # 65535 = 257 x 255
+
+
+def _read_with_opencv(path: Path) -> NDArray[np.generic]:
+    flags = cv2.IMREAD_ANYDEPTH | cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION
+    found = cv2.imread(str(path), flags)
+    if found is None:
+        raise OSError("OpenCV cannot decode it")
+    return np.ascontiguousarray(np.asarray(found)[..., ::-1])
+
+
+def _read_with_tifffile(path: Path) -> NDArray[np.generic]:
+    """(H, W, channels), three of them for grey."""
+    try:
+        with tifffile.TiffFile(path) as tiff:
+            page = tiff.pages.first
+            if not page.is_contiguous and len(page.dataoffsets) * math.prod(page.chunks) < page.size:
+                raise OSError(
+                    "some of its pixels are missing"
+                )  # tifffile would leave what memory held before
+            pixels = np.asarray(page.asarray())
+            axes = page.axes
+    except OSError:
+        raise
+    except Exception as error:
+        raise OSError(
+            f"{error}; a 16-bit TIFF that is turned, planar or CMYK can be read if it is not compressed"
+        ) from error
+    if axes == "SYX":
+        pixels = np.moveaxis(pixels, 0, 2)
+    return np.repeat(pixels[..., None], 3, axis=2) if pixels.ndim == 2 else pixels
+
+
+def _not_read(path: Path, what: str) -> PhotographError:
+    return PhotographError(
+        f"{path.name}: holds {what}; wanted 8 or 16 bit integers, grey, RGB or CMYK",
+        hint="export it as a 16-bit TIFF",
+    )

@@ -1,0 +1,194 @@
+"""Photographs in: which files of a folder are captures, and what their grey images are called."""
+
+from __future__ import annotations
+
+import os
+import stat
+from collections import Counter, defaultdict
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path, PurePosixPath
+from typing import Literal
+
+from colmap_ihe.errors import ProjectError
+from colmap_ihe.project.recipe import Recipe
+
+RAW_SUFFIXES = frozenset(
+    [
+        ".3fr",
+        ".arw",
+        ".cr2",
+        ".cr3",
+        ".crw",
+        ".dc2",
+        ".dcr",
+        ".dng",
+        ".erf",
+        ".fff",
+        ".gpr",
+        ".iiq",
+        ".k25",
+        ".kc2",
+        ".kdc",
+        ".mdc",
+        ".mef",
+        ".mos",
+        ".mrw",
+        ".nef",
+        ".nrw",
+        ".orf",
+        ".pef",
+        ".ptx",
+        ".raf",
+        ".raw",
+        ".rw2",
+        ".rwl",
+        ".sr2",
+        ".srf",
+        ".srw",
+        ".x3f",
+    ]
+)
+CODED_SUFFIXES = frozenset([".jpg", ".jpeg", ".jpe", ".tif", ".tiff", ".png"])
+
+
+@dataclass(frozen=True)
+class Capture:
+    """One shot. `name` is its path below the folder of photographs, with `/`, as the user knows it;
+    `grey_stem` is the same without suffix, unless two captures would then collide; `paired` names the
+    JPEG that the camera wrote beside this RAW. `recipe` says how it is developed, `pixels` how many it has once
+    its header was read, else 0."""
+
+    name: str
+    path: Path = field(compare=False)
+    kind: Literal["raw", "coded"]
+    grey_stem: str
+    paired: tuple[str, ...] = ()
+    recipe: Recipe = field(default=Recipe(), compare=False)
+    pixels: int = field(default=0, compare=False)
+
+
+@dataclass(frozen=True)
+class Discovery:
+    """`captures` in the order of their names; `ignored` are files that are no photographs by their suffix, and with
+    `/` at their end links to folders elsewhere; `refused` by name what is called like a photograph and cannot be one,
+    such as a link that leads elsewhere, each with the reason."""
+
+    captures: tuple[Capture, ...]
+    ignored: tuple[str, ...]
+    refused: Mapping[str, str] = field(default_factory=dict)
+
+
+def discover(folder: Path) -> Discovery:
+    """All captures below `folder`, with subfolders. RAW and JPEG of one shot are one capture: RAW wins.
+
+    Hidden files are passed over. Links below are followed to photographs within the folder, itself perhaps a link,
+    and nowhere else; pipes and devices are not opened. Raises `ProjectError` if the folder is missing or holds no
+    photograph.
+    """
+    if not folder.is_dir():
+        raise ProjectError(f"{folder}: no such folder", hint="name a folder that holds photographs")
+    shots: dict[str, list[str]] = defaultdict(list)
+    ignored = []
+    refused: dict[str, str] = {}
+    whole = folder.resolve()
+    for name, is_folder in _found_below(folder):
+        if not name.isprintable() or name != name.encode("utf-8", "replace").decode():
+            raise ProjectError(
+                f"{folder}: the file name {name!a} is not readable text", hint="rename the file"
+            )
+        suffix = PurePosixPath(name).suffix.lower()
+        if is_folder:
+            if not (folder / name).resolve().is_relative_to(whole):
+                ignored.append(f"{name}/")
+        elif suffix not in RAW_SUFFIXES and suffix not in CODED_SUFFIXES:
+            ignored.append(name)
+        elif why := _why_refused(folder / name, whole):
+            refused[name] = f"{name}: {why}"
+        else:
+            shots[str(PurePosixPath(name).with_suffix(""))].append(name)
+    if not shots:
+        found = f"it holds {len(ignored)} other files" if ignored else "it is empty"
+        if refused:
+            found = "; ".join(list(refused.values())[:3])
+        raise ProjectError(
+            f"{folder}: no photograph found, {found}",
+            hint="wanted RAW, JPEG, TIFF or PNG files, in subfolders or not",
+        )
+    members = [member for stem, names in shots.items() for member in _captures_of(stem, names)]
+    greys = _grey_stems({name: stem for name, _, _, stem in members})
+    captures = [Capture(name, folder / name, kind, greys[name], paired) for name, kind, paired, _ in members]
+    return Discovery(tuple(sorted(captures, key=lambda c: c.name)), tuple(sorted(ignored)), refused)
+
+
+def _why_refused(path: Path, whole: Path) -> str:
+    """Why what is called like a photograph is not opened; empty if it may be."""
+    try:
+        end = path.resolve(strict=True)
+        kind = end.stat().st_mode
+    except (OSError, RuntimeError):  # Python before 3.13 has RuntimeError for a loop
+        return "cannot be read (a link to nowhere); put the photograph in its place"
+    if not end.is_relative_to(whole):
+        return "a link that leads out of the folder of photographs; put the photograph in its place"
+    return (
+        ""
+        if stat.S_ISREG(kind)
+        else "cannot be read (no file but a pipe or a device); take it out of the folder"
+    )
+
+
+def captures_of_files(paths: Iterable[Path]) -> list[Capture]:
+    """Captures of just these files, RAW and JPEG of one shot as one; for a fit, so names are whole paths."""
+    shots: dict[str, list[str]] = defaultdict(list)
+    for path in dict.fromkeys(p.absolute() for p in paths):
+        suffix = path.suffix.lower()
+        if not path.is_file() or (suffix not in RAW_SUFFIXES and suffix not in CODED_SUFFIXES):
+            raise ProjectError(
+                f"{path}: no such photograph", hint="name folders, or RAW, JPEG, TIFF or PNG files"
+            )
+        shots[path.with_suffix("").as_posix()].append(path.as_posix())
+    return [
+        Capture(name, Path(name), kind, name, paired)
+        for stem, names in shots.items()
+        for name, kind, paired, _ in _captures_of(stem, names)
+    ]
+
+
+def _grey_stems(stems: dict[str, str]) -> dict[str, str]:
+    """The name of each capture's grey image: its stem, or its whole name where another has that stem. Case
+    does not tell names apart, for there are disks that fold it."""
+    while True:
+        taken = Counter(stem.casefold() for stem in stems.values())
+        again = {name: name if taken[stem.casefold()] > 1 else stem for name, stem in stems.items()}
+        if again == stems:
+            return stems
+        stems = again
+
+
+def _captures_of(
+    stem: str, names: list[str]
+) -> list[tuple[str, Literal["raw", "coded"], tuple[str, ...], str]]:
+    """The captures among files of one stem: a RAW takes the JPEG beside it, anything else stands alone."""
+    raws = [n for n in names if PurePosixPath(n).suffix.lower() in RAW_SUFFIXES]
+    jpegs = tuple(n for n in names if PurePosixPath(n).suffix.lower() in {".jpg", ".jpeg", ".jpe"})
+    if len(raws) != 1:
+        return [(n, "raw" if n in raws else "coded", (), stem) for n in names]
+    others = [n for n in names if n not in raws and n not in jpegs]
+    return [(raws[0], "raw", jpegs, stem), *((n, "coded", (), stem) for n in others)]
+
+
+def _found_below(folder: Path) -> Iterator[tuple[str, bool]]:
+    """The name of every file, and of every link to a folder: with it, whether it is one."""
+
+    def refuse(error: OSError) -> None:
+        raise ProjectError(
+            f"{error.filename}: cannot be read ({error.strerror})", hint="give read permission"
+        )
+
+    found = []
+    for parent, folders, files in os.walk(folder, onerror=refuse):
+        folders[:] = sorted(f for f in folders if not f.startswith("."))
+        below = Path(parent).relative_to(folder)
+        found += [((below / f).as_posix(), True) for f in folders if (Path(parent) / f).is_symlink()]
+        found += [((below / f).as_posix(), False) for f in files if not f.startswith(".")]
+    yield from sorted(found)

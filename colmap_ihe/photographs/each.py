@@ -1,0 +1,114 @@
+"""What is done to one photograph at a time, and what happens to those that cannot be used."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from concurrent.futures import Executor
+from functools import partial
+from typing import Protocol, TypeVar
+
+from colmap_ihe.errors import PhotographError, ProjectError
+from colmap_ihe.machine import memory
+from colmap_ihe.machine.executor import in_order, local_workers, shares_memory
+from colmap_ihe.machine.progress import Watch
+from colmap_ihe.photographs.discover import Capture
+
+logger = logging.getLogger(__name__)
+
+LeftOut = dict[str, str]
+"""Captures that cannot be used, by name, each with the reason and what to do."""
+
+
+class _Photograph(Protocol):
+    @property
+    def capture(self) -> Capture: ...
+
+
+_One = TypeVar("_One", bound="Capture | _Photograph")
+_Result = TypeVar("_Result")
+
+
+def each_usable(
+    function: Callable[[_One], _Result],
+    photographs: Sequence[_One],
+    executor: Executor,
+    watch: Watch,
+    strict: bool,
+    left_out: LeftOut,
+) -> Iterable[_Result]:
+    """`function` of every capture, or what has one, that can be used; the others go to `left_out`, or end the run
+    if strict.
+
+    As many at a time as there are workers, or fewer if memory has no room for so many of the largest; on other
+    machines as many as they have workers, for their memory is theirs to know.
+    """
+    captures = [one if isinstance(one, Capture) else one.capture for one in photographs]
+    watch.start(len(captures))
+    usable = 0
+    most = at_once(captures, executor)
+    guarded = partial(_guarded, function)
+    for capture, result in zip(captures, in_order(executor, guarded, photographs, most, watch), strict=True):
+        watch.advance()
+        if isinstance(result, PhotographError):
+            leave_out(capture, result, strict, left_out)
+            continue
+        usable += 1
+        yield result
+    if not usable:
+        raise none_usable(captures, left_out)
+
+
+def at_once(captures: Sequence[Capture], executor: Executor) -> int | None:
+    """As many photographs at a time as memory has room for, None if that is as many as there are workers; on other
+    machines None, for their memory is theirs to know."""
+    if not shares_memory(executor):
+        return None
+    count = memory.at_once(captures, local_workers())
+    logger.info("%s", memory.in_words(captures, count))
+    return count if count < local_workers() else None
+
+
+def leave_out(capture: Capture, error: PhotographError, strict: bool, left_out: LeftOut) -> None:
+    """Notes a photograph that cannot be used; raises the error if strict, and `ProjectError` where it is not broken but
+    gone: a disk that goes half-way must not come to a smaller set."""
+    try:
+        capture.path.lstat()  # a link to nowhere was none before
+    except PermissionError:
+        pass
+    except OSError as gone:
+        raise ProjectError(
+            f"{capture.path}: was there when the run began, and is not any more ({gone.strerror})",
+            hint="connect its disk again, or if it was taken out go on without it: by the same command",
+        ) from error
+    if strict:
+        raise error
+    left_out[capture.name] = f"{error}; {error.hint}" if error.hint else str(error)
+
+
+class _Refusing(Protocol):
+    @property
+    def refused(self) -> Mapping[str, str]: ...
+
+
+def refused(found: _Refusing, strict: bool) -> LeftOut:
+    """What is left out before anything is read; raises `PhotographError` for the first if strict."""
+    for reason in found.refused.values() if strict else ():
+        message, _, hint = reason.partition("; ")
+        raise PhotographError(message, hint=hint)
+    return dict(found.refused)
+
+
+def none_usable(captures: Sequence[Capture], left_out: LeftOut) -> ProjectError:
+    reasons = "; ".join(list(left_out.values())[:3])
+    return ProjectError(
+        f"none of the {len(captures)} photographs can be used: {reasons}",
+        hint="copy them from the card again",
+    )
+
+
+def _guarded(function: Callable[[_One], _Result], one: _One) -> _Result | PhotographError:
+    try:
+        return function(one)
+    except PhotographError as error:
+        return error

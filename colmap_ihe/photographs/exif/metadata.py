@@ -1,0 +1,285 @@
+"""What photographs of every kind say of themselves in EXIF.
+
+COLMAP decides from EXIF which photographs share a camera and what its focal length is about, so what a
+photograph says has to arrive. Broken EXIF loses the tag, not the photograph.
+"""
+
+from __future__ import annotations
+
+from contextlib import suppress
+from dataclasses import dataclass, fields, replace
+from io import BytesIO
+from math import isfinite
+from mmap import ACCESS_COPY, mmap
+from pathlib import Path
+from typing import Any
+
+from PIL import Image, UnidentifiedImageError
+
+from colmap_ihe.errors import PhotographError
+from colmap_ihe.machine import decoder_pool as decoders
+from colmap_ihe.photographs.coded import FORMATS
+from colmap_ihe.photographs.exif import cr3
+from colmap_ihe.photographs.exif.blocks import (
+    EXPOSURE_TIME,
+    F_NUMBER,
+    FOCAL_LENGTH,
+    FOCAL_LENGTH_35MM,
+    ISO,
+    LENS,
+    LENS_MAKE,
+    LENS_RANGE,
+    MAKE,
+    MODEL,
+    ORIENTATION,
+    PLANE_UNIT,
+    PLANE_X,
+    PLANE_Y,
+    PREFIX,
+    SERIAL,
+    TAKEN,
+    UNREADABLE,
+    Directories,
+    Tags,
+    contents,
+    number,
+    photographic,
+    pixels_per_mm,
+    put_together,
+    rational,
+    take_apart,
+    text,
+    with_size,
+)
+from colmap_ihe.photographs.icc_profile import name_of_profile
+from colmap_ihe.photographs.raw.develop import Noted, noted_by_libraw, preview_of
+
+_UNREADABLE = (PhotographError, UnidentifiedImageError, Image.DecompressionBombError, *UNREADABLE)
+# Of the shot, where makers write it into the first directory, as TIFF/EP allows.
+_OF_THE_SHOT = frozenset(
+    {EXPOSURE_TIME, F_NUMBER, ISO, TAKEN, 0x9004, 0x9290, 0x9291, 0x9292, FOCAL_LENGTH, FOCAL_LENGTH_35MM}
+    | {PLANE_X, PLANE_Y, PLANE_UNIT, SERIAL, LENS_RANGE, LENS_MAKE, LENS}
+)
+_OF_DNG = {0xC62F: SERIAL, 0xC630: LENS_RANGE}  # DNG 1.4: CameraSerialNumber, LensInfo
+_NEVER_ZERO = (EXPOSURE_TIME, F_NUMBER, ISO, FOCAL_LENGTH, FOCAL_LENGTH_35MM)
+_NO_EXIF = "no EXIF found"
+_TIFF, _BIG_TIFF = (b"II*\x00", b"MM\x00*"), (b"II+\x00", b"MM\x00+")
+
+
+@dataclass(frozen=True)
+class Metadata:
+    """What a photograph says of itself. `exif` is a TIFF structure to write into another file, or empty;
+    lengths are in millimetres, `exposure_s` in seconds, 0 where unknown; `pixels_per_mm` is the resolution on
+    the sensor; `serial` is the camera's; `profile` names the colours of its RGB numbers; `problem` says in a
+    few words what could not be read."""
+
+    exif: bytes = b""
+    make: str = ""
+    model: str = ""
+    focal_mm: float = 0.0
+    focal_35mm: float = 0.0
+    pixels_per_mm: float = 0.0
+    exposure_s: float = 0.0
+    f_number: float = 0.0
+    iso: float = 0.0
+    lens: str = ""
+    serial: str = ""
+    orientation: int = 1
+    has_gps: bool = False
+    profile: str = "sRGB"
+    pages: int = 1
+    problem: str = ""
+
+
+def read_metadata(path: Path, kind: str) -> Metadata:
+    """Reads the EXIF of a capture; `kind` is "raw" or "coded". Never raises for what EXIF holds. A decoder does
+    it, in a process of its own: profiles and previews are native libraries' work."""
+    try:
+        found, _ = decoders.ask("metadata", path.name, path=str(path.absolute()), kind=kind)
+        with decoders.understood(path.name):
+            return _as_answered(found)
+    except PhotographError as error:
+        return Metadata(problem=f"EXIF not readable: {error}")
+
+
+def _as_answered(values: dict[str, Any]) -> Metadata:
+    """Raises ValueError for values of other kinds than ours, or EXIF that does not say them."""
+    found = Metadata(**values)
+    for one in fields(Metadata):
+        value, kinds = (
+            getattr(found, one.name),
+            (int, float) if isinstance(one.default, float) else type(one.default),
+        )
+        if not isinstance(value, kinds) or (isinstance(value, float) and not isfinite(value)):
+            raise ValueError(f"{one.name} is {value!r:.40}")
+    if found.exif:
+        take_apart(bytearray(found.exif))
+    return found
+
+
+def read_metadata_here(path: Path, kind: str) -> Metadata:
+    """As `read_metadata`, in this process."""
+    try:
+        return _read_coded(path) if kind == "coded" else _read_raw(path)
+    except _UNREADABLE as error:
+        return Metadata(problem=_unreadable(error))
+
+
+def describe(block: bytes, known: Metadata | None = None) -> Metadata:
+    """What a block of EXIF says; what is not of EXIF (profile, pages, problem) is as in `known`."""
+    found = take_apart(bytearray(block)) if block else Directories()
+    image, shot = found.image, found.shot
+    orientation = image.get(ORIENTATION, 1)
+    return replace(
+        known or Metadata(),
+        exif=block,
+        make=_text(image.get(MAKE)),
+        model=_text(image.get(MODEL)),
+        focal_mm=number(shot.get(FOCAL_LENGTH)),
+        focal_35mm=number(shot.get(FOCAL_LENGTH_35MM)),
+        pixels_per_mm=pixels_per_mm(shot),
+        exposure_s=number(shot.get(EXPOSURE_TIME)),
+        f_number=number(shot.get(F_NUMBER)),
+        iso=number(shot.get(ISO)),
+        lens=_text(shot.get(LENS)),
+        serial=_text(shot.get(SERIAL)),
+        orientation=orientation if orientation in range(1, 9) else 1,
+        has_gps={2, 4, 6} <= set(found.gps),  # COLMAP wants latitude, longitude and altitude
+    )
+
+
+def sized(metadata: Metadata, width: int, height: int) -> Metadata:
+    """The same for an image of this size in pixels, which its EXIF may not be about."""
+    block = with_size(metadata.exif, width, height)
+    return metadata if block == metadata.exif else describe(block, metadata)
+
+
+def _read_coded(source: Path | BytesIO) -> Metadata:
+    with Image.open(source, formats=FORMATS) as image:
+        try:
+            block, found = _block_of(image, source)
+            problem = _problem(found.lost)
+        except UNREADABLE as error:
+            block, found, problem = b"", Directories(), _unreadable(error)
+        profile = name_of_profile(image, found.interoperability)
+        return describe(block, Metadata(profile=profile, pages=_pages(image), problem=problem))
+
+
+def _block_of(image: Image.Image, source: Path | BytesIO) -> tuple[bytes, Directories]:
+    """The EXIF of an opened photograph, mended, and what is in it. Raises one of `UNREADABLE`."""
+    if image.format == "TIFF" and isinstance(source, Path):
+        found = _of_file(source) or _of_image(image)
+        return put_together(photographic(found.image), found.shot, found.gps), found
+    if "exif" not in image.info and image.format == "PNG":
+        image.getexif()  # it may come behind the pixels
+    block = bytearray(image.info.get("exif", b""))
+    while block.startswith(PREFIX):
+        del block[: len(PREFIX)]
+    if block:
+        found = take_apart(block)
+        return bytes(block), found
+    if not image.getexif():
+        return b"", Directories()
+    found = _of_image(image)
+    return put_together(found.image, found.shot, found.gps), found
+
+
+def _problem(lost: int) -> str:
+    return f"{lost} tags of its EXIF are broken" if lost else ""
+
+
+def _unreadable(error: BaseException) -> str:
+    return f"EXIF not readable: {error or type(error).__name__}"
+
+
+def _of_image(image: Image.Image) -> Directories:
+    """As Pillow finds it, where it is in no block of its own: a TIFF of 64 bits, the text of a PNG."""
+    return contents(image.getexif())
+
+
+def _pages(image: Image.Image) -> int:
+    """Of a TIFF; the second picture of a JPEG is its preview. A page that is broken is none."""
+    try:
+        return int(getattr(image, "n_frames", 1)) if image.format == "TIFF" else 1
+    except _UNREADABLE:
+        return 1
+
+
+def _read_raw(path: Path) -> Metadata:
+    """From its own directories; else from the preview, where Fujifilm's RAF keeps them; and from LibRaw, which
+    knows makers' older formats, what is still missing."""
+    metadata = Metadata(problem=_NO_EXIF)
+    try:
+        found = _of_file(path)
+        if found is not None:
+            metadata = describe(_raw_block(found), Metadata(problem=_problem(found.lost)))
+    except UNREADABLE as error:
+        metadata = Metadata(problem=_unreadable(error))
+    with suppress(PhotographError):  # whoever develops it will say so
+        if not metadata.make and not metadata.focal_mm:
+            metadata = _of_preview(preview_of(path)) or metadata
+        if not metadata.focal_mm:
+            metadata = _with_noted(metadata, noted_by_libraw(path))
+    return metadata
+
+
+def _of_preview(preview: bytes) -> Metadata | None:
+    if not preview:
+        return None
+    metadata = replace(_read_coded(BytesIO(preview)), profile="sRGB")
+    return metadata if metadata.make or metadata.focal_mm else None
+
+
+def _of_file(path: Path) -> Directories | None:
+    """Of a file of TIFF's kind, as most RAW files are, or a CR3; None of another."""
+    with path.open("rb") as handle, mmap(handle.fileno(), 0, access=ACCESS_COPY) as file:
+        if file[4:12] == cr3.BRAND:
+            image, shot, gps = (take_apart(bytearray(b)) if b else Directories() for b in cr3.blocks_of(file))
+            return Directories(image.image, shot.image, gps.image, image.lost + shot.lost + gps.lost)
+        if file[:2] not in (b"II", b"MM") or file[:4] in _BIG_TIFF:
+            return None
+        # Olympus and Panasonic have numbers of their own where TIFF has 42.
+        file[:4] = _TIFF[0] if file[:2] == b"II" else _TIFF[1]
+        return take_apart(file)
+
+
+def _raw_block(found: Directories) -> bytes:
+    elsewhere = {ours: found.image[theirs] for theirs, ours in _OF_DNG.items() if theirs in found.image}
+    early = {t: v for t, v in found.image.items() if t in _OF_THE_SHOT}
+    shot = {t: v for t, v in (elsewhere | early | found.shot).items() if v != ""}
+    # An adapted lens says 0 mm: no information, and COLMAP would take it for some.
+    shot = {t: v for t, v in shot.items() if t not in _NEVER_ZERO or number(v)}
+    return put_together(photographic(found.image), shot, found.gps)
+
+
+def _with_noted(metadata: Metadata, noted: Noted) -> Metadata:
+    """With what LibRaw found, where the photograph's EXIF does not say it."""
+    lengths = {
+        EXPOSURE_TIME: noted.exposure_s,
+        F_NUMBER: noted.f_number,
+        ISO: noted.iso,
+        FOCAL_LENGTH: noted.focal_mm,
+    }
+    found = take_apart(bytearray(metadata.exif)) if metadata.exif else Directories()
+    new: Tags = {t: rational(v) for t, v in lengths.items() if v > 0 and t not in found.shot}
+    if ISO in new:
+        new[ISO] = round(noted.iso)
+    new |= {
+        t: text(v) for t, v in ((LENS, noted.lens), (LENS_MAKE, noted.lens_make)) if v and t not in found.shot
+    }
+    if FOCAL_LENGTH not in new:
+        return metadata
+    block = put_together(found.image, found.shot | new, found.gps)
+    problem = "" if metadata.problem == _NO_EXIF else metadata.problem
+    return describe(block, replace(metadata, problem=problem))
+
+
+def _text(value: Any) -> str:
+    """UTF-8 where it is, and cut at its end, as cameras fill up fields of fixed length."""
+    if not isinstance(value, str):
+        return ""
+    plain = value.partition("\x00")[0].strip()
+    try:
+        return plain.encode("latin-1").decode()
+    except UnicodeError:
+        return plain

@@ -1,0 +1,51 @@
+"""A linear photograph as a TIFF of 16 bit a channel, with its EXIF. TIFF 6.0; Pillow writes no such pixels itself."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import TiffTags
+from PIL.TiffImagePlugin import ImageFileDirectory_v2
+
+from colmap_ihe.photographs.exif.blocks import EXIF_IFD, GPS_IFD, for_tiff, with_size
+
+_HEADER = b"II*\0\x08\0\0\0"  # little-endian, the first directory follows at once
+
+
+def encode_linear_tiff(linear_rgb: NDArray[np.uint16], exif: bytes) -> bytes:
+    """The bytes of the file: linear_rgb (H, W, 3) uint16, not compressed, in one strip; `exif` a TIFF structure or
+    empty. Pixel dimensions in EXIF become those of the image. Raises ValueError for another shape or dtype."""
+    if linear_rgb.ndim != 3 or linear_rgb.shape[2] != 3 or linear_rgb.dtype != np.uint16:
+        raise ValueError(f"{linear_rgb.shape=} {linear_rgb.dtype=}, expected (H, W, 3) uint16")
+    height, width = linear_rgb.shape[:2]
+    found = for_tiff(with_size(exif, width, height))
+    directory = ImageFileDirectory_v2()
+    for tag, value in found.items():
+        if tag not in (EXIF_IFD, GPS_IFD):
+            directory[tag] = value
+    for tag in (EXIF_IFD, GPS_IFD):
+        if inner := dict(found.get_ifd(tag)):
+            directory[tag] = inner
+    for tag, kind, value in _layout(width, height, linear_rgb.nbytes):
+        directory.tagtype[tag] = kind
+        directory[tag] = value
+    # Pillow moves strip offset 0 to the first byte after the directory: that is where the pixels go.
+    return _HEADER + directory.tobytes(len(_HEADER)) + linear_rgb.astype("<u2", copy=False).tobytes()
+
+
+def _layout(width: int, height: int, size: int) -> list[tuple[int, int, Any]]:
+    """(tag, TIFF type, value) of what says how the pixels lie in the file."""
+    return [
+        (256, TiffTags.LONG, width),
+        (257, TiffTags.LONG, height),
+        (258, TiffTags.SHORT, (16, 16, 16)),  # BitsPerSample
+        (259, TiffTags.SHORT, 1),  # Compression: none
+        (262, TiffTags.SHORT, 2),  # PhotometricInterpretation: RGB
+        (273, TiffTags.LONG, 0),  # StripOffsets: set by Pillow
+        (277, TiffTags.SHORT, 3),  # SamplesPerPixel
+        (278, TiffTags.LONG, height),  # RowsPerStrip
+        (279, TiffTags.LONG, size),  # StripByteCounts
+        (284, TiffTags.SHORT, 1),  # PlanarConfiguration
+    ]

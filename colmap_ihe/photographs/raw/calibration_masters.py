@@ -1,0 +1,188 @@
+"""What calibration frames, and the photographs themselves, show of a sensor: means and bad pixels, kept in files."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from concurrent.futures import Executor
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from colmap_ihe.errors import PhotographError
+from colmap_ihe.machine.executor import in_order
+from colmap_ihe.machine.files import digest_file, fingerprint_of, leads_out, write_array
+from colmap_ihe.machine.libraries import library_versions
+from colmap_ihe.machine.progress import Watch
+from colmap_ihe.photographs.discover import RAW_SUFFIXES
+from colmap_ihe.photographs.exif.metadata import read_metadata
+from colmap_ihe.photographs.raw.calibration import (
+    BAD_PIXELS,
+    KINDS,
+    Kind,
+    Master,
+    Shot,
+    flat_gain,
+    groups_of,
+    hot_pixels,
+    matched,
+    mean_of,
+    shot_of,
+)
+from colmap_ihe.photographs.raw.calibration_frames import bad_pixel_candidates, read_header, read_mosaic
+from colmap_ihe.photographs.raw.develop import frames_of
+from colmap_ihe.photographs.raw.mosaic import Mosaic
+from colmap_ihe.photographs.survey import Surveyed
+from colmap_ihe.project.recipe import Recipe
+
+_LOOKED_AT = 16  # photographs, for bad pixels that all of them have
+_FEWEST = 4  # of one camera; in fewer of them detail may stand still
+_CONFIRMED = 0.9  # of the photographs looked at
+
+
+def masters_of(
+    folder: Path,
+    store: Path,
+    executor: Executor,
+    watch: Watch,
+    strict: bool,
+    say: Callable[[str], None],
+) -> list[Master]:
+    """The means of the frames below `folder`, flats last, since their own dark frames are taken from them."""
+    masters: list[Master] = []
+    for kind in KINDS:
+        files = [
+            p for p in sorted((folder / kind).rglob("*")) if p.suffix.lower() in RAW_SUFFIXES and p.is_file()
+        ]
+        watch.start(len(files), f"frames in {folder.name}/{kind}")
+        shots = []
+        for file in files:
+            try:
+                _refuse_elsewhere(file, folder / kind)
+                header = read_header(file)
+                shots.append((str(file), shot_of(read_metadata(file, "raw"), header.width, header.height)))
+            except PhotographError as error:
+                if strict:
+                    raise
+                say(f"calibration frame left out: {error}")
+        for shot, group in groups_of(shots, kind):
+            names = list(group)
+            while names:
+                try:
+                    masters.append(_master(kind, shot, names, masters, store, executor, watch))
+                    break
+                except _BrokenFrame as broken:  # the others begin again: what is kept is named after them
+                    if strict:
+                        raise broken.error from None
+                    say(f"calibration frame left out: {broken.error}")
+                    names.remove(broken.name)
+    return masters
+
+
+def _refuse_elsewhere(file: Path, folder: Path) -> None:
+    if leads_out(file, folder):
+        raise PhotographError(
+            f"{file.name}: a link that leads out of the folder of frames", hint="put the frame in its place"
+        )
+
+
+class _BrokenFrame(Exception):
+    """A frame whose pixels cannot be read, by its name."""
+
+    def __init__(self, name: str, error: PhotographError) -> None:
+        super().__init__(name)
+        self.name, self.error = name, error
+
+
+def _master(
+    kind: Kind,
+    shot: Shot,
+    names: Sequence[str],
+    before: Sequence[Master],
+    store: Path,
+    executor: Executor,
+    watch: Watch,
+) -> Master:
+    dark_of_flat = Recipe()
+    if kind == "flats":
+        dark_of_flat, _ = matched(shot, [m for m in before if m.kind != "flats"], Recipe(), lambda _: None)
+    content = [digest_file(Path(n)) for n in names]
+    key = fingerprint_of(kind, sorted(content), dark_of_flat.as_dict(), library_versions("rawpy", "libraw"))
+    file, bad = store / f"{kind}-{key}.npy", store / f"bad-{kind}-{key}.npy"
+    if not file.exists() or not bad.exists():
+
+        def read(name: str) -> Mosaic:
+            try:
+                return read_mosaic(Path(name))
+            except PhotographError as error:
+                raise _BrokenFrame(name, error) from error
+
+        mean, like = mean_of(_watched(in_order(executor, read, names), watch))
+        pixels: NDArray[np.intp] = np.empty((0, 2), np.intp)
+        if kind == "flats":
+            mean, pixels = flat_gain(mean, like, frames_of(dark_of_flat).dark)
+        elif kind == "darks":
+            pixels = hot_pixels(mean, like)
+        write_array(bad, pixels)
+        write_array(file, mean)
+    else:
+        watch.advance(len(names))
+    return Master(kind, shot, len(names), str(file), str(bad))
+
+
+def _watched(mosaics: Iterable[Mosaic], watch: Watch) -> Iterator[Mosaic]:
+    for mosaic in mosaics:
+        watch.advance()
+        yield mosaic
+
+
+def found_over_the_set(
+    surveyed: Sequence[Surveyed],
+    store: Path,
+    executor: Executor,
+    watch: Watch,
+    told: dict[str, list[str]],
+) -> dict[tuple[str, ...], str]:
+    """By camera, the file of the pixels that stand out in nearly all of its photographs."""
+    cameras: dict[tuple[str, ...], list[Path]] = defaultdict(list)
+    for one in surveyed:
+        if one.sensor == "bayer":
+            cameras[camera_of(one)].append(one.capture.path)
+        elif one.sensor in ("x-trans", "mosaic", "monochrome"):
+            text = f"bad pixels are looked for on Bayer sensors only; list them in {BAD_PIXELS}"
+            told[text].append(one.capture.name)
+    found = {}
+    for camera, paths in cameras.items():
+        if len(paths) < _FEWEST:
+            told[f"{len(paths)} photographs of one camera are too few to find its bad pixels in"].append("")
+            continue
+        some = paths[:: -(-len(paths) // _LOOKED_AT)]
+        watch.start(len(some), "images, for bad pixels")
+        candidates = []
+        for pixels in in_order(executor, bad_pixel_candidates, some, watch=watch):
+            candidates.append(pixels)
+            watch.advance()
+        places, counts = np.unique(np.concatenate(candidates), axis=0, return_counts=True)
+        found[camera] = kept(store, places[counts >= _CONFIRMED * len(some)])
+    return found
+
+
+def camera_of(one: Surveyed) -> tuple[str, ...]:
+    said = one.metadata
+    return (said.make, said.model, said.serial, str(one.width), str(one.height))
+
+
+def kept(store: Path, pixels: NDArray[np.intp]) -> str:
+    """The file of these bad pixels, named after them."""
+    file = store / f"bad-{fingerprint_of(pixels.tolist())}.npy"
+    if not file.exists():
+        write_array(file, pixels)
+    return str(file)
+
+
+def united(files: Sequence[str], store: Path) -> str:
+    """The file of all pixels in `files`, empty if there are none."""
+    lists = [np.load(f, allow_pickle=False) for f in sorted({f for f in files if f})]
+    lists = [pixels for pixels in lists if len(pixels)]
+    return kept(store, np.unique(np.concatenate(lists), axis=0)) if lists else ""

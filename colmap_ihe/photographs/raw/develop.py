@@ -1,0 +1,255 @@
+"""RAW files through LibRaw: what the sensor saw, and the minimal development of it.
+
+No white balance, no colour matrix, no gamma, no denoising, no sharpening, and the sensor's own orientation.
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+import cv2
+import numpy as np
+import rawpy
+from numpy.typing import NDArray
+
+with warnings.catch_warnings():  # of scikit-image missing, which it does not need on Bayer sensors
+    warnings.simplefilter("ignore")
+    from rawpy.enhance import find_bad_pixels
+
+from colmap_ihe.errors import PhotographError
+from colmap_ihe.photographs.raw.dng_black import black_plane
+from colmap_ihe.photographs.raw.mosaic import FULL, Frames, Mosaic, calibrated
+from colmap_ihe.photographs.raw.undecoded import unpack
+from colmap_ihe.project.recipe import Demosaic, Recipe
+
+Sensor = Literal["bayer", "x-trans", "mosaic", "monochrome", "demosaiced"]
+"""`mosaic`: of another pattern. `demosaiced`: sRAW, linear DNG, and sensors with three layers."""
+
+
+@dataclass(frozen=True)
+class Development:
+    """`linear_rgb`: (H, W, 3) uint16, linear, 65535 at sensor saturation, the sensor's own colours.
+    `srgb_from_camera`: (3, 3) float64, as-shot white balance and colour matrix in one, for the colour twin
+    only; camera white becomes (1, 1, 1)."""
+
+    linear_rgb: NDArray[np.uint16]
+    srgb_from_camera: NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class RawHeader:
+    """Width and height of what `develop` gives, in pixels, and the kind of sensor."""
+
+    width: int
+    height: int
+    sensor: Sensor
+
+
+def develop(path: Path, recipe: Recipe | None = None) -> Development:
+    """Develops one RAW file. Raises `PhotographError` if LibRaw refuses it, or its frames do not fit."""
+    recipe = recipe or Recipe()
+    with _opened(path) as raw:
+        unpack(raw, path)
+        if raw.raw_type == rawpy.RawType.Flat:
+            mosaic, frames = _mosaic(raw, path), frames_of(recipe)
+            try:
+                calibrated(
+                    mosaic, frames, green_equilibrium=recipe.green_equilibrium, out=raw.raw_image_visible
+                )
+            except ValueError as error:
+                raise PhotographError(
+                    f"{path.name}: a calibration frame is of another size ({error})",
+                    hint="take the frames with the same camera, at its full size",
+                ) from error
+        else:
+            _scale_layers(raw, path)
+        pixels = _demosaiced(raw, recipe.demosaic)
+        return Development(pixels, _srgb_from_camera(raw))
+
+
+def read_mosaic(path: Path) -> Mosaic:
+    """What the sensor saw. Raises `PhotographError`, also for a file that is demosaiced already."""
+    with _opened(path) as raw:
+        unpack(raw, path)
+        if raw.raw_type != rawpy.RawType.Flat:
+            raise PhotographError(
+                f"{path.name}: is demosaiced already, and has no mosaic", hint="use the camera's full RAW"
+            )
+        found = _mosaic(raw, path)
+        return Mosaic(found.values.copy(), found.pattern, found.black, found.white)
+
+
+def bad_pixel_candidates(path: Path) -> NDArray[np.intp]:
+    """(N, 2), row and column of the pixels that stand out from those of their colour around them, of a Bayer
+    sensor: bad ones, and fine detail. Raises `PhotographError`."""
+    with _opened(path):  # for the words of what is wrong with it
+        return np.asarray(find_bad_pixels([str(path)]), np.intp)
+
+
+def half_size(path: Path) -> NDArray[np.uint16]:
+    """One pixel a Bayer cell, black subtracted: (H, W, 3) uint16, linear. Raises `PhotographError`."""
+    with _opened(path) as raw:
+        return _postprocessed(raw, "linear", half_size=True)
+
+
+def read_header(path: Path) -> RawHeader:
+    """What is known before the pixels are decoded. Raises `PhotographError`."""
+    with _opened(path) as raw:
+        return RawHeader(int(raw.sizes.width), int(raw.sizes.height), _sensor(raw))
+
+
+def preview_of(path: Path) -> bytes:
+    """The JPEG preview inside a RAW file, empty if there is none. Raises `PhotographError`."""
+    with _opened(path) as raw:
+        try:
+            thumb = raw.extract_thumb()
+        except rawpy.LibRawError:
+            return b""
+    return bytes(thumb.data) if thumb.format == rawpy.ThumbFormat.JPEG else b""
+
+
+def frames_of(recipe: Recipe) -> Frames:
+    """The calibration frames that a recipe names. Frames are mapped, not read: workers share their pages."""
+
+    def load(name: str) -> NDArray[np.float32] | None:
+        return np.load(name, mmap_mode="r", allow_pickle=False) if name else None
+
+    dark = load(recipe.dark)
+    if recipe.bias:
+        bias = load(recipe.bias)
+        dark = bias if dark is None or bias is None else bias + np.float32(recipe.dark_scale) * (dark - bias)
+    bad = np.load(recipe.bad_pixels, allow_pickle=False) if recipe.bad_pixels else None
+    return Frames(dark, load(recipe.flat), bad)
+
+
+@dataclass(frozen=True)
+class Noted:
+    """What LibRaw knows of a shot, whatever its maker's format: millimetres, seconds; 0 or empty if nothing."""
+
+    focal_mm: float = 0.0
+    exposure_s: float = 0.0
+    f_number: float = 0.0
+    iso: float = 0.0
+    lens: str = ""
+    lens_make: str = ""
+
+
+def noted_by_libraw(path: Path) -> Noted:
+    """Raises `PhotographError` if LibRaw refuses the file."""
+    with _opened(path) as raw:
+        if not hasattr(raw, "other"):  # rawpy before 0.26
+            return Noted()
+        shot, lens = raw.other, raw.lens
+        return Noted(
+            shot.focal_length, shot.shutter_speed, shot.aperture, shot.iso_speed, lens.model, lens.make
+        )
+
+
+@contextmanager
+def _opened(path: Path) -> Iterator[rawpy.RawPy]:
+    try:
+        with rawpy.imread(str(path)) as raw:
+            if raw.num_colors not in (1, 3):
+                raise PhotographError(
+                    f"{path.name}: a sensor of {raw.num_colors} colours; wanted red, green and blue",
+                    hint="convert it to TIFF with the maker's program",
+                )
+            yield raw
+    except (rawpy.LibRawError, RuntimeError, NotImplementedError, cv2.error) as error:
+        reason = str(error.args[0].decode() if error.args and isinstance(error.args[0], bytes) else error)
+        raise PhotographError(
+            f"{path.name}: LibRaw cannot read this RAW file ({reason})",
+            hint="copy it from the card again, or convert it to DNG or TIFF",
+        ) from error
+
+
+def _sensor(raw: rawpy.RawPy) -> Sensor:
+    if raw.num_colors == 1:
+        return "monochrome"
+    if raw.raw_type != rawpy.RawType.Flat:
+        return "demosaiced"
+    side = _pattern(raw).shape[0]
+    return "bayer" if side == 2 else "x-trans" if side == 6 else "mosaic"
+
+
+def _mosaic(raw: rawpy.RawPy, path: Path) -> Mosaic:
+    """`values` is LibRaw's own memory, for as long as the file is open."""
+    values = raw.raw_image_visible
+    pattern = _pattern(raw)
+    levels = np.array(raw.black_level_per_channel or [0] * 4, np.float32)
+    black = black_plane(path, values.shape)
+    if black is None:
+        black = levels[pattern]
+    white = _white(raw, float(black.min()), path)
+    return Mosaic(values, pattern, np.asarray(black, np.float32), white)
+
+
+def _pattern(raw: rawpy.RawPy) -> NDArray[np.uint8]:
+    """Of the visible picture; rawpy's counts from the corner of the sensor, and knows no monochrome ones."""
+    found = None if raw.num_colors == 1 else raw.raw_pattern
+    if found is None:
+        return np.zeros((1, 1), np.uint8)
+    margins = (-raw.sizes.top_margin, -raw.sizes.left_margin)
+    return np.asarray(np.roll(np.asarray(found), margins, axis=(0, 1)), np.uint8)
+
+
+def _white(raw: rawpy.RawPy, black: float, path: Path) -> float:
+    white = float(raw.white_level)
+    if white - black < 1:
+        raise PhotographError(
+            f"{path.name}: white level {white:g} is not above black level {black:g}",
+            hint="the file is damaged; take it out of the folder",
+        )
+    return white
+
+
+def _scale_layers(raw: rawpy.RawPy, path: Path) -> None:
+    """Black to 0 and white to 65535, of a file that has all its colours in every pixel; in place."""
+    layers = raw.raw_image_visible
+    levels = (raw.black_level_per_channel or [0] * 4)[: raw.num_colors]
+    span = _white(raw, min(levels), path) - min(levels)
+    for channel, level in enumerate(levels):
+        above = cv2.subtract(np.ascontiguousarray(layers[..., channel]), np.full(4, level))
+        layers[..., channel] = cv2.multiply(above, np.full(4, FULL / span))
+
+
+def _demosaiced(raw: rawpy.RawPy, demosaic: Demosaic) -> NDArray[np.uint16]:
+    """Of values that are between black 0 and white 65535 already."""
+    return _postprocessed(raw, demosaic, user_black=0, user_cblack=[0, 0, 0, 0], user_sat=FULL)
+
+
+def _postprocessed(raw: rawpy.RawPy, demosaic: Demosaic, **options: Any) -> NDArray[np.uint16]:
+    pixels = raw.postprocess(
+        demosaic_algorithm=rawpy.DemosaicAlgorithm[demosaic.upper()],
+        gamma=(1, 1),
+        no_auto_bright=True,
+        no_auto_scale=True,
+        output_bps=16,
+        use_camera_wb=False,
+        user_wb=[1, 1, 1, 1],
+        output_color=rawpy.ColorSpace.raw,
+        user_flip=0,
+        **options,
+    )
+    if pixels.ndim == 2 or pixels.shape[2] == 1:
+        pixels = np.repeat(pixels.reshape(*pixels.shape[:2], 1), 3, axis=2)
+    return np.asarray(pixels, np.uint16)
+
+
+def _srgb_from_camera(raw: rawpy.RawPy) -> NDArray[np.float64]:
+    """As-shot white balance, then LibRaw's matrix to sRGB, whose rows sum to 1 so that white stays white."""
+    balance = np.ones(3)
+    for found in (raw.camera_whitebalance, raw.daylight_whitebalance):
+        if found and np.isfinite(found[:3]).all() and min(found[:3]) > 0:
+            balance = np.array(found[:3], np.float64) / found[1]
+            break
+    matrix = np.array(raw.color_matrix, np.float64)[:, :3]
+    if not np.isfinite(matrix).all() or abs(np.linalg.det(matrix)) < 1e-6:
+        matrix = np.eye(3)
+    result: NDArray[np.float64] = matrix @ np.diag(balance)
+    return result

@@ -1,0 +1,193 @@
+"""How each photograph of the set is developed, from the options, the calibration frames and what EXIF says."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Iterator, Mapping, Sequence
+from concurrent.futures import Executor
+from contextlib import contextmanager
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from colmap_ihe.errors import ProjectError
+from colmap_ihe.machine.executor import threads_of
+from colmap_ihe.machine.progress import Audience, Watch
+from colmap_ihe.machine.scratch import scratch_folder
+from colmap_ihe.photographs.colour_balance import balance_gains
+from colmap_ihe.photographs.discover import Capture
+from colmap_ihe.photographs.each import LeftOut
+from colmap_ihe.photographs.exposure import exposure_gains
+from colmap_ihe.photographs.raw.calibration import BAD_PIXELS, Master, matched, read_bad_pixels, shot_of
+from colmap_ihe.photographs.raw.calibration_masters import (
+    camera_of,
+    found_over_the_set,
+    kept,
+    masters_of,
+    united,
+)
+from colmap_ihe.photographs.survey import Surveyed, survey
+from colmap_ihe.project.options import CamerasOptions, DevelopOptions
+from colmap_ihe.project.recipe import Recipe
+
+
+@dataclass
+class Recipes:
+    """`surveyed`: the photographs with their recipes. `steps`: what is done to those of each kind of camera, in
+    words, for the record; `warnings` what its owner should know; `left_out` those that cannot be used."""
+
+    surveyed: list[Surveyed]
+    steps: dict[str, list[str]] = field(default_factory=dict)
+    warnings: list[str] = field(default_factory=list)
+    left_out: LeftOut = field(default_factory=dict)
+
+
+def with_recipes(
+    surveyed: Sequence[Surveyed],
+    options: DevelopOptions,
+    calibration: Path | None,
+    store: Path,
+    executor: Executor,
+    watch: Watch,
+    *,
+    strict: bool,
+) -> Recipes:
+    """Gives every photograph its recipe. `calibration`: the user's folder of frames, if there is one; what is
+    made of them is kept in `store`. Raises `ProjectError` for a folder that cannot be used, `PhotographError`
+    for a broken frame if strict."""
+    told: dict[str, list[str]] = defaultdict(list)
+    masters: list[Master] = []
+    listed = ""
+    if calibration is not None and calibration.is_dir():
+        with threads_of(executor) as threads:  # frames are summed here
+            masters = masters_of(
+                calibration, store, threads, watch, strict, lambda text: told[text].append("")
+            )
+        if (calibration / BAD_PIXELS).is_file():
+            listed = kept(store, read_bad_pixels(calibration / BAD_PIXELS))
+    plain = Recipe(
+        demosaic=options.demosaic, green_equilibrium=options.green_equilibrium, denoise=options.denoise
+    )
+    found = found_over_the_set(surveyed, store, executor, watch, told) if options.find_bad_pixels else {}
+    result = []
+    for one in surveyed:
+        recipe = plain if one.capture.kind == "raw" else Recipe(denoise=options.denoise)
+        if one.sensor in ("bayer", "x-trans", "mosaic", "monochrome"):
+            shot = shot_of(one.metadata, one.width, one.height)
+            said: list[str] = []
+            recipe, shown = matched(shot, masters, recipe, said.append)
+            for text in said:
+                told[text].append(one.capture.name)
+            recipe = replace(
+                recipe, bad_pixels=united([*shown, listed, found.get(camera_of(one), "")], store)
+            )
+        result.append(_with(one, recipe))
+    if options.exposure == "normalise":
+        result, said = _normalised(result)
+        for text in said:
+            told[text].append("")
+    if options.balance:
+        gains = balance_gains([s.capture for s in result], executor, watch)
+        result = [_with(s, _scaled(s.capture.recipe, gains[s.capture.name])) for s in result]
+    warnings = [f"{text}: {_some(names)}" if any(names) else text for text, names in told.items()]
+    return Recipes(result, _steps(result), warnings)
+
+
+def _with(one: Surveyed, recipe: Recipe) -> Surveyed:
+    return replace(one, capture=replace(one.capture, recipe=recipe))
+
+
+def _normalised(surveyed: list[Surveyed]) -> tuple[list[Surveyed], list[str]]:
+    """RAW as if all were exposed alike; of the others the exposure is in their tone curve, which nobody knows."""
+    raw = {s.capture.name: s.metadata for s in surveyed if s.capture.kind == "raw"}
+    gains, warnings = exposure_gains(raw)
+    if len(raw) < len(surveyed):
+        warnings.append(
+            f"exposure is normalised of RAW only, not of {len(surveyed) - len(raw)} other photographs"
+        )
+    return [
+        _with(s, _scaled(s.capture.recipe, (gains.get(s.capture.name, 1.0),) * 3)) for s in surveyed
+    ], warnings
+
+
+def _scaled(recipe: Recipe, gains: tuple[float, float, float]) -> Recipe:
+    red, green, blue = (a * b for a, b in zip(recipe.gains, gains, strict=True))
+    return replace(recipe, gains=(red, green, blue))
+
+
+def _steps(surveyed: Sequence[Surveyed]) -> dict[str, list[str]]:
+    """What is done to the photographs of each kind of sensor and recipe, with what does not apply left out."""
+    kinds: dict[str, list[str]] = {}
+    for one in surveyed:
+        if one.capture.kind != "raw":
+            continue
+        said, recipe = one.metadata, one.capture.recipe
+        steps = list(_steps_of(recipe, one.sensor))
+        label = f"{said.make} {said.model}".strip() or "unknown camera"
+        name = f"{label}, {one.sensor}"
+        number = 1
+        while kinds.setdefault(name, steps) != steps:
+            number += 1
+            name = f"{label}, {one.sensor} ({number})"
+    return kinds
+
+
+def _steps_of(recipe: Recipe, sensor: str) -> Iterator[str]:
+    if recipe.bias and recipe.dark:
+        yield "bias frame, and dark frame scaled to the exposure"
+    else:
+        yield "dark frame" if recipe.dark else "bias frame" if recipe.bias else "black level"
+    if recipe.flat:
+        yield "flat field"
+    if recipe.bad_pixels:
+        yield f"{len(np.load(recipe.bad_pixels, allow_pickle=False))} bad pixels"
+    if sensor == "bayer" and recipe.green_equilibrium:
+        yield "green equilibrium"
+    if sensor not in ("demosaiced", "monochrome"):
+        yield f"demosaicing ({recipe.demosaic})"
+    if recipe.gains != (1, 1, 1):
+        yield "exposure or colour balance"
+    if recipe.denoise:
+        yield f"denoising ({recipe.denoise:g})"
+
+
+def _some(names: Sequence[str]) -> str:
+    shown = [n for n in names if n][:5]
+    return ", ".join(shown) + (f" and {len(names) - len(shown)} more" if len(names) > len(shown) else "")
+
+
+@contextmanager
+def prepared_set(
+    captures: Sequence[Capture],
+    options: DevelopOptions | None,
+    calibration: Path | None,
+    executor: Executor,
+    audience: Audience,
+    *,
+    strict: bool,
+    cameras: CamerasOptions | None = None,
+) -> Iterator[Recipes]:
+    """Photographs surveyed and with their recipes, for work outside of a project: the means of calibration
+    frames last as long as the context. Raises as `with_recipes`, and `ProjectError` for a `calibration` that is
+    no folder."""
+    if calibration is not None and not calibration.is_dir():
+        raise ProjectError(
+            f"{calibration}: no such folder of calibration frames",
+            hint="name a folder with bias/, darks/, flats/ or bad-pixels.txt in it",
+        )
+    with scratch_folder() as store:
+        with audience.stage("captures") as watch:
+            surveyed, left_out = survey(captures, executor, watch, strict=strict, cameras=cameras)
+            options = options or DevelopOptions()
+            found = with_recipes(surveyed, options, calibration, store, executor, watch, strict=strict)
+        for text in found.warnings:
+            audience.warn(text)
+        yield replace(found, left_out=left_out)
+
+
+def recipe_notes(surveyed: Sequence[Surveyed]) -> dict[str, Mapping[str, Any]]:
+    """By photograph, what its recipe has beyond the default one, its files by their names; for a record."""
+    notes = {s.capture.name: s.capture.recipe.identity() for s in surveyed}
+    return {name: recipe for name, recipe in notes.items() if recipe}

@@ -1,0 +1,94 @@
+"""What is in the user's files: digests of photographs, masks and calibration frames, by which the road tells
+whether something changed. The digest of a file is read again where its size, its times or its place on the disk have
+changed, and where a change could hide: the clock of the disk may be coarse, slow or have been set back.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Collection, Mapping, Sequence
+from concurrent.futures import Executor
+from pathlib import Path
+from typing import Any
+
+from colmap_ihe.errors import ProjectError
+from colmap_ihe.machine.executor import in_order
+from colmap_ihe.machine.files import digest_file, read_json
+from colmap_ihe.machine.progress import Watch
+from colmap_ihe.photographs.discover import Discovery
+from colmap_ihe.project.folder import Project
+
+_HIDING_NS = 3 * 10**9
+"""How soon after a file was read a change may carry the time that it had: FAT counts in steps of 2 s."""
+FRAMES = "../calibration/"  # before the names of its files, which no photograph can have
+
+
+def masks_in(folder: Path) -> dict[str, str]:
+    """Name and digest of every PNG below a folder; none if there is no such folder."""
+    files = sorted(p for p in folder.rglob("*.png") if p.is_file()) if folder.is_dir() else []
+    return {p.relative_to(folder).as_posix(): digest_file(p) for p in files}
+
+
+def digests_of(
+    project: Project, discovery: Discovery, executor: Executor, watch: Watch
+) -> dict[str, list[Any]]:
+    """Of every photograph and calibration frame what tells whether it changed, when it was read, and last the digest of
+    its content."""
+    known = read_json(project.digests_file) or {}
+    files = {c.name: c.path for c in discovery.captures}
+    for frame in sorted(p for p in project.calibration.rglob("*") if p.is_file() and p.name[0] != "."):
+        files[FRAMES + frame.relative_to(project.calibration).as_posix()] = frame
+    watch.start(len(files))
+    found: dict[str, list[Any]] = {name: [] for name in files}
+    changed = []
+    for name, path in files.items():
+        old = known.get(name, [])
+        if _still_holds(old, path):
+            found[name] = old
+            watch.advance()
+        else:
+            changed.append(name)
+    about = in_order(executor, _about, [files[name] for name in changed], watch=watch)
+    for name, values in zip(changed, about, strict=True):
+        found[name] = values
+        watch.advance()
+    return found
+
+
+def require_unchanged(
+    discovery: Discovery, digests: Mapping[str, Sequence[Any]], names: Collection[str]
+) -> None:
+    """Raises `ProjectError` if a photograph of these, which were left out, does not hold any more what it held when the
+    run began: then not what it holds was the reason, but a disk that went."""
+    for capture in discovery.captures:
+        if capture.name in names and _about(capture.path)[-1] != digests[capture.name][-1]:
+            raise ProjectError(
+                f"{capture.path}: changed while it was worked on, or its disk went",
+                hint="see that the disk is connected and nobody writes there; the same command goes on from here",
+            )
+
+
+def _stamp(path: Path) -> list[int]:
+    """Size, times of change of the content and of anything, place on the disk. The second time is the system's own:
+    programs that copy or edit cannot set it. Raises OSError."""
+    about = path.stat()
+    return [about.st_size, about.st_mtime_ns, about.st_ctime_ns, about.st_ino]
+
+
+def _still_holds(known: Any, path: Path) -> bool:
+    """Whether what is known of a file is of what it holds now."""
+    try:
+        *stamp, read_ns, digest = known
+        _, modified, changed, _ = stamp
+        hidden = changed > read_ns - _HIDING_NS or abs(read_ns - modified) < _HIDING_NS
+        return isinstance(digest, str) and not hidden and stamp == _stamp(path)
+    except (OSError, ValueError, TypeError):
+        return False
+
+
+def _about(path: Path) -> list[Any]:
+    read_ns = time.time_ns()  # by the clock of this machine, which need not be that of the disk
+    try:
+        return [*_stamp(path), read_ns, digest_file(path)]
+    except OSError as error:
+        return [0, 0, 0, 0, 0, f"unreadable: {error.strerror}"]

@@ -1,0 +1,223 @@
+"""One whole project, run in a process of its own, and what came of it: whatever its photographs do to a native library,
+they do to that process and to nothing else.
+
+`run_job` takes and returns plain values, so it may be handed to any `concurrent.futures.Executor`, here or on another
+machine that sees the same folders.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import select
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+from colmap_ihe.errors import KnownError
+from colmap_ihe.machine import memory
+from colmap_ihe.machine.files import room_on_disk
+from colmap_ihe.project.folder import Project
+
+Ending = Literal["done", "failed", "crashed", "out_of_memory", "timed_out", "busy", "stopped"]
+
+GRACE_SECONDS = 30.0
+"""For a run that was asked to stop; most take a second, and fusion in COLMAP some more."""
+_TICK_SECONDS = 0.25
+_LAST_WORDS = 1 << 16  # bytes of the log
+_START = "import sys; sys.path[:] = sys.argv[2:]; from colmap_ihe.pipeline.job_main import main; main()"
+GOES_ON = "the same command goes on from there"
+LESS_MEMORY = f"{GOES_ON}: close other programs, or lower features.max_image_size and dense.max_image_size"
+
+
+@dataclass(frozen=True)
+class Job:
+    """What is to be run. `root` of the project; `assignments` go over its project.yaml, as those of `--set`.
+
+    `images`, `until` and `developed` as of `reconstruct`, empty for none. `memory_bytes`: its share, 0 for all there
+    is. `stop_file`: the run ends soon after a file of this name appears.
+    """
+
+    root: str
+    assignments: tuple[str, ...] = ()
+    time_limit_s: float | None = None
+    memory_bytes: int = 0
+    stop_file: str = ""
+    images: str = ""
+    until: str = ""
+    developed: str = ""
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """How a run ended, and after how long. `stage` is where, unless it is done; `reason` and `hint` say why, and what
+    to do. `peak_bytes` of memory, 0 if unknown; `busy`: another run works on the project."""
+
+    state: Ending
+    seconds: float
+    stage: str = ""
+    reason: str = ""
+    hint: str = ""
+    peak_bytes: int = 0
+
+
+@dataclass(frozen=True)
+class Progress:
+    """How far a run is: `done` of `total` units of a stage, 0 of 0 if it does not say. `bytes`: of memory, now."""
+
+    stage: str = ""
+    done: int = 0
+    total: int = 0
+    bytes: int = 0
+
+
+def run_job(job: Job, follow: Callable[[Progress], None] | None = None) -> Outcome:
+    """Reconstructs one project in a process of its own, and waits for it. `follow` is told how far it is, a few times a
+    second. Whatever goes wrong with the project is in the outcome: nothing is raised for it."""
+    began = time.monotonic()
+    try:
+        project = Project.at(Path(job.root), Path(job.images) if job.images else None)
+        with room_on_disk(project.root):
+            project.records.mkdir(parents=True, exist_ok=True)
+            run = _Run(job, project.batch_log)
+    except KnownError as error:
+        return Outcome("failed", time.monotonic() - began, reason=str(error), hint=error.hint)
+    except OSError as error:
+        return Outcome(
+            "failed", 0.0, reason=f"no process could be started ({error})", hint="try again with fewer --jobs"
+        )
+    try:
+        return run.wait(follow or (lambda _progress: None))
+    finally:
+        run.end()
+
+
+class _Run:
+    def __init__(self, job: Job, log: Path) -> None:
+        self.job, self.log, self.began = job, log, time.monotonic()
+        with log.open("wb") as words:
+            self.process = subprocess.Popen(
+                [sys.executable or "python3", "-c", _START, json.dumps(asdict(job)), *sys.path],
+                stdin=subprocess.PIPE,  # which closes with us, however we end: it is then to stop
+                stdout=subprocess.PIPE,
+                stderr=words,
+                start_new_session=True,  # Ctrl-C in the terminal is for us
+            )
+        self.progress = Progress()
+        self.ended: dict[str, Any] = {}
+        self.peak = 0
+        self.asked: Ending | None = None
+        self.killed = False
+
+    def wait(self, follow: Callable[[Progress], None]) -> Outcome:
+        assert self.process.stdout is not None
+        rest, until = b"", float("inf")
+        while True:
+            if select.select([self.process.stdout], [], [], _TICK_SECONDS)[0]:
+                chunk = os.read(self.process.stdout.fileno(), 1 << 16)
+                if not chunk:
+                    break
+                *lines, rest = (rest + chunk).split(b"\n")
+                for line in lines:
+                    self._hear(json.loads(line))
+            now, peak = memory.taken(self.process.pid)
+            self.peak = max(self.peak, peak)
+            self.progress = Progress(self.progress.stage, self.progress.done, self.progress.total, now)
+            follow(self.progress)
+            if self.asked is None and (asked := self._to_stop()):
+                self.asked, until = asked, time.monotonic() + GRACE_SECONDS
+                self._ask_to_stop()
+            if time.monotonic() > until:
+                self._kill()
+        with suppress(subprocess.TimeoutExpired):
+            self.process.wait(GRACE_SECONDS)
+        return self._outcome()
+
+    def end(self) -> None:
+        """Leaves nothing of it behind."""
+        if self.process.poll() is None:
+            self._kill()
+        self.process.wait()
+        for pipe in (self.process.stdin, self.process.stdout):
+            assert pipe is not None
+            with suppress(OSError):
+                pipe.close()
+
+    def _hear(self, said: dict[str, Any]) -> None:
+        if "ended" in said:
+            self.ended = said["ended"]
+        else:
+            self.progress = Progress(**said)
+
+    def _to_stop(self) -> Ending | None:
+        if self.job.stop_file and Path(self.job.stop_file).exists():
+            return "stopped"
+        limit = self.job.time_limit_s
+        return "timed_out" if limit is not None and time.monotonic() - self.began > limit else None
+
+    def _ask_to_stop(self) -> None:
+        assert self.process.stdin is not None
+        with suppress(OSError):
+            self.process.stdin.close()
+
+    def _kill(self) -> None:
+        self.killed = True
+        with suppress(ProcessLookupError):
+            os.killpg(self.process.pid, signal.SIGKILL)
+
+    def _outcome(self) -> Outcome:
+        state, reason, hint = self._ending()
+        stage = "" if state == "done" else self.progress.stage
+        seconds = round(time.monotonic() - self.began, 2)
+        return Outcome(state, seconds, stage, reason, hint, self.peak)
+
+    def _ending(self) -> tuple[Ending, str, str]:
+        said = self.ended.get("state")
+        if self.asked and said in (None, "stopped"):
+            if self.asked == "timed_out":
+                limit = self.job.time_limit_s or 0
+                reason = f"not done within the time limit of {limit / 60:.4g} min{self._where()}"
+                return "timed_out", reason, f"{GOES_ON}; give it a longer --time-limit"
+            return "stopped", f"stopped{self._where()}", GOES_ON
+        if said is not None:
+            return said, self.ended["reason"], self.ended["hint"]
+        return self._crash()
+
+    def _crash(self) -> tuple[Ending, str, str]:
+        status, words = self.process.poll(), self._words()
+        if status == -signal.SIGKILL and not self.killed:
+            reason = f"killed by the system{self._where()}, as it does when memory runs out"
+            return "out_of_memory", reason, LESS_MEMORY
+        if "bad_alloc" in words or "MemoryError" in words:
+            return "out_of_memory", f"memory ran out{self._where()}", LESS_MEMORY
+        if status == -signal.SIGTERM:
+            return "stopped", f"stopped from elsewhere{self._where()} (SIGTERM)", GOES_ON
+        hint = f"{GOES_ON}; if it crashes again see {self.log} and records/colmap.log.*"
+        if status is not None and status < 0:
+            return "crashed", f"crashed{self._where()} ({_signal_name(-status)})", hint
+        last = words.strip().splitlines()[-1:] or ["it said nothing"]
+        return "crashed", f"ended without a result{self._where()}, exit status {status}: {last[0]:.300}", hint
+
+    def _where(self) -> str:
+        return f" in {self.progress.stage}" if self.progress.stage else ""
+
+    def _words(self) -> str:
+        try:
+            with self.log.open("rb") as log:
+                log.seek(max(0, log.seek(0, os.SEEK_END) - _LAST_WORDS))
+                return log.read().decode("utf-8", "replace")
+        except OSError:
+            return ""
+
+
+def _signal_name(number: int) -> str:
+    try:
+        return signal.Signals(number).name
+    except ValueError:
+        return f"signal {number}"

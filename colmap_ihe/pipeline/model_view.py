@@ -1,0 +1,163 @@
+"""What COLMAP's files of a project show, as plain arrays for a page: cloud, cameras, quality, matches."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from colmap_ihe.colmap.measures import upright
+from colmap_ihe.colmap.native import pycolmap
+from colmap_ihe.dense.ply import read_ply
+
+_F32 = NDArray[np.float32]
+_U8 = NDArray[np.uint8]
+_F64 = NDArray[np.float64]
+
+_CELLS = 10  # a side, of the grid in which points cover a photograph
+_FRUSTUM = 0.05  # of the size of the scene: how deep cameras are drawn
+
+
+@dataclass(frozen=True)
+class Points:
+    """`positions` (N, 3) in the frame of `Frame`, `colours` (N, 3) uint8, in random order; and how many there are in
+    all."""
+
+    positions: _F32
+    colours: _U8
+    in_all: int
+
+
+@dataclass(frozen=True)
+class Frame:
+    """Turns the model upright, y up as the photographs were held, and its middle to the origin."""
+
+    rotation: _F64
+    middle: _F64
+    size: float
+
+    def moved(self, points: NDArray[np.floating]) -> _F32:
+        return np.asarray((points - self.middle) @ self.rotation.T, np.float32)
+
+
+@dataclass(frozen=True)
+class Seen:
+    """What the model says of one image: its points, their mean reprojection error in pixels, and the share of its
+    area that they lie in."""
+
+    points: int
+    error_px: float | None
+    coverage: float
+
+
+class Model:
+    """A sparse model. Raises what pycolmap raises where there is none."""
+
+    def __init__(self, folder: Path) -> None:
+        self._model = pycolmap.Reconstruction(folder)
+        self.names = sorted(str(self._model.images[i].name) for i in self._model.reg_image_ids())
+        self._by_name = {str(self._model.images[i].name): i for i in self._model.reg_image_ids()}
+        self._xyz = np.array([p.xyz for p in self._model.points3D.values()]).reshape(-1, 3)
+
+    def frame(self) -> Frame:
+        poses = [self._model.images[i].cam_from_world().matrix() for i in self._by_name.values()]
+        rotation = upright(poses)
+        if not len(self._xyz):
+            return Frame(rotation, np.zeros(3), 1.0)
+        low, high = np.percentile(self._xyz, (5, 95), axis=0)
+        return Frame(rotation, np.median(self._xyz, axis=0), float(np.linalg.norm(high - low)) or 1.0)
+
+    def points(self, frame: Frame, most: int) -> Points:
+        colours = np.array([p.color for p in self._model.points3D.values()], np.uint8).reshape(-1, 3)
+        return _shuffled(frame.moved(self._xyz), colours, most)
+
+    def camera(self, name: str, frame: Frame) -> tuple[_F32, _F32]:
+        """Centre (3,) and corners (4, 3) of the picture before it, from the top left clockwise."""
+        image = self._model.images[self._by_name[name]]
+        camera = self._model.cameras[image.camera_id]
+        edges = np.array([(0, 0), (1, 0), (1, 1), (0, 1)]) * (camera.width, camera.height)
+        middle = (camera.principal_point_x, camera.principal_point_y)
+        rays = np.column_stack([(edges - middle) / camera.mean_focal_length(), np.ones(4)])
+        depth = _FRUSTUM * frame.size / max(1.0, float(np.abs(rays[:, 0]).max()))
+        world_from_cam = image.cam_from_world().inverse()
+        return frame.moved(world_from_cam.translation), frame.moved(world_from_cam * (rays * depth))
+
+    def seen(self, name: str) -> Seen:
+        image = self._model.images[self._by_name[name]]
+        camera = self._model.cameras[image.camera_id]
+        points = image.get_observation_points2D()
+        if not points:
+            return Seen(0, None, 0.0)
+        places = np.array([p.xy for p in points]) / (camera.width, camera.height)
+        cells = np.clip((places * _CELLS).astype(int), 0, _CELLS - 1)
+        coverage = len(np.unique(cells[:, 0] * _CELLS + cells[:, 1])) / _CELLS**2
+        errors = [self._model.points3D[p.point3D_id].error for p in points]
+        return Seen(len(points), float(np.mean(errors)), coverage)
+
+    def track_lengths(self) -> Mapping[int, int]:
+        return dict(sorted(Counter(p.track.length() for p in self._model.points3D.values()).items()))
+
+
+def dense_points(cloud: Path, frame: Frame, most: int) -> Points:
+    """Of a fused cloud. Raises `ProjectError`."""
+    rows = read_ply(cloud)["vertex"]
+    chosen = np.sort(np.random.default_rng(0).choice(len(rows), min(most, len(rows)), replace=False))
+    some = rows[chosen]
+    found = _shuffled(
+        frame.moved(np.stack([some[axis] for axis in "xyz"], axis=1)),
+        np.stack([some[name] for name in ("red", "green", "blue")], axis=1),
+        most,
+    )
+    return Points(found.positions, found.colours, len(rows))
+
+
+def cloud_as_seen(cloud: Path, model: Path, name: str, longest: int) -> _U8:
+    """(H, W, 3) uint8: a fused cloud as the camera of that image sees it, nearest points in front, white where there
+    is none; the longer side is `longest` at the most. Raises `ProjectError`."""
+    found = pycolmap.Reconstruction(model)
+    image = next(i for i in found.images.values() if i.name == name)
+    camera = found.cameras[image.camera_id]
+    scale = min(1.0, longest / max(camera.width, camera.height))
+    width, height = round(camera.width * scale), round(camera.height * scale)
+    rows = read_ply(cloud)["vertex"]
+    seen = image.cam_from_world() * np.stack([rows[axis] for axis in "xyz"], axis=1).astype(np.float64)
+    rows, seen = rows[seen[:, 2] > 0], seen[seen[:, 2] > 0]
+    column, row = (camera.img_from_cam(seen) * scale).astype(np.intp).T
+    inside = (column >= 0) & (column < width) & (row >= 0) & (row < height)
+    order = np.flatnonzero(inside)[np.argsort(-seen[inside, 2], kind="stable")]
+    drawn = np.full((height, width, 3), 255, np.uint8)
+    drawn[row[order], column[order]] = np.stack([rows[c][order] for c in ("red", "green", "blue")], axis=1)
+    return drawn
+
+
+def places_of_matches(database: Path, first: str, second: str) -> tuple[_F64, _F64]:
+    """(N, 2) each: where the verified matches of two images lie, in pixels."""
+    with pycolmap.Database.open(database) as opened:
+        ids = {str(image.name): image.image_id for image in opened.read_all_images()}
+        geometry = opened.read_two_view_geometry(ids[first], ids[second])
+        places = [np.asarray(opened.read_keypoints(ids[name]))[:, :2] for name in (first, second)]
+    pairs = np.asarray(geometry.inlier_matches, np.intp).reshape(-1, 2)
+    return places[0][pairs[:, 0]].astype(np.float64), places[1][pairs[:, 1]].astype(np.float64)
+
+
+def verified_matches(database: Path, names: Sequence[str]) -> NDArray[np.int64]:
+    """(n, n): how many verified inliers each two of the images share, in their order."""
+    place = {name: n for n, name in enumerate(names)}
+    found = np.zeros((len(names), len(names)), np.int64)
+    with pycolmap.Database.open(database) as opened:
+        of_id = {image.image_id: place.get(image.name) for image in opened.read_all_images()}
+        pairs, counts = opened.read_two_view_geometry_num_inliers()
+    for pair, count in zip(pairs, counts, strict=True):
+        first, second = (of_id.get(i) for i in pycolmap.pair_id_to_image_pair(pair))
+        if first is not None and second is not None:
+            found[first, second] = found[second, first] = count
+    return found
+
+
+def _shuffled(positions: _F32, colours: _U8, most: int) -> Points:
+    order = np.random.default_rng(0).permutation(len(positions))[:most]
+    return Points(positions[order], colours[order], len(positions))

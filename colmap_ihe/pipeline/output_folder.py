@@ -1,0 +1,150 @@
+"""What we have written into a folder that is not a project: which files are ours, which of them are stale.
+
+The record in the folder names each file with the fingerprint of what it is made from. A stale file is removed
+before the record says otherwise, so a file under its name is always of the fingerprint in the record, however
+a run ended. A file that we did not write, or that somebody changed since, is never overwritten.
+"""
+
+from __future__ import annotations
+
+import fcntl
+import os
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import Any
+
+from colmap_ihe.errors import ProjectError
+from colmap_ihe.machine.executor import local_executor
+from colmap_ihe.machine.files import (
+    digest_file,
+    is_name_below,
+    leads_out,
+    read_json,
+    remove_unfinished,
+    room_on_disk,
+    write_json,
+)
+
+RECORD = ".colmap-ihe.json"
+
+
+class Ledger:
+    """The record of one folder. `files`: by name, the fingerprint of what each is made from and the digest of
+    what we wrote, empty if we were killed before it was noted. `notes`: plain values kept beside. `changed`,
+    once it has begun: our files that somebody has changed since."""
+
+    def __init__(self, folder: Path) -> None:
+        """Raises `ProjectError` for a folder with anything in it and no record of ours."""
+        self.folder = folder
+        self.files: dict[str, dict[str, str]] = {}
+        self.notes: dict[str, Any] = {}
+        self.changed: set[str] = set()
+        record = read_json(folder / RECORD)
+        if record is None:
+            if any(folder.iterdir()):
+                raise ProjectError(
+                    f"{folder}: is not empty, and not of an earlier run of colmap-ihe",
+                    hint="name an empty or a new folder",
+                )
+            return
+        files, notes = record.get("files"), record.get("notes")
+        if not isinstance(files, dict) or not isinstance(notes, dict) or not _is_table(files):
+            raise ProjectError(
+                f"{folder / RECORD}: is not a record of this version", hint="name an empty or a new folder"
+            )
+        self.files, self.notes = {n: dict(f) for n, f in files.items() if self._is_below(n)}, notes
+
+    def refuse(self, wanted: Mapping[str, str]) -> None:
+        """Raises `ProjectError` if a file that is not ours is in the way of `wanted`, or if what lies here is
+        of other photographs. `wanted`: the photograph that each file is made from."""
+        for name in wanted:
+            if not self._is_below(name):
+                raise ProjectError(
+                    f"{self.folder / name}: lies behind a link that leads out of the folder",
+                    hint="take the link out, or name another folder",
+                )
+            if name not in self.files and (self.folder / name).exists():
+                raise ProjectError(
+                    f"{self.folder / name}: is there already and was not written by colmap-ihe",
+                    hint="move it away, or name another folder",
+                )
+        there = {f["photograph"] for n, f in self.files.items() if (self.folder / n).exists()}
+        if there and not there & set(wanted.values()):
+            raise ProjectError(
+                f"{self.folder}: holds grey images of other photographs, as {min(there)}",
+                hint="name a folder of its own for each set",
+            )
+
+    def _is_below(self, name: str) -> bool:
+        return is_name_below(name) and not leads_out(self.folder / name, self.folder)
+
+    def begin(self, wanted: Mapping[str, str], prints: Mapping[str, str]) -> set[str]:
+        """Removes what is stale or no longer wanted, and notes what will be written: the names returned.
+        `prints`: the fingerprint that each wanted file is to have. Raises `ProjectError` for a stale file that
+        was changed since."""
+        there = self._digests([n for n, f in self.files.items() if f["digest"]])
+        changed = self.changed = {n for n, digest in there.items() if digest != self.files[n]["digest"]}
+        stale = {n for n in wanted if self.files.get(n, {}).get("fingerprint") != prints[n]}
+        for name in sorted(stale & changed):
+            raise ProjectError(
+                f"{self.folder / name}: is to be written again and was changed since it was written",
+                hint="move it away to keep it, or delete it",
+            )
+        for name in (stale | set(self.files) - set(wanted)) - changed:
+            with room_on_disk(self.folder):
+                (self.folder / name).unlink(missing_ok=True)
+        missing = {n for n in wanted if n in stale or not (self.folder / n).exists()}
+        kept = {n: self.files[n] for n in wanted if n not in missing}
+        new = {
+            n: {"photograph": wanted[n], "fingerprint": prints[n], "digest": ""}
+            for n in wanted
+            if n in missing
+        }
+        self.files = kept | new
+        self.save()
+        return missing
+
+    def end(self) -> None:
+        """Notes what has been written."""
+        for name, digest in self._digests([n for n, f in self.files.items() if not f["digest"]]).items():
+            self.files[name]["digest"] = digest
+        self.save()
+
+    def save(self) -> None:
+        write_json(self.folder / RECORD, {"files": self.files, "notes": self.notes})
+
+    def _digests(self, names: Sequence[str]) -> dict[str, str]:
+        """Of those files that are there."""
+        there = [n for n in names if (self.folder / n).exists()]
+        with local_executor() as executor:
+            return dict(zip(there, executor.map(digest_file, [self.folder / n for n in there]), strict=True))
+
+
+@contextmanager
+def opened(folder: Path) -> Iterator[Ledger]:
+    """The ledger of a folder, made if it is not there, for one run at a time; a folder that is empty in the end
+    is removed again. Raises `ProjectError`."""
+    if folder.exists() and not folder.is_dir():
+        raise ProjectError(f"{folder}: is a file, wanted a folder", hint="name an empty or a new folder")
+    with room_on_disk(folder):
+        folder.mkdir(parents=True, exist_ok=True)
+    handle = os.open(folder, os.O_RDONLY)
+    try:
+        try:
+            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError as error:
+            raise ProjectError(
+                f"{folder}: another run is writing into it", hint="wait for it, or stop it"
+            ) from error
+        remove_unfinished(folder)
+        yield Ledger(folder)
+    finally:
+        with suppress(OSError):  # it is not empty
+            folder.rmdir()
+        os.close(handle)
+
+
+def _is_table(files: Mapping[Any, Any]) -> bool:
+    keys = ("photograph", "fingerprint", "digest")
+    return all(isinstance(f, dict) and all(isinstance(f.get(k), str) for k in keys) for f in files.values())

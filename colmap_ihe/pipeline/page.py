@@ -1,0 +1,277 @@
+"""The page of a project: what it shows is gathered here from the project's files and records, and written."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+from numpy.typing import NDArray
+
+from colmap_ihe.colmap.two_views import features_of, match, quiet, verified
+from colmap_ihe.dense.undistort import read_colour, read_grey
+from colmap_ihe.errors import KnownError
+from colmap_ihe.machine.executor import in_order, threads_of
+from colmap_ihe.machine.files import write_bytes
+from colmap_ihe.machine.libraries import library_versions
+from colmap_ihe.machine.progress import Audience, Watch
+from colmap_ihe.pipeline import model_view as shown
+from colmap_ihe.pipeline.run_state import Run
+from colmap_ihe.project.folder import Project
+from colmap_ihe.project.options import Options
+from colmap_ihe.report import pictures
+from colmap_ihe.report.contents import Camera, Cloud, Contents, Grey, Pair, Photograph, Picture, Slider
+from colmap_ihe.report.page import render_page
+from colmap_ihe.report.summary import summary_rows, weights_in_words
+
+CITATION = (
+    "Intensity histogram equalisation, a colour-to-grey conversion strategy improving photogrammetric reconstruction"
+    " of urban architectural heritage (2016)"
+)
+_POINTS = 200_000  # of the cloud; a page is to be sent by mail
+_THUMBNAIL, _SLIDER, _PAIR, _TILE = 240, 1000, 1000, 96  # pixels
+_MATCHED = 1600  # pixels of the longer side, at which pairs are matched again
+_SLIDERS, _PAIRS, _TILES, _PICTURED = 4, 3, 144, 400  # photographs; a larger set is shown in part
+_Records = Mapping[str, Mapping[str, Any]]
+_U8 = NDArray[np.uint8]
+
+
+@dataclass(frozen=True)
+class _Look:
+    """One photograph, small: what tiles, thumbnails and the histograms are made of."""
+
+    name: str
+    thumbnail: Picture
+    colour: _U8
+    grey: _U8
+    tones_chosen: NDArray[np.int64]
+    tones_rec709: NDArray[np.int64]
+
+
+def page_of(run: Run, summary: Mapping[str, Any], audience: Audience) -> None:
+    """The page at the end of a run. Where it cannot be written the model is there all the same, and a warning."""
+    try:
+        with audience.stage("page") as watch:
+            write_page(run, summary, watch)
+    except KnownError as error:
+        audience.warn(f"no page was written: {error}")
+
+
+def write_page(run: Run, summary: Mapping[str, Any], watch: Watch) -> Path:
+    """Writes report/index.html of a project that is converted at least, and returns it. Raises `KnownError`s."""
+    write_bytes(run.project.page_file, render_page(gather(run, summary, watch)).encode())
+    return run.project.page_file
+
+
+def gather(run: Run, summary: Mapping[str, Any], watch: Watch) -> Contents:
+    """All that the page shows of a project that is converted at least. Raises `KnownError`s."""
+    project, records, options = run.project, run.records, run.options
+    grey_of: Mapping[str, str] = records["convert"]["grey"]
+    some = _spread(sorted(grey_of), _PICTURED)
+    watch.start(len(some), "photographs looked at")
+    looks: dict[str, _Look] = {}
+    with threads_of(run.executor) as threads:  # pictures are what comes of it
+        for look in in_order(threads, lambda name: _look(project, name, grey_of[name]), some, watch=watch):
+            looks[look.name] = look
+            watch.advance()
+    model = shown.Model(project.sparse / "0") if "sparse" in records else None
+    frame = model.frame() if model else None
+    photographs = _photographs(summary, grey_of, looks, model)
+    matched = None
+    if "matches" in records:
+        matched = shown.verified_matches(project.database, [grey_of.get(p.name, "") for p in photographs])
+    return Contents(
+        title=project.root.name,
+        result=_result(summary),
+        rows=summary_rows(summary),
+        grey=_grey(summary, options, list(looks.values())),
+        photographs=photographs,
+        cloud=_cloud(project, records, model, frame) if model and frame else None,
+        cameras=_cameras(grey_of, model, frame) if model and frame else (),
+        sliders=[_slider(project, name, grey_of[name]) for name in _spread(sorted(looks), _SLIDERS)],
+        pairs=_pairs(project, summary, grey_of, matched, photographs, watch),
+        track_lengths=model.track_lengths() if model else {},
+        matches=matched,
+        warnings=summary["warnings"],
+        seconds=summary["stages"],
+        versions=library_versions("pycolmap", "opencv", "rawpy", "libraw"),
+        options=yaml.safe_dump(options.as_yaml(), sort_keys=False),
+        methods_sentence=_methods(summary, options),
+        citation=CITATION,
+    )
+
+
+def _result(summary: Mapping[str, Any]) -> str:
+    if summary["registered_images"] is None:
+        return f"{summary['images']} photographs, converted to grey."
+    parts = [f"{summary['registered_images']} of {summary['images']} photographs have their place"]
+    if summary["dense_points"]:
+        parts.append(f"the dense cloud has {summary['dense_points']:,} points")
+    error = f"mean reprojection error {summary['mean_reprojection_error_px']:.2f} px"
+    return f"{', '.join(parts)}; {error}."
+
+
+def _methods(summary: Mapping[str, Any], options: Options) -> str:
+    weights = summary["weights"]
+    words = f" ({weights_in_words(weights)})" if weights else ""
+    versions = library_versions("pycolmap")
+    guard = (
+        ", with a guard against noise" if (options.fit.method, options.fit.guard) == ("ihe", "noise") else ""
+    )
+    return (
+        "The photographs were converted to grey by one conversion for the whole set,"
+        f" {options.fit.method}{guard}{words},"
+        f" and reconstructed with COLMAP (pycolmap {versions['pycolmap']}) driven by colmap-ihe."
+    )
+
+
+def _look(project: Project, name: str, grey_name: str) -> _Look:
+    colour, grey = read_colour(project.colour / grey_name), read_grey(project.grey / grey_name)
+    small = pictures.shrunk(colour, _THUMBNAIL)
+    counts = [
+        np.bincount(values[::2, ::2].ravel(), minlength=256) for values in (grey, pictures.rec709(colour))
+    ]
+    return _Look(
+        name,
+        pictures.picture(small, f"photograph {name}", _THUMBNAIL),
+        small,
+        pictures.shrunk(grey, _THUMBNAIL),
+        counts[0],
+        counts[1],
+    )
+
+
+def _grey(summary: Mapping[str, Any], options: Options, looks: Sequence[_Look]) -> Grey:
+    weights = summary["weights"]
+    total = [sum(getattr(look, name) for look in looks) for name in ("tones_chosen", "tones_rec709")]
+    shares = [tuple((counts / counts.sum()).tolist()) for counts in total]
+    tiles = [look for look in looks if look.name in _spread([one.name for one in looks], _TILES)]
+    coloured = pictures.patchwork([look.colour for look in tiles], _TILE)
+    grey = pictures.patchwork([look.grey for look in tiles], _TILE)
+    return Grey(
+        method=options.fit.method,
+        weights=tuple(weights) if weights else None,
+        in_words=weights_in_words(weights)
+        if weights
+        else f"the conversion {options.fit.method}, which has no weights",
+        benefit=summary["tried"]["in_words"] if summary["tried"] else "",
+        tones_chosen=shares[0],
+        tones_rec709=shares[1],
+        patchwork_colour=pictures.picture(coloured, "the set in colour", 12 * _TILE),
+        patchwork_grey=pictures.picture(grey, "the set in the chosen grey", 12 * _TILE),
+    )
+
+
+def _photographs(
+    summary: Mapping[str, Any],
+    grey_of: Mapping[str, str],
+    looks: Mapping[str, _Look],
+    model: shown.Model | None,
+) -> list[Photograph]:
+    found = []
+    in_model = set(model.names) if model else set()
+    for name in sorted(grey_of):
+        thumbnail = looks[name].thumbnail if name in looks else None
+        if model and grey_of[name] in in_model:
+            seen = model.seen(grey_of[name])
+            found.append(Photograph(name, thumbnail, seen.points, seen.error_px, seen.coverage))
+        else:
+            why = summary["left_out"].get(name) or ("it has no place in the model" if model else "")
+            found.append(Photograph(name, thumbnail, left_out=why))
+    others = sorted(set(summary["left_out"]) - set(grey_of))
+    return [*found, *(Photograph(name, None, left_out=summary["left_out"][name]) for name in others)]
+
+
+def _cloud(project: Project, records: _Records, model: shown.Model, frame: shown.Frame) -> Cloud:
+    is_dense = bool(records.get("dense", {}).get("points"))
+    if is_dense:
+        points = shown.dense_points(project.dense / "fused.ply", frame, _POINTS)
+    else:
+        points = model.points(frame, _POINTS)
+    weights = next(iter(records["fit"]["weights"].values()))["weights"]
+    grey = np.rint(points.colours @ np.array(weights if weights else (0.2126, 0.7152, 0.0722))).astype(
+        np.uint8
+    )
+    return Cloud(points.positions, points.colours, grey, "dense" if is_dense else "sparse", points.in_all)
+
+
+def _cameras(grey_of: Mapping[str, str], model: shown.Model, frame: shown.Frame) -> list[Camera]:
+    found = []
+    for name, grey in sorted(grey_of.items()):
+        if grey in model.names:
+            found.append(Camera(name, *model.camera(grey, frame)))
+    return found
+
+
+def _slider(project: Project, name: str, grey_name: str) -> Slider:
+    colour = pictures.shrunk(read_colour(project.colour / grey_name), _SLIDER)
+    chosen = pictures.shrunk(read_grey(project.grey / grey_name), _SLIDER)
+    default = pictures.rec709(colour)
+    return Slider(
+        name,
+        pictures.picture(colour, f"{name} in colour", _SLIDER),
+        pictures.picture(chosen, f"{name} in the chosen grey", _SLIDER),
+        pictures.picture(default, f"{name} in Rec.709", _SLIDER),
+        pictures.picture(
+            pictures.difference(chosen, default),
+            f"{name}: chosen grey less Rec.709, middle grey is none",
+            _SLIDER,
+        ),
+    )
+
+
+def _pairs(
+    project: Project,
+    summary: Mapping[str, Any],
+    grey_of: Mapping[str, str],
+    matched: NDArray[np.int64] | None,
+    photographs: Sequence[Photograph],
+    watch: Watch,
+) -> list[Pair]:
+    """The pairs on which the grey was measured, else those with most matches, matched again in both greys."""
+    wanted = [tuple(pair) for pair in (summary["tried"] or {}).get("pairs", ())]
+    names = [p.name for p in photographs]
+    if not wanted and matched is not None and matched.any():
+        best = np.argsort(np.triu(matched), axis=None)[::-1][: 4 * _PAIRS]
+        rows = [np.unravel_index(n, matched.shape) for n in best if matched.flat[n]]
+        taken: set[int] = set()
+        for row in rows:  # each photograph once, so that the pairs are of several places
+            if not taken & {int(n) for n in row}:
+                taken |= {int(n) for n in row}
+                wanted.append((names[row[0]], names[row[1]]))
+    wanted = [pair for pair in wanted if all(name in grey_of for name in pair)][:_PAIRS]
+    watch.start(len(wanted), "pairs drawn")
+    found = []
+    for first, second in wanted:
+        found.append(_pair(project, (first, second), (grey_of[first], grey_of[second]), watch))
+        watch.advance()
+    return found
+
+
+def _pair(project: Project, names: tuple[str, str], greys: tuple[str, str], watch: Watch) -> Pair:
+    colours = [pictures.shrunk(read_colour(project.colour / grey), _MATCHED) for grey in greys]
+    looks = {
+        "chosen grey": [pictures.shrunk(read_grey(project.grey / grey), _MATCHED) for grey in greys],
+        "Rec.709": [pictures.rec709(colour) for colour in colours],
+    }
+    drawn, counts = [], []
+    for words, (one, other) in looks.items():
+        with quiet():
+            first, second = features_of([one, other], watch, first_octave=0)
+        pairs = match(first, second)
+        ones, others = first.places[pairs[:, 0]], second.places[pairs[:, 1]]
+        kept = verified(ones, others, (one.shape[1], one.shape[0]), (other.shape[1], other.shape[0]))
+        alt = f"{names[0]} and {names[1]} in {words}, {len(kept)} verified matches"
+        drawn.append(
+            pictures.picture(pictures.matches_drawn(one, other, ones[kept], others[kept]), alt, _PAIR)
+        )
+        counts.append(len(kept))
+    return Pair(names[0], names[1], drawn[0], counts[0], drawn[1], counts[1])
+
+
+def _spread(names: Sequence[str], most: int) -> list[str]:
+    """At most so many of them, evenly."""
+    return list(names[:: -(-len(names) // most)]) if names else []

@@ -1,1 +1,0 @@
-"""A texture for a mesh from oriented photographs: arrays in, arrays out."""
