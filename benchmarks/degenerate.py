@@ -3,7 +3,7 @@
     python benchmarks/degenerate.py [SET ...]
     python benchmarks/degenerate.py --models FOLDER ...
 
-The first renders the sets of tests/odd_sets.py, reconstructs each without dense stereo, and prints a row and the
+The first renders the sets of tests/scenes/odd_sets.py, reconstructs each without dense stereo, and prints a row and the
 sentences of each. The second prints what is measured on finished projects, by which docs/degenerate.md sets sound and
 folded models apart.
 """
@@ -16,7 +16,7 @@ import sys
 import tempfile
 from pathlib import Path
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests/scenes"))
 
 import odd_sets
 

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 import pytest
 from browser import chromium, headless
 from hypothesis import settings
+from small_demo import DEMO_SIZE, DEMO_VIEWS, PHOTOGRAPHS, QUICK, ROOT
 
 import colmap_ihe  # noqa: F401  before pycolmap
 from colmap_ihe.evaluation.demo.render import render_demo
@@ -27,18 +28,6 @@ if TYPE_CHECKING:
 
 settings.register_profile("house", deadline=None, derandomize=True, database=None)
 settings.load_profile("house")
-
-DEMO_VIEWS, DEMO_SIZE = 8, (480, 320)
-QUICK = (
-    "fit.step=0.1",
-    "features.colmap.sift.first_octave=0",
-    "dense.max_image_size=240",
-    "mesh.faces=2000",
-)
-"""Options with which the small demo still registers all its views, in a third of the time."""
-
-PHOTOGRAPHS = Path(__file__).parents[1] / "../shared/data"
-
 
 FAULTS = """
 # Stands for a decoder with a bug: what it does to a JPEG is the JPEG's comment.
@@ -82,7 +71,7 @@ def faulty(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     """New decoders do what the comment of a JPEG says."""
     (tmp_path / ".hook").mkdir()
     (tmp_path / ".hook/sitecustomize.py").write_text(FAULTS, encoding="utf-8")
-    root = str(Path(__file__).parents[1])
+    root = str(ROOT)
     monkeypatch.setenv("PYTHONPATH", os.pathsep.join((str(tmp_path / ".hook"), root)))
     decoders.rest()
     yield

@@ -12,8 +12,8 @@ from typing import Any
 
 import pytest
 from packaging.requirements import Requirement
+from small_demo import ROOT
 
-ROOT = Path(__file__).parents[1]
 PAGE = ROOT / "docs" / "dependencies.md"
 
 

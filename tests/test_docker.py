@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import re
-from pathlib import Path
 
 import yaml
 from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
+from small_demo import ROOT
 
-ROOT = Path(__file__).parents[1]
 PINS = [
     Requirement(line)
     for line in (ROOT / "docker/constraints.txt").read_text(encoding="utf-8").splitlines()

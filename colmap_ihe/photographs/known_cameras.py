@@ -3,7 +3,7 @@
 COLMAP 4.2 takes the focal length in pixels from the 35 mm equivalent, else from the focal length and the
 focal-plane resolution, else from the focal length and a table of sensors by make and model; and one camera for
 photographs of the same make, model, focal length and size (measured with pycolmap.infer_camera_from_image and
-import_images, see tests/test_cameras.py).
+import_images, see tests/photographs/test_known_cameras.py).
 """
 
 from __future__ import annotations

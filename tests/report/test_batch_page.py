@@ -7,16 +7,14 @@ import re
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import numpy as np
 import pytest
-from test_page import HOSTILE, Elements
+from batch_contents import contents
+from html_elements import HOSTILE, Elements
 
 from colmap_ihe.batch.folder import BatchFolder
 from colmap_ihe.batch.state import Batched, BatchState, Phase, batched, facts_of, publish
 from colmap_ihe.machine.files import write_json
 from colmap_ihe.project.folder import Project
-from colmap_ihe.report import pictures
-from colmap_ihe.report.contents import BatchContents, Picture, ProjectRow
 from colmap_ihe.report.page import render_batch
 
 if TYPE_CHECKING:
@@ -30,45 +28,6 @@ FIGURES = {
     "dense_points": 2345678,
     "mesh_faces": None,
 }
-
-
-def thumbnail(alt: str = "A photograph") -> Picture:
-    return pictures.picture(np.full((90, 160, 3), 120, np.uint8), alt, 160)
-
-
-def contents(hostile: str = "", again_s: int | None = None) -> BatchContents:
-    facts = [
-        ("registered images", "8 of 9"),
-        ("mean reprojection error", "0.46 px"),
-        ("dense points", "2,345,678"),
-    ]
-    rows = [
-        ProjectRow(
-            f"{hostile}arch", "done", "done", "../a/index.html", thumbnail(f"Photograph {hostile}"), facts
-        ),
-        ProjectRow("bridge", "running", "running: dense 3 of 14", "", thumbnail(), [("photographs", "14")]),
-        ProjectRow(
-            f"{hostile}chapel",
-            "failed",
-            "crashed",
-            "",
-            None,
-            (),
-            f"{hostile} crashed",
-            hostile,
-            "../c/batch.log",
-        ),
-        ProjectRow("dome", "waiting", "waiting", "", None),
-    ]
-    return BatchContents(
-        f"{hostile}campaign: 4 projects",
-        "1 of 4 done.",
-        rows,
-        f"colmap-ihe batch {hostile}",
-        "now",
-        again_s,
-        [hostile],
-    )
 
 
 @pytest.fixture

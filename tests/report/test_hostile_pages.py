@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
+from batch_contents import contents as batch_contents
+from html_elements import Elements
 from synthetic import synthetic_contents
-from test_batch_page import contents as batch_contents
-from test_page import Elements
 
 from colmap_ihe.batch.folder import BatchFolder
 from colmap_ihe.batch.state import BatchState, batched, publish

@@ -7,47 +7,17 @@ import dataclasses
 import hashlib
 import json
 import re
-from html.parser import HTMLParser
 from typing import Any
 
 import numpy as np
 import pytest
+from html_elements import HOSTILE, Elements
 from synthetic import facade_cloud, synthetic_contents
 
 from colmap_ihe.report import charts
 from colmap_ihe.report.contents import Cloud, Contents, Photograph
 from colmap_ihe.report.embed import cloud_data
 from colmap_ihe.report.page import render_page
-
-HOSTILE = "\"><script>alert(1)</script><img src=x onerror=alert(2)>'</title></style>{{7*7}}&amp;"
-
-
-class Elements(HTMLParser):
-    """Start tags with their attributes, and the text of scripts."""
-
-    def __init__(self, html: str) -> None:
-        super().__init__()
-        self.tags: list[tuple[str, dict[str, str | None]]] = []
-        self.scripts: list[tuple[str | None, str]] = []
-        self.headings: list[int] = []
-        self._script: str | None = None
-        self._inside = False
-        self.feed(html)
-
-    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
-        self.tags.append((tag, dict(attrs)))
-        if tag == "script":
-            self._inside, self._script = True, dict(attrs).get("type")
-        if re.fullmatch("h[1-6]", tag):
-            self.headings.append(int(tag[1]))
-
-    def handle_data(self, data: str) -> None:
-        if self._inside:
-            self.scripts.append((self._script, data))
-
-    def handle_endtag(self, tag: str) -> None:
-        if tag == "script":
-            self._inside = False
 
 
 def nothing_but(title: str = "A set", **more: Any) -> Contents:

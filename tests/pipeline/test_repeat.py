@@ -7,7 +7,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from conftest import QUICK
+from small_demo import QUICK
 
 from colmap_ihe.cli import main
 from colmap_ihe.errors import OptionError

@@ -11,7 +11,6 @@ from collections.abc import Callable
 from dataclasses import fields
 from functools import reduce
 from operator import add
-from pathlib import Path
 from typing import Any
 
 import cv2
@@ -19,6 +18,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 from oracle import scene
+from small_demo import ROOT
 
 from colmap_ihe.errors import PhotographError
 from colmap_ihe.grey.contrast import Contrast
@@ -254,7 +254,7 @@ def test_scope_and_callables_fit_together(conversion: Conversion) -> None:
 
 
 def test_the_page_of_the_manual_says_the_same() -> None:
-    page = (Path(__file__).parents[2] / "docs" / "conversions.md").read_text().splitlines()
+    page = (ROOT / "docs" / "conversions.md").read_text().splitlines()
     rows = [[cell.strip() for cell in line.strip("|").split("|")] for line in page if line.startswith("| `")]
     assert [row[0].strip("`") for row in rows[1:]] == list(CONVERSIONS)
     fitted = {"set": "once for the set", "image": "per image", "colour": "nothing to fit"}

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from bombs import HUGE, png_of, with_sides
 from fuzz import outcome_of
 from fuzz_mutations import Target
 from fuzz_pictures import Answering
@@ -234,8 +235,6 @@ print(json.dumps(said))
 def test_pixels_are_counted_before_they_are_decoded(tmp_path: Path) -> None:
     """Masks and true depth, which this process reads itself, with 256 MB to do it in; photographs and frames, which
     decoders read, in test_mutated.py."""
-    from test_mutated import HUGE, png_of, with_sides
-
     (tmp_path / "grey").mkdir()
     (tmp_path / "masks").mkdir()
     Image.new("L", (24, 16)).save(tmp_path / "grey/a.png")

@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from same_results import contents, known_of
 
-from colmap_ihe.colmap.native import pycolmap
 from colmap_ihe.errors import Cancelled, PhotographError
 from colmap_ihe.machine.executor import in_order
 from colmap_ihe.machine.progress import SILENT, Silent
@@ -23,27 +23,6 @@ from colmap_ihe.project.folder import Project
 from colmap_ihe.project.options import DevelopOptions, Options
 
 Make = Callable[..., Path]
-
-
-def contents(folder: Path) -> dict[str, bytes]:
-    return {p.relative_to(folder).as_posix(): p.read_bytes() for p in folder.rglob("*") if p.is_file()}
-
-
-def known_of(database: Path) -> dict[str, Any]:
-    """Everything in a database, as values that can be compared."""
-    with pycolmap.Database.open(database) as opened:
-        images = {image.image_id: (image.name, image.camera_id) for image in opened.read_all_images()}
-        pairs, geometries = opened.read_two_view_geometries()
-        return {
-            "cameras": [str(camera) for camera in opened.read_all_cameras()],
-            "images": images,
-            "keypoints": {i: opened.read_keypoints(i).tobytes() for i in images},
-            "descriptors": {i: opened.read_descriptors(i).data.tobytes() for i in images},
-            "matches": {i: m.tobytes() for i, m in zip(*opened.read_all_matches(), strict=True)},
-            "verified": {
-                i: (int(g.config), g.inlier_matches.tobytes()) for i, g in zip(pairs, geometries, strict=True)
-            },
-        }
 
 
 @pytest.fixture

@@ -17,7 +17,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 import simplejpeg
-from conftest import QUICK
+from small_demo import QUICK, ROOT
 
 from colmap_ihe.cli import main
 from colmap_ihe.errors import DiskFullError, NativeError, ShortOfMemoryError
@@ -120,7 +120,7 @@ def _limited(project: Path, kind: int, most: int, *more: str) -> subprocess.Comp
         text=True,
         timeout=600,
         check=False,
-        env=os.environ | {"PYTHONPATH": str(Path(__file__).parents[1])},
+        env=os.environ | {"PYTHONPATH": str(ROOT)},
     )
 
 
@@ -268,7 +268,7 @@ def test_open_files_threads_and_processes_do_not_grow_with_the_set(tmp_path: Pat
     with subprocess.Popen(
         [sys.executable, "-c", start, "48", *command, "--set", "fit.measure=false", "--set", "fit.step=0.1"],
         stderr=subprocess.PIPE,
-        env=os.environ | {"PYTHONPATH": str(Path(__file__).parents[1])},
+        env=os.environ | {"PYTHONPATH": str(ROOT)},
     ) as process:
         assert process.stderr is not None
         while process.poll() is None:

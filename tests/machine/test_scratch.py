@@ -10,6 +10,7 @@ import tempfile
 from pathlib import Path
 
 import pytest
+from small_demo import ROOT
 
 from colmap_ihe.errors import DiskFullError
 from colmap_ihe.machine.files import remove_unfinished, replace_folder, write_bytes
@@ -47,7 +48,7 @@ def test_it_is_gone_after_success_and_after_failure(temporary: Path) -> None:
 def test_of_a_killed_process_it_goes_at_the_next_start_and_of_a_live_one_it_stays(temporary: Path) -> None:
     (temporary / "colmap-ihe-scratch-of-theirs").write_text("no folder")
     (temporary / "colmap-ihe-else").mkdir()
-    environment = os.environ | {"PYTHONPATH": str(Path(__file__).parents[1])}
+    environment = os.environ | {"PYTHONPATH": str(ROOT)}
     with subprocess.Popen(
         [sys.executable, "-c", LIVES],
         stdin=subprocess.PIPE,

@@ -21,8 +21,9 @@ from typing import Any
 import numpy as np
 import pytest
 import tifffile
-from conftest import PHOTOGRAPHS
+from bombs import HUGE, chunk, png_of, with_sides
 from PIL import Image, ImageCms
+from small_demo import PHOTOGRAPHS
 
 from colmap_ihe.evaluation.demo.dng import write_dng
 from colmap_ihe.evaluation.demo.exif import PhotoExif
@@ -31,7 +32,6 @@ from colmap_ihe.photographs.discover import RAW_SUFFIXES
 MUTATED = 200
 HEIGHT, WIDTH = 96, 128
 MEGABYTE = 1 << 20
-HUGE = 60_000  # pixels a side: 3,600 megapixels
 
 RUN = """
 import json, resource, sys
@@ -142,29 +142,6 @@ def wrong_numbers(data: bytes, rng: random.Random) -> Mutated:
     else:
         struct.pack_into(">I", changed, rng.randrange(min(len(data), 200)), number)
     return Mutated(bytes(changed), "numbers")
-
-
-def chunk(kind: bytes, content: bytes) -> bytes:
-    return struct.pack(">I", len(content)) + kind + content + struct.pack(">I", zlib.crc32(kind + content))
-
-
-def png_of(width: int, height: int, *more: bytes, rows: bytes) -> bytes:
-    head = chunk(b"IHDR", struct.pack(">IIBBBBB", width, height, 8, 2, 0, 0, 0))
-    packed = chunk(b"IDAT", zlib.compress(rows))
-    return b"\x89PNG\r\n\x1a\n" + head + b"".join(more) + packed + chunk(b"IEND", b"")
-
-
-def with_sides(data: bytes, width: int, height: int) -> bytes:
-    """A little-endian TIFF that says that it has so many pixels, in one strip."""
-    changed = bytearray(data)
-    values = {256: width, 257: height, 278: height}
-    (place,) = struct.unpack_from("<I", data, 4)
-    (count,) = struct.unpack_from("<H", data, place)
-    for entry in range(place + 2, place + 2 + 12 * count, 12):
-        (tag,) = struct.unpack_from("<H", data, entry)
-        if tag in values:
-            struct.pack_into("<HHII", changed, entry, tag, 4, 1, values[tag])
-    return bytes(changed)
 
 
 def bombs(sound: dict[str, bytes]) -> Iterator[tuple[str, Mutated]]:

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from PIL import Image
+from small_demo import ROOT
 
 from colmap_ihe.photographs.png import encode_png
 
@@ -27,7 +28,7 @@ raise SystemExit(status)
 
 def fresh(code: str, folder: Path) -> subprocess.CompletedProcess[str]:
     """Runs `code` in an interpreter that has imported nothing, in `folder`."""
-    root = Path(__file__).parents[2]
+    root = ROOT
     path = f"import sys; sys.path.insert(0, {str(root)!r})\n"
     return subprocess.run(
         [sys.executable, "-c", path + code],

@@ -21,6 +21,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 from PIL import Image
+from small_demo import ROOT
 
 from colmap_ihe.errors import Cancelled, CapabilityError, PhotographError
 from colmap_ihe.machine import decoder_pool as decoders
@@ -31,8 +32,6 @@ from colmap_ihe.photographs.decode import read_photograph, read_photograph_here,
 from colmap_ihe.photographs.discover import Capture
 from colmap_ihe.photographs.exif.metadata import read_metadata
 from colmap_ihe.photographs.preview import small_picture, small_picture_here
-
-ROOT = Path(__file__).parents[2]
 
 
 def colours(seed: int = 1, size: tuple[int, int] = (96, 128)) -> NDArray[np.uint8]:

@@ -15,9 +15,9 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from conftest import QUICK
-from test_interruptions import LONG, wait_until_begun
-from test_other_executors import contents, known_of
+from running import LONG, wait_until_begun
+from same_results import contents, known_of
+from small_demo import QUICK, ROOT
 
 import colmap_ihe
 from colmap_ihe.cli import main
@@ -30,7 +30,7 @@ pytestmark = pytest.mark.cluster
 
 Make = Callable[..., Path]
 MakeOptions = Callable[..., Options]
-SOURCE = Path(__file__).parents[1]
+SOURCE = ROOT
 SPREAD = ("convert", "features", "matches", "dense")  # the stages that workers take part in for long
 
 

@@ -15,8 +15,8 @@ from typing import Any
 import numpy as np
 import pytest
 import yaml
-from conftest import QUICK
 from PIL import Image
+from small_demo import QUICK, ROOT
 
 from colmap_ihe.cli import main
 from colmap_ihe.colmap.native import pycolmap
@@ -72,7 +72,7 @@ def run(*arguments: str | Path, cwd: Path | None = None) -> subprocess.Completed
         capture_output=True,
         text=True,
         cwd=cwd,
-        env=os.environ | {"PYTHONPATH": str(Path(__file__).parents[1])},
+        env=os.environ | {"PYTHONPATH": str(ROOT)},
         timeout=120,
         check=False,
     )
@@ -553,7 +553,7 @@ def test_a_pipe_that_closes_early_is_no_error(unbuffered: str) -> None:
             stdout=reader.stdin,
             stderr=subprocess.PIPE,
             text=True,
-            env=os.environ | {"PYTHONPATH": str(Path(__file__).parents[1]), "PYTHONUNBUFFERED": unbuffered},
+            env=os.environ | {"PYTHONPATH": str(ROOT), "PYTHONUNBUFFERED": unbuffered},
             timeout=60,
             check=False,
         )
@@ -571,7 +571,7 @@ def test_results_that_find_no_room_are_one_line() -> None:
             stdout=full,
             stderr=subprocess.PIPE,
             text=True,
-            env=os.environ | {"PYTHONPATH": str(Path(__file__).parents[1])},
+            env=os.environ | {"PYTHONPATH": str(ROOT)},
             timeout=60,
             check=False,
         )

@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import pytest
-from conftest import QUICK
+from small_demo import QUICK, ROOT
 
 from colmap_ihe.batch import driver
 from colmap_ihe.batch.driver import batch
@@ -492,7 +492,7 @@ def crash_in(tmp_path: Path, stage: str, project: str) -> dict[str, str]:
         f"    file = said.split('\"root\": \"')[1].split('\"')[0] + '/records/{stage}.begun.json'\n"
         "    threading.Thread(target=wait, args=(file,), daemon=True).start()\n"
     )
-    return {"PYTHONPATH": f"{tmp_path / 'hook'}{os.pathsep}{Path(__file__).parents[1]}"}
+    return {"PYTHONPATH": f"{tmp_path / 'hook'}{os.pathsep}{ROOT}"}
 
 
 def assert_nothing_half_written(root: Path) -> None:
@@ -507,7 +507,7 @@ def assert_nothing_half_written(root: Path) -> None:
 @contextmanager
 def command(root: Path, *more: str, env: dict[str, str] | None = None) -> Iterator[subprocess.Popen[str]]:
     """`colmap-ihe batch ROOT` in a process of its own, which does not outlive the test."""
-    own = {"PYTHONPATH": str(Path(__file__).parents[1])}
+    own = {"PYTHONPATH": str(ROOT)}
     with subprocess.Popen(
         [sys.executable, "-m", "colmap_ihe.cli", "batch", str(root), "--json", *SETTINGS, *more],
         stdout=subprocess.PIPE,

@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 import oracle
 import pytest
 from numpy.typing import NDArray
+from small_demo import PHOTOGRAPHS
 
 from colmap_ihe.grey.ihe import fit_weights
 from colmap_ihe.photographs.decode import read_photograph
 from colmap_ihe.photographs.discover import discover
 
-DATA = Path(__file__).resolve().parents[3] / "shared" / "data"
+DATA = PHOTOGRAPHS
 pytestmark = [
     pytest.mark.data,
     pytest.mark.skipif(not DATA.is_dir(), reason=f"the photographs of {DATA.name} are not there"),

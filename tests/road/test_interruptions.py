@@ -14,11 +14,10 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
-from conftest import QUICK
+from running import LONG, wait_until_begun
+from small_demo import QUICK, ROOT
 
 from colmap_ihe.pipeline.stage_list import NAMES
-
-LONG = 120  # seconds; nothing here takes a tenth of it
 
 
 @contextmanager
@@ -30,21 +29,13 @@ def command(project: Path, *more: str) -> Iterator[subprocess.Popen[str]]:
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
-        env=os.environ | {"PYTHONPATH": str(Path(__file__).parents[1])},
+        env=os.environ | {"PYTHONPATH": str(ROOT)},
         start_new_session=True,
     ) as process:
         try:
             yield process
         finally:
             process.kill()
-
-
-def wait_until_begun(process: subprocess.Popen[str], project: Path, stage: str) -> None:
-    begun, end = project / "records" / f"{stage}.begun.json", time.monotonic() + LONG
-    while not begun.exists():
-        assert process.poll() is None, f"it ended before {stage}: {process.communicate()}"
-        assert time.monotonic() < end
-        time.sleep(0.002)
 
 
 def kill_in(project: Path, stage: str, delay: float, number: int = signal.SIGKILL) -> tuple[int, str]:

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from conftest import QUICK
+from small_demo import QUICK
 
 from colmap_ihe.cli import main
 from colmap_ihe.colmap.mapping import map_images

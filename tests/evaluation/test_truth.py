@@ -9,6 +9,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 import pytest
+from small_demo import PHOTOGRAPHS
 
 from colmap_ihe.errors import ProjectError
 from colmap_ihe.evaluation.truth import (
@@ -23,7 +24,7 @@ from colmap_ihe.evaluation.truth import (
 )
 
 F64 = npt.NDArray[np.float64]
-FOUNTAIN = Path(__file__).parents[2].parent / "shared" / "data" / "fountain-p11" / "gt"
+FOUNTAIN = PHOTOGRAPHS / "fountain-p11" / "gt"
 
 
 def rotation_by(x: float, y: float, z: float) -> F64:

@@ -11,7 +11,7 @@ from threading import Thread
 
 import cv2
 import pytest
-from conftest import QUICK
+from small_demo import QUICK
 from threadpoolctl import threadpool_info
 
 from colmap_ihe.colmap import mapping

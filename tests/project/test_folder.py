@@ -17,6 +17,7 @@ import pytest
 from fuzz_records import records
 from hypothesis import given
 from hypothesis import strategies as st
+from small_demo import ROOT
 
 from colmap_ihe.errors import DiskFullError, ProjectError
 from colmap_ihe.machine.files import (
@@ -83,7 +84,7 @@ def test_a_failed_write_leaves_the_old_file_and_no_other(
 def test_a_write_that_is_killed_leaves_the_old_file(tmp_path: Path) -> None:
     write_bytes(tmp_path / "a.bin", b"old")
     code = (
-        f"import sys, os; sys.path.insert(0, {str(Path(__file__).parents[1])!r})\n"
+        f"import sys, os; sys.path.insert(0, {str(ROOT)!r})\n"
         "from pathlib import Path; from colmap_ihe.machine.files import write_bytes\n"
         "os.fsync = lambda _: os.kill(os.getpid(), 9)\n"
         "write_bytes(Path('a.bin'), b'new' * 100000)\n"
