@@ -68,11 +68,11 @@ class Cells(Silent):
 def one(dense: Path, most_bytes: float) -> None:
     """Fuses, and prints what it took."""
     pycolmap.logging.minloglevel = int(pycolmap.logging.ERROR)
-    watch, began = Cells(), time.perf_counter()
-    points = fuse(dense, most_bytes=int(most_bytes), watch=watch)
+    progress, began = Cells(), time.perf_counter()
+    points = fuse(dense, most_bytes=int(most_bytes), progress=progress)
     status = Path("/proc/self/status").read_text(encoding="ascii")
     peak = int(status.partition("VmHWM:")[2].split()[0]) / 1e6
-    print(json.dumps([watch.count, points, time.perf_counter() - began, peak]))
+    print(json.dumps([progress.count, points, time.perf_counter() - began, peak]))
 
 
 def main() -> None:

@@ -16,13 +16,13 @@ from PIL import Image
 import colmap_ihe  # noqa: F401  before pycolmap
 from colmap_ihe.evaluation.pair_list import read_pairs
 from colmap_ihe.evaluation.truth import read_truth
-from colmap_ihe.fit.counting import Gathered
-from colmap_ihe.fit.histogram_file import Stored, digest_of, read_stored
+from colmap_ihe.fit.counting import SetCounts
+from colmap_ihe.fit.histogram_file import StoredCounts, digest_of, read_stored
 from colmap_ihe.fit.weights_file import read_weights
 from colmap_ihe.grey.histogram import Histogram
 from colmap_ihe.photographs.raw.calibration import read_bad_pixels
 from colmap_ihe.pipeline import preflight
-from colmap_ihe.pipeline.repeat import read_run, unlike
+from colmap_ihe.pipeline.repeat import differences_from, read_run
 from colmap_ihe.project.folder import Project
 from colmap_ihe.project.options import Options
 from colmap_ihe.project.options_file import load_options
@@ -83,11 +83,11 @@ def _weights(data: bytes, folder: Path) -> object:
     return read_weights(folder / "w.yaml")
 
 
-def _counted(encoding: Any) -> Stored:
+def _counted(encoding: Any) -> StoredCounts:
     histogram = Histogram(encoding, "pixel")
     values = np.random.default_rng(1).integers(0, 200, (9, 9, 3))
     histogram.add(values.astype(np.uint8) if encoding == "coded" else values.astype(np.uint16))
-    return Stored({encoding: Gathered(histogram, ["a" * 24], [])}, 1.0, {"denoise": 0.0})
+    return StoredCounts({encoding: SetCounts(histogram, ["a" * 24], [])}, 1.0, {"denoise": 0.0})
 
 
 def _stored_samples() -> list[bytes]:
@@ -163,7 +163,7 @@ def _run(data: bytes, folder: Path) -> object:
     (folder / "records/run.json").write_bytes(data)
     (folder / "images").mkdir()
     noted = read_run(folder, ["fit.step=0.1"])
-    return unlike(noted, Project.at(folder, None), noted.options, {"a.jpg": [1, 1, "00"]})
+    return differences_from(noted, Project.at(folder, None), noted.options, {"a.jpg": [1, 1, "00"]})
 
 
 TARGETS = (

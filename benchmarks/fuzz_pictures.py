@@ -23,7 +23,7 @@ from PIL.TiffImagePlugin import IFDRational
 import colmap_ihe  # noqa: F401  before pycolmap
 from colmap_ihe.errors import PhotographError
 from colmap_ihe.machine import decoder_pool as decoders
-from colmap_ihe.machine.decoder_wire import Window, receive
+from colmap_ihe.machine.decoder_wire import SharedArrayReader, receive
 from colmap_ihe.photographs.coded import read_coded
 from colmap_ihe.photographs.decode import read_photograph, read_size
 from colmap_ihe.photographs.discover import Capture
@@ -243,7 +243,7 @@ def _wire(data: bytes, folder: Path) -> object:
             sending.join()
     if received is None:
         return None
-    answer, window = received[0], Window()
+    answer, window = received[0], SharedArrayReader()
     if "array" in answer:
         with contextlib.suppress(ValueError, LookupError, TypeError, OverflowError):
             window.array(answer["array"], None)

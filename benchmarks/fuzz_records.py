@@ -13,7 +13,7 @@ from fuzz_mutations import BYTES, JSON, TEXT, Target
 
 import colmap_ihe  # noqa: F401  before pycolmap
 from colmap_ihe.batch.folder import BatchFolder
-from colmap_ihe.batch.state import BatchState, batched, publish
+from colmap_ihe.batch.state import BatchState, project_state, publish
 from colmap_ihe.dense.ply import read_mesh
 from colmap_ihe.machine.executor import local_executor
 from colmap_ihe.machine.progress import SILENT
@@ -21,12 +21,12 @@ from colmap_ihe.photographs.discover import Capture, discover
 from colmap_ihe.pipeline import outputs
 from colmap_ihe.pipeline.input_digests import digests_of
 from colmap_ihe.pipeline.output_folder import RECORD, Ledger
-from colmap_ihe.pipeline.run_state import Run
-from colmap_ihe.pipeline.stage_list import NAMES
+from colmap_ihe.pipeline.run_context import RunContext
+from colmap_ihe.pipeline.stage_list import STAGE_NAMES
 from colmap_ihe.pipeline.stages import fit_of
 from colmap_ihe.project.folder import Project
 from colmap_ihe.project.options import Options
-from colmap_ihe.report.contents import Contents, Photograph
+from colmap_ihe.report.contents import Contents, PhotographEntry
 from colmap_ihe.report.page import render_page
 from colmap_ihe.report.summary import summarise, summary_rows
 
@@ -81,7 +81,8 @@ def _record(data: bytes, folder: Path) -> object:
     (folder / "records").mkdir()
     place = Project(folder, folder / "images")
     spoilt = next(
-        (name for name in NAMES if f'"stage": "{name}"'.encode() in data[:400]), NAMES[len(data) % len(NAMES)]
+        (name for name in STAGE_NAMES if f'"stage": "{name}"'.encode() in data[:400]),
+        STAGE_NAMES[len(data) % len(STAGE_NAMES)],
     )
     found: dict[str, dict[str, Any]] = {}
     for name, sound in records().items():
@@ -97,7 +98,7 @@ def _record(data: bytes, folder: Path) -> object:
     summary = summarise(found, Options())
     summary_rows(summary)
     json.dumps(summary).encode("utf-8", "surrogatepass")
-    Run(place, Options(), _DISCOVERY, None, found).captures()  # type: ignore[arg-type]
+    RunContext(place, Options(), _DISCOVERY, None, found).captures()  # type: ignore[arg-type]
     return fit_of(found["fit"]) if "fit" in found else summary
 
 
@@ -126,7 +127,7 @@ def _batched(data: bytes, folder: Path) -> object:
     (folder / "a/report/summary.json").write_bytes(data)
     (folder / "a/records/batch.json").write_bytes(data)
     place = BatchFolder.at(folder)
-    row = batched(place, Project(folder / "a", folder / "a/images"), "done")
+    row = project_state(place, Project(folder / "a", folder / "a/images"), "done")
     publish(place, BatchState(str(folder), "finished", [row], "now"), {})
     return row
 
@@ -191,7 +192,7 @@ def _name_samples() -> list[bytes]:
     ]
 
 
-def _page(title: str, photographs: Sequence[Photograph]) -> str:
+def _page(title: str, photographs: Sequence[PhotographEntry]) -> str:
     return render_page(Contents(title=title, result="", rows=[], grey=None, photographs=photographs))
 
 
@@ -211,7 +212,7 @@ def _names(data: bytes, folder: Path) -> object:
     found = discover(images)
     for capture in found.captures:
         assert ".." not in Path(capture.grey_stem).parts and not Path(capture.grey_stem).is_absolute()
-    shown = [Photograph(capture.name, None, left_out="why") for capture in found.captures]
+    shown = [PhotographEntry(capture.name, None, left_out="why") for capture in found.captures]
     html = _page(str(data[:80]), shown)
     assert html.count("<script") == _SCRIPTS
     return found

@@ -33,7 +33,7 @@ def summaries(project: Path, photographs: Path, method: str, seeds: int) -> list
     for seed in range(seeds):
         options = load_options(None, [f"fit.method={method}", f"sparse.seed={seed}", "dense.enabled=false"])
         found.append(
-            dict(reconstruct(project, options, images=photographs, audience=Bars(quiet=True)).summary)
+            dict(reconstruct(project, options, images=photographs, progress=Bars(quiet=True)).summary)
         )
     return found
 

@@ -34,7 +34,7 @@ from colmap_ihe.evaluation.demo.render import render_demo
 from colmap_ihe.machine import memory
 from colmap_ihe.machine.executor import local_workers
 from colmap_ihe.pipeline import outputs
-from colmap_ihe.pipeline.resource_needs import Set, demands_of
+from colmap_ihe.pipeline.resource_needs import PhotoSetSize, needs_of
 from colmap_ihe.project.folder import Project
 from colmap_ihe.project.options import Options
 
@@ -174,7 +174,7 @@ def compared(project: Path, seen: Seen) -> Iterator[tuple[str, ...]]:
     record = place.read_record("captures") or {}
     one = (memory.RAW_BYTES if record["raw"] else memory.JPEG_BYTES) * record["largest"]
     names = ("images", "pixels", "largest", "raw", "with_gps")
-    found = demands_of(Options(), Set(**{name: record[name] for name in names}, one_bytes=one))
+    found = needs_of(Options(), PhotoSetSize(**{name: record[name] for name in names}, one_bytes=one))
     left = {demand.stage: outputs.bytes_of(demand.stage, place) for demand in found}
     for demand in found:
         name = "before and after" if demand.stage == "page" else demand.stage

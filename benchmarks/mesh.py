@@ -23,7 +23,7 @@ from PIL import Image
 from colmap_ihe.colmap.native import pycolmap
 from colmap_ihe.dense.ply import read_mesh
 from colmap_ihe.dense.texture.bake import sample
-from colmap_ihe.dense.texture.raster import View, covered, depth_picture
+from colmap_ihe.dense.texture.raster import TextureView, covered, depth_picture
 from colmap_ihe.evaluation.surface_errors import moved, points_on, surface_errors, true_points
 from colmap_ihe.evaluation.truth import pose_errors, read_truth
 
@@ -91,7 +91,7 @@ def _reprojection(dense: Path, pictures: Path | None) -> list[tuple[str, str]]:
     for image_id in sorted(model.reg_image_ids()):
         image = model.images[image_id]
         camera = model.cameras[image.camera_id]
-        view = View(
+        view = TextureView(
             camera.calibration_matrix(), image.cam_from_world().matrix(), (camera.width, camera.height)
         )
         views.append(view)
@@ -119,7 +119,7 @@ def _reprojection(dense: Path, pictures: Path | None) -> list[tuple[str, str]]:
     ]
 
 
-def _elsewhere(views: list[View]) -> View:
+def _elsewhere(views: list[TextureView]) -> TextureView:
     """Higher than the middle camera by a quarter of what the cameras span, turned down to what it looked at."""
     middle = views[len(views) // 2]
     right, down, forward = middle.cam_from_world[:, :3]
@@ -130,10 +130,12 @@ def _elsewhere(views: list[View]) -> View:
     right = np.cross(down, turned)
     right /= np.linalg.norm(right)
     rotation = np.stack((right, np.cross(turned, right), turned))
-    return View(middle.calibration, np.column_stack((rotation, -rotation @ centre)), middle.size)
+    return TextureView(middle.calibration, np.column_stack((rotation, -rotation @ centre)), middle.size)
 
 
-def rendered(vertices: Array, faces: Array, texel: Array, texture: Array, view: View) -> tuple[Array, Array]:
+def rendered(
+    vertices: Array, faces: Array, texel: Array, texture: Array, view: TextureView
+) -> tuple[Array, Array]:
     """(H, W, 3) float and (H, W) where the mesh is; only faces that show their outside, with perspective."""
     pixels, depths = view.project(vertices.astype(np.float32))
     corners, depth = pixels[faces], depths[faces]

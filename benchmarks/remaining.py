@@ -19,7 +19,7 @@ from dataclasses import astuple
 from pathlib import Path
 from typing import Any
 
-from colmap_ihe.commandline.display import Follower, Piece
+from colmap_ihe.commandline.display import Display, StageDisplay
 from colmap_ihe.machine.remaining_time import Forecast, Part
 from colmap_ihe.pipeline.reconstruct import reconstruct
 from colmap_ihe.project.options_file import load_options
@@ -39,7 +39,7 @@ class _Recorder(Forecast):
         super().__init__()
         self.events: list[Event] = []
 
-    def foresee(self, parts: Sequence[Part]) -> None:
+    def expect(self, parts: Sequence[Part]) -> None:
         self.events.append((time.monotonic(), "foresee", [astuple(part) for part in parts]))
 
     def begin(self, stage: str, unit: str) -> None:
@@ -52,7 +52,7 @@ class _Recorder(Forecast):
         self.events.append((time.monotonic(), "end", [stage]))
 
 
-class _Noted(Follower):
+class _Noted(Display):
     def __init__(self) -> None:
         super().__init__()
         self.forecast: _Recorder = _Recorder()
@@ -66,12 +66,12 @@ class _Noted(Follower):
 
     def _kept(self, name: str) -> None: ...
 
-    def _piece(self, name: str) -> Piece:
+    def _piece(self, name: str) -> StageDisplay:
         self.forecast.begin(name, "")
         return _Part(self, name)
 
 
-class _Part(Piece):
+class _Part(StageDisplay):
     def _started(self) -> None: ...
 
     def _advanced(self) -> None: ...
@@ -97,7 +97,7 @@ def tell(name: str, events: Sequence[Event]) -> None:
             tick += _TICK_S
         now = when
         if what == "foresee":
-            forecast.foresee([Part(*part) for part in values])
+            forecast.expect([Part(*part) for part in values])
         elif what == "begin":
             stage = values[0]
             forecast.begin(*values)
@@ -149,7 +149,7 @@ def main() -> None:
     for images in parsed.images:
         noted = _Noted()
         with tempfile.TemporaryDirectory() as folder:
-            reconstruct(folder, load_options(None, parsed.assignments), images=images, audience=noted)
+            reconstruct(folder, load_options(None, parsed.assignments), images=images, progress=noted)
         events = noted.forecast.events
         if parsed.keep:
             parsed.keep.mkdir(parents=True, exist_ok=True)

@@ -21,7 +21,7 @@ from pathlib import Path
 from typing import Any
 
 from colmap_ihe.commandline.bars import print_table
-from colmap_ihe.pipeline.stage_list import NAMES
+from colmap_ihe.pipeline.stage_list import STAGE_NAMES
 from colmap_ihe.project.folder import Project
 
 SCEAUX = Path(__file__).resolve().parents[2] / "shared" / "data" / "sceaux"
@@ -70,20 +70,20 @@ def main() -> None:
         words = command(project, parsed.photographs, assignments)
         undisturbed = run(words)
         rows = [("none", "-", "-", *figures(undisturbed), "all")]
-        for stage in NAMES:
+        for stage in STAGE_NAMES:
             shutil.rmtree(project)
             place = Project.at(project, parsed.photographs)
             in_it = kill_in(stage, words, place, undisturbed["stages"][stage] / 2)
             finished = {
                 name: place.record_file(name).read_bytes()
-                for name in NAMES
+                for name in STAGE_NAMES
                 if place.record_file(name).exists()
             }
             summary = run(words)
             again = [
                 name for name, record in finished.items() if place.record_file(name).read_bytes() != record
             ]
-            ran = ", ".join(name for name in NAMES if name not in finished)
+            ran = ", ".join(name for name in STAGE_NAMES if name not in finished)
             rows.append((stage, "yes" if in_it else "no", ", ".join(again) or "none", *figures(summary), ran))
             print_table("", rows[-1:])
     columns = (

@@ -58,7 +58,7 @@ def run_set(name: str, work: Path, assignments: list[str]) -> tuple[str, ...]:
         error = ", ".join(f"{key} {value:.4g}" for key, value in truth.items())
     else:
         options = load_options(None, [*SETS[name], *assignments])
-        done = reconstruct(project, options, images=DATA / name, audience=Bars())
+        done = reconstruct(project, options, images=DATA / name, progress=Bars())
         error = _fountain_error(done) if name == "fountain-p11" else ""
     seconds = time.monotonic() - began
     return _row(name, done.summary, error, seconds)

@@ -36,7 +36,7 @@ from colmap_ihe.colmap.native import pycolmap
 from colmap_ihe.commandline.bars import print_table
 from colmap_ihe.evaluation.demo.render import render_demo
 from colmap_ihe.evaluation.truth import Truth, pose_errors, read_truth
-from colmap_ihe.pipeline.stage_list import NAMES
+from colmap_ihe.pipeline.stage_list import STAGE_NAMES
 
 QUICK = (
     "fit.step=0.1",
@@ -168,7 +168,7 @@ def disturb(project: Path, kind: str, stage: str, after_s: float) -> str:
                 else:
                     process.send_signal(number)
             process.wait(LONG)
-    begun = [name for name in NAMES if (project / f"records/{name}.begun.json").exists()]
+    begun = [name for name in STAGE_NAMES if (project / f"records/{name}.begun.json").exists()]
     return begun[-1] if begun else "between stages"
 
 
@@ -252,7 +252,9 @@ def main() -> int:
             if status:
                 raise SystemExit(f"the undisturbed run failed: {line}")
             wanted = came_of(project, truth)
-            records = {name: json.loads((project / f"records/{name}.json").read_text()) for name in NAMES}
+            records = {
+                name: json.loads((project / f"records/{name}.json").read_text()) for name in STAGE_NAMES
+            }
             seconds = {name: float(record["seconds"]) for name, record in records.items()}
         print(
             f"undisturbed: {sum(seconds.values()):.1f} s, {wanted.registered} registered,"
@@ -266,7 +268,7 @@ def main() -> int:
             if wrong:
                 failed.append(f"{number}, {kind} in {stage}: {wrong}")
             print(f"{number:4} {kind:9} {stage:14} {wrong or 'survived'}", flush=True)
-    stages = [*NAMES, "between stages"]
+    stages = [*STAGE_NAMES, "between stages"]
     rows = [(stage, *(str(tried[kind, stage]) for kind in kinds)) for stage in stages]
     print_table("", rows, ("disturbed in", *kinds))
     print(f"survived {parsed.times - len(failed)} of {parsed.times}")

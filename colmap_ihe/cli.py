@@ -12,10 +12,10 @@ from collections.abc import Sequence
 from typing import Any
 
 from colmap_ihe.colmap.native import hear_colmap
-from colmap_ihe.commandline.arguments import Run, parser_of
+from colmap_ihe.commandline.arguments import CommandFunction, parser_of
 from colmap_ihe.commandline.bars import Bars
 from colmap_ihe.commandline.commands import RUNS
-from colmap_ihe.commandline.display import Follower
+from colmap_ihe.commandline.display import Display
 from colmap_ihe.commandline.json_lines import JsonLines
 from colmap_ihe.errors import Cancelled, KnownError
 from colmap_ihe.machine import memory
@@ -36,7 +36,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     follower = _follower(parsed)
     before = _listen(follower)
     try:
-        run: Run = parsed.run
+        run: CommandFunction = parsed.run
         run(parsed, follower)
         sys.stdout.flush()
     except KnownError as error:
@@ -64,7 +64,7 @@ def _drop_stdout() -> None:
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
-def _listen(follower: Follower) -> dict[int, Any]:
+def _listen(follower: Display) -> dict[int, Any]:
     """The first Ctrl-C or SIGTERM asks what is running to stop; a second one does not ask."""
 
     def on_signal(number: int, _frame: object) -> None:
@@ -74,7 +74,7 @@ def _listen(follower: Follower) -> dict[int, Any]:
     return {number: signal.signal(number, on_signal) for number in (signal.SIGINT, signal.SIGTERM)}
 
 
-def _follower(parsed: argparse.Namespace) -> Follower:
+def _follower(parsed: argparse.Namespace) -> Display:
     return JsonLines() if parsed.json == "lines" else Bars(quiet=parsed.quiet, verbose=parsed.verbose)
 
 

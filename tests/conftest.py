@@ -47,7 +47,7 @@ def decode_jpeg(data, *more, **named):
     if b"do: eat" in data:
         eaten = [bytearray(1 << 26) for _ in range(1 << 16)]
     if b"do: late" in data:  # what it was counted with is lost as it is handed over
-        from colmap_ihe.photographs.colour_counts import Tally
+        from colmap_ihe.photographs.colour_counts import ColourCounter
         Tally.handed_over = lambda _: os.kill(os.getpid(), signal.SIGSEGV)
     if b"do: surprise" in data:
         raise LookupError("a surprise")
@@ -73,9 +73,9 @@ def faulty(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     (tmp_path / ".hook/sitecustomize.py").write_text(FAULTS, encoding="utf-8")
     root = str(ROOT)
     monkeypatch.setenv("PYTHONPATH", os.pathsep.join((str(tmp_path / ".hook"), root)))
-    decoders.rest()
+    decoders.end_idle()
     yield
-    decoders.rest()
+    decoders.end_idle()
 
 
 @pytest.fixture(scope="session")

@@ -15,14 +15,14 @@ from typing import Any, Protocol
 
 from colmap_ihe.batch.entry import Entry, look_of, outcome_of, remaining_of, share_of
 from colmap_ihe.batch.folder import BatchFolder
-from colmap_ihe.batch.preview import Look, look_at
+from colmap_ihe.batch.preview import ProjectPreview, look_at
 from colmap_ihe.batch.state import BatchState, Phase, publish, time_of
 from colmap_ihe.dense.backend import pick_backend
 from colmap_ihe.errors import KnownError
 from colmap_ihe.machine import memory
 from colmap_ihe.machine.executor import local_workers
-from colmap_ihe.machine.files import stamp_of
-from colmap_ihe.pipeline.job import GRACE_SECONDS, Job, Outcome, Progress, run_job
+from colmap_ihe.machine.files import file_stamp
+from colmap_ihe.pipeline.job import GRACE_SECONDS, Outcome, ProjectJob, StageProgress, run_job
 from colmap_ihe.project.options_file import load_options
 
 _TICK_SECONDS = 0.25
@@ -56,7 +56,7 @@ def batch(
     time_limit_s: float | None = None,
     watch: bool = False,
     settle_s: float = 30.0,
-    audience: BatchAudience,
+    progress: BatchAudience,
     executor: Executor | None = None,
     command: str = "",
 ) -> BatchState:
@@ -78,7 +78,7 @@ def batch(
         runner = executor or ThreadPoolExecutor(most, thread_name_prefix="project")
         for pool in (looker, *([] if executor else [runner])):
             stack.callback(pool.shutdown, wait=False, cancel_futures=True)
-        run = _Batch(folder, tuple(assignments), looker, runner, audience)
+        run = _Batch(folder, tuple(assignments), looker, runner, progress)
         run.most, run.elsewhere, run.time_limit_s, run.command = (
             most,
             executor is not None,
@@ -103,9 +103,9 @@ class _Batch:
         assignments: tuple[str, ...],
         looker: Executor,
         runner: Executor,
-        audience: BatchAudience,
+        progress: BatchAudience,
     ) -> None:
-        self.folder, self.assignments, self.audience = folder, assignments, audience
+        self.folder, self.assignments, self.progress = folder, assignments, progress
         self.looker, self.runner = looker, runner
         self.began, self.stop_file = time.time(), folder.stop_file()
         self.entries: dict[Path, Entry] = {}
@@ -127,7 +127,7 @@ class _Batch:
             if self._is_over():
                 break
             self._publish(_PUBLISH_SECONDS)
-            self.audience.check()
+            self.progress.check()
             self._wait()
             if self.settle_s is not None and time.monotonic() >= self._next_scan:
                 self._scan()
@@ -187,7 +187,7 @@ class _Batch:
                 finished, entry.running = entry.running, None
                 self._ran(entry, outcome_of(finished))
 
-    def _looked(self, entry: Entry, look: Look) -> None:
+    def _looked(self, entry: Entry, look: ProjectPreview) -> None:
         entry.look = look
         if look.up_to_date:
             entry.to("done")
@@ -219,7 +219,7 @@ class _Batch:
             if entry.state == "busy" and time.monotonic() >= entry.not_before:
                 self._try_again(entry)
             if entry.state == "waiting" and entry.look is None and entry.looking is None:
-                entry.record_before = stamp_of(entry.project.batch_record)
+                entry.record_before = file_stamp(entry.project.batch_record)
                 entry.looking = self.looker.submit(look_at, entry.root, self.assignments)
         for entry in self.entries.values():
             running = [e for e in self.entries.values() if e.running is not None]
@@ -248,9 +248,9 @@ class _Batch:
         elif entry.ended_elsewhere(self.assignments):
             entry.release()
         else:
-            job = Job(str(entry.root), self.assignments, self.time_limit_s, share, str(self.stop_file))
+            job = ProjectJob(str(entry.root), self.assignments, self.time_limit_s, share, str(self.stop_file))
             entry.to("running")
-            entry.progress, entry.began, entry.began_s = Progress(), time.time(), time.monotonic()
+            entry.progress, entry.began, entry.began_s = StageProgress(), time.time(), time.monotonic()
             more = () if self.elsewhere else (entry.follow,)
             entry.running = self.runner.submit(run_job, job, *more)
 
@@ -278,7 +278,7 @@ class _Batch:
     def _publish(self, every: float = 0.0) -> None:
         """Tells the audience, and writes the page where a state changed or is older than `every` seconds."""
         state = self._state()
-        self.audience.show(state)
+        self.progress.show(state)
         states = [(one.name, one.state) for one in state.projects]
         if every and states == self._published and time.monotonic() < self._next_page:
             return
@@ -293,4 +293,4 @@ class _Batch:
     def _warn(self, text: str) -> None:
         if text not in self.warnings:
             self.warnings.append(text)
-            self.audience.warn(text)
+            self.progress.warn(text)

@@ -11,12 +11,12 @@ from pathlib import Path
 from typing import IO, Any
 
 from colmap_ihe.batch.folder import BatchFolder, contents_of
-from colmap_ihe.batch.preview import BASE_BYTES, Look
-from colmap_ihe.batch.state import FAILURES, Batched, State, batched, time_of
+from colmap_ihe.batch.preview import BASE_BYTES, ProjectPreview
+from colmap_ihe.batch.state import FAILURES, ProjectState, State, project_state, time_of
 from colmap_ihe.errors import KnownError
 from colmap_ihe.machine import locks as ours
-from colmap_ihe.machine.files import read_json, room_on_disk, stamp_of, write_json
-from colmap_ihe.pipeline.job import GOES_ON, Outcome, Progress
+from colmap_ihe.machine.files import file_stamp, read_json, room_on_disk, write_json
+from colmap_ihe.pipeline.job import GOES_ON, Outcome, StageProgress
 from colmap_ihe.project.folder import Project
 
 _START_MEGAPIXELS = 2.0
@@ -32,10 +32,10 @@ class Entry:
     state: State = "waiting"
     reason: str = ""
     hint: str = ""
-    look: Look | None = None
-    looking: Future[Look] | None = None
+    look: ProjectPreview | None = None
+    looking: Future[ProjectPreview] | None = None
     running: Future[Outcome] | None = None
-    progress: Progress = field(default_factory=Progress)
+    progress: StageProgress = field(default_factory=StageProgress)
     began: float = 0.0
     began_s: float = 0.0
     not_before: float = 0.0
@@ -47,7 +47,7 @@ class Entry:
     _lock: IO[str] | None = None
     _contents: str = ""
     _since: float = 0.0
-    _shown: Batched | None = None
+    _shown: ProjectState | None = None
 
     @property
     def project(self) -> Project:
@@ -98,7 +98,7 @@ class Entry:
         """Whether it is ours now, and no other batch's. Raises `KnownError`, where it cannot be written to."""
         self.project.refuse_links()
         with room_on_disk(self.root):
-            self._lock = ours.take_lock(self.project.batch_lock)
+            self._lock = ours.acquire_lock(self.project.batch_lock)
         return self._lock is not None
 
     def release(self) -> None:
@@ -131,7 +131,7 @@ class Entry:
         with suppress(KnownError, OSError):  # nothing can be written there, which is then its reason
             self.project.refuse_links()
             write_json(self.project.batch_record, record)
-            self.record_before = stamp_of(self.project.batch_record)
+            self.record_before = file_stamp(self.project.batch_record)
 
     def ended_elsewhere(self, assignments: Sequence[str]) -> bool:
         """Whether another batch ran it with these options since it was looked at; it is then what it became there."""
@@ -139,7 +139,7 @@ class Entry:
             record = read_json(self.project.batch_record) or {}
             if (
                 self.look is not None
-                and stamp_of(self.project.batch_record) != self.record_before
+                and file_stamp(self.project.batch_record) != self.record_before
                 and record.get("set") == list(assignments)
                 and str(record.get("state")) in ("done", *FAILURES)
             ):
@@ -149,15 +149,15 @@ class Entry:
 
     # How it is seen
 
-    def follow(self, progress: Progress) -> None:
+    def follow(self, progress: StageProgress) -> None:
         self.progress = progress
 
-    def shown(self, folder: BatchFolder, stopped: bool) -> Batched:
+    def shown(self, folder: BatchFolder, stopped: bool) -> ProjectState:
         if self._shown is None or stopped or self.state in ("running", "busy"):
             self._shown = self._show(folder, stopped)
         return self._shown
 
-    def _show(self, folder: BatchFolder, stopped: bool) -> Batched:
+    def _show(self, folder: BatchFolder, stopped: bool) -> ProjectState:
         state: State = (
             "stopped" if stopped and self.state in ("waiting", "copying", "running") else self.state
         )
@@ -170,7 +170,7 @@ class Entry:
                 "progress": (self.progress.done, self.progress.total),
             }
             known |= {"began": time_of(self.began), "ended": None, "seconds": None, "peak_memory_gb": None}
-        return batched(folder, self.project, state, **known)
+        return project_state(folder, self.project, state, **known)
 
 
 def share_of(entry: Entry, running: Sequence[Entry], room: int) -> int | None:
@@ -199,12 +199,12 @@ def remaining_of(entries: Sequence[Entry], pace: float) -> float | None:
     return max([sum(under_way + ahead) / max(1, len(running)), *under_way])
 
 
-def look_of(future: Future[Look]) -> Look:
+def look_of(future: Future[ProjectPreview]) -> ProjectPreview:
     """What an ended look found, also if it broke."""
     try:
         return future.result()
     except Exception as error:  # noqa: BLE001  of one project, and the others go on
-        return Look(reason=f"it could not be looked at: {type(error).__name__}: {error}")
+        return ProjectPreview(reason=f"it could not be looked at: {type(error).__name__}: {error}")
 
 
 def outcome_of(future: Future[Outcome]) -> Outcome:

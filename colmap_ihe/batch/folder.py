@@ -57,8 +57,8 @@ class BatchFolder:
                 f"{self.folder}: a link that leads out of {self.root}, and the page is not written through one",
                 hint="take the link out",
             )
-        if not ours.is_ours(self.folder):
-            ours.refuse_others(self.folder, "the batch puts its page there: give yours another name")
+        if not ours.is_marked(self.folder):
+            ours.refuse_unmarked(self.folder, "the batch puts its page there: give yours another name")
             with room_on_disk(self.folder):
                 ours.make(self.folder)
 
@@ -76,7 +76,7 @@ class BatchFolder:
             place = Path(parent)
             try:
                 about = place.stat()
-                known = (about.st_dev, about.st_ino) in seen or ours.is_ours(place)
+                known = (about.st_dev, about.st_ino) in seen or ours.is_marked(place)
                 is_project = not known and place != self.root and (place / "images").is_dir()
             except OSError as error:
                 refused(error)

@@ -18,7 +18,7 @@ from colmap_ihe.machine.progress import SILENT
 from colmap_ihe.photographs.discover import Capture, discover
 from colmap_ihe.photographs.preview import small_picture
 from colmap_ihe.photographs.survey import Surveyed, survey
-from colmap_ihe.pipeline.resource_needs import Set, demands_of
+from colmap_ihe.pipeline.resource_needs import PhotoSetSize, needs_of
 from colmap_ihe.pipeline.status import status
 from colmap_ihe.project.folder import Project
 from colmap_ihe.project.options import Options
@@ -32,7 +32,7 @@ _THUMBNAIL = 240  # pixels
 
 
 @dataclass(frozen=True)
-class Look:
+class ProjectPreview:
     """`up_to_date`: nothing is to be done. `reason`, `hint`: why it cannot run at all. `photographs`, and their
     `pixels` in all; `need_bytes` of memory with a worker a core, 0 if unknown."""
 
@@ -45,7 +45,7 @@ class Look:
     thumbnail: Picture | None = None
 
 
-def look_at(root: Path, assignments: Sequence[str]) -> Look:
+def look_at(root: Path, assignments: Sequence[str]) -> ProjectPreview:
     """Whatever is wrong with the project is in the answer: nothing is raised for it."""
     captures: Sequence[Capture] = ()
     thumbnail = None
@@ -56,13 +56,13 @@ def look_at(root: Path, assignments: Sequence[str]) -> Look:
         if _is_up_to_date(project, options):
             record = project.read_record("captures") or {}
             pixels = int(record.get("pixels", 0))
-            return Look(len(captures), pixels, up_to_date=True, thumbnail=thumbnail)
+            return ProjectPreview(len(captures), pixels, up_to_date=True, thumbnail=thumbnail)
         with local_executor() as executor:
             surveyed, _ = survey(captures, executor, SILENT, strict=False)
     except KnownError as error:
-        return Look(len(captures), reason=str(error), hint=error.hint, thumbnail=thumbnail)
+        return ProjectPreview(len(captures), reason=str(error), hint=error.hint, thumbnail=thumbnail)
     pixels = sum(one.width * one.height for one in surveyed)
-    return Look(len(captures), pixels, need_of(surveyed, options), thumbnail=thumbnail)
+    return ProjectPreview(len(captures), pixels, need_of(surveyed, options), thumbnail=thumbnail)
 
 
 def need_of(surveyed: Sequence[Surveyed], options: Options) -> int:
@@ -76,7 +76,7 @@ def need_of(surveyed: Sequence[Surveyed], options: Options) -> int:
     if options.dense.enabled:
         backend = pick_backend(options.dense.backend)
         needs.append(dense_cost(sizes, options.dense.max_image_size, backend, workers, 0).memory_bytes)
-    demands = demands_of(options, Set.of_survey(surveyed))
+    demands = needs_of(options, PhotoSetSize.of_survey(surveyed))
     needs += [demand.base_bytes - BASE_BYTES for demand in demands if demand.stage == "mesh"]
     return BASE_BYTES + max(needs)
 

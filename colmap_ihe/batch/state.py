@@ -50,7 +50,7 @@ _FIGURES = (
 
 
 @dataclass(frozen=True)
-class Batched:
+class ProjectState:
     """One project of a batch. What `figures` are None its stages have not made; docs/batch.md says what each is."""
 
     name: str
@@ -94,7 +94,7 @@ class BatchState:
 
     root: str
     phase: Phase
-    projects: Sequence[Batched]
+    projects: Sequence[ProjectState]
     began: str
     remaining_s: float | None = None
     command: str = ""
@@ -142,7 +142,7 @@ def time_of(seconds: float) -> str:
     return datetime.fromtimestamp(seconds, timezone.utc).isoformat(timespec="seconds")
 
 
-def batched(folder: BatchFolder, project: Project, state: State, **known: Any) -> Batched:
+def project_state(folder: BatchFolder, project: Project, state: State, **known: Any) -> ProjectState:
     """A project as its records show it, with what is known of it besides."""
     record = read_json(project.batch_record) or {}
     summary = read_json(project.summary_file) or {}
@@ -159,7 +159,7 @@ def batched(folder: BatchFolder, project: Project, state: State, **known: Any) -
         "page": _relative(folder, project.page_file),
         "log": _relative(folder, project.batch_log),
     }
-    return Batched(folder.name_of(project.root), state, **{**values, **known})
+    return ProjectState(folder.name_of(project.root), state, **{**values, **known})
 
 
 def _number(value: Any) -> Any:
@@ -195,14 +195,14 @@ def _relative(folder: BatchFolder, file: Path) -> str | None:
     return os.path.relpath(file, folder.folder) if file.exists() else None
 
 
-def _row(one: Batched, thumbnail: Picture | None) -> ProjectRow:
+def _row(one: ProjectState, thumbnail: Picture | None) -> ProjectRow:
     page, log = (quote((place or "").encode("utf-8", "surrogateescape")) for place in (one.page, one.log))
     return ProjectRow(
         one.name, one.kind, one.in_words, page, thumbnail, facts_of(one), one.reason, one.hint, log
     )
 
 
-def facts_of(one: Batched) -> list[tuple[str, str]]:
+def facts_of(one: ProjectState) -> list[tuple[str, str]]:
     """The figures of a project as a person reads them, as many as there are."""
     of = one.figures
     facts: list[tuple[str, str]] = []

@@ -14,7 +14,7 @@ from colmap_ihe.colmap.native import called, pycolmap
 from colmap_ihe.errors import NativeError, OptionError
 from colmap_ihe.machine import memory
 from colmap_ihe.machine.executor import local_workers, shares_memory
-from colmap_ihe.machine.progress import Watch
+from colmap_ihe.machine.progress import Progress
 from colmap_ihe.project.options import CameraOptions, FeaturesOptions
 
 _MODES = {
@@ -57,7 +57,7 @@ def extract_features(
     shared_by: int,
     scratch: Path,
     executor: Executor,
-    watch: Watch,
+    progress: Progress,
 ) -> FeatureCounts:
     """SIFT features of the named images below `grey`; those that are in the database already are left alone.
 
@@ -69,10 +69,10 @@ def extract_features(
     reader, extraction = native_options(camera, options, choose_model(camera, len(names), shared_by))
     if masks is not None:
         reader.mask_path = masks
-    watch.start(len(names))
+    progress.start(len(names))
     shutil.rmtree(parts := scratch / "parts", ignore_errors=True)  # of a run that was interrupted
     if not database.exists():
-        _import_images(database, grey, names, camera, reader, watch)
+        _import_images(database, grey, names, camera, reader, progress)
     if shares_memory(executor):
         if extraction.num_threads <= 0:
             one = features_bytes(_sizes(database), options, 1)
@@ -86,11 +86,11 @@ def extract_features(
                 camera_mode=_MODES[camera.mode],
                 reader_options=reader,
                 extraction_options=extraction,
-                watch=watch,
-                progress=rows,
+                progress=progress,
+                units_done=rows,
             )
     else:
-        extract_in_shards(database, grey, masks, options, parts, executor, watch)
+        extract_in_shards(database, grey, masks, options, parts, executor, progress)
     counts = count_features(database, names)
     if not counts.images:
         raise NativeError(
@@ -106,7 +106,7 @@ def _import_images(
     names: Sequence[str],
     camera: CameraOptions,
     reader: pycolmap.ImageReaderOptions,
-    watch: Watch,
+    progress: Progress,
 ) -> None:
     """All images and cameras at once, and the database under its name only then: COLMAP groups cameras within
     one call, so images that came in after an interruption would get cameras of their own."""
@@ -120,7 +120,7 @@ def _import_images(
         camera_mode=_MODES[camera.mode],
         image_names=list(names),
         options=reader,
-        watch=watch,
+        progress=progress,
         cancellable=False,
     )
     unfinished.replace(database)

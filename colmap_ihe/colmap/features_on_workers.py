@@ -9,8 +9,8 @@ from pathlib import Path
 
 from colmap_ihe.colmap.feature_files import in_batches, merge_pack, read_features, room_of_a_task, write_pack
 from colmap_ihe.colmap.native import apply_options, called, hush, pycolmap
-from colmap_ihe.machine.executor import TaskWatch, in_order, width_of
-from colmap_ihe.machine.progress import Watch
+from colmap_ihe.machine.executor import TaskProgress, in_order, width_of
+from colmap_ihe.machine.progress import Progress
 from colmap_ihe.project.options import FeaturesOptions
 
 _MOST = 16  # images a shard: what is lost with a worker
@@ -35,7 +35,7 @@ def extract_in_shards(
     options: FeaturesOptions,
     parts: Path,
     executor: Executor,
-    watch: Watch,
+    progress: Progress,
 ) -> None:
     """Features of every image of the database that has none. `parts`: a folder for what is under way, which goes
     afterwards. Raises as `extract_features`."""
@@ -46,15 +46,15 @@ def extract_in_shards(
             if not opened.exists_keypoints(image.image_id)
         ]
         known = opened.num_images() - len(images)
-    watch.advance(known)
+    progress.advance(known)
     parts.mkdir(parents=True)
     size = max(1, min(_MOST, len(images) // (_SHARDS_A_WORKER * width_of(executor))))
     shards = [
         _Shard(tuple(some), grey, masks, options, parts / f"features-{number:06}.npz")
         for number, some in enumerate(in_batches(images, size))
     ]
-    for pack in in_order(executor, extract_shard, shards, watch=watch):
-        watch.advance(merge_pack(database, pack))
+    for pack in in_order(executor, extract_shard, shards, progress=progress):
+        progress.advance(merge_pack(database, pack))
         pack.unlink()
     shutil.rmtree(parts)
 
@@ -79,7 +79,7 @@ def extract_shard(shard: _Shard) -> Path:
             camera_mode=pycolmap.CameraMode.PER_IMAGE,  # of no account: cameras are in the main database
             reader_options=reader,
             extraction_options=extraction,
-            watch=TaskWatch(),
+            progress=TaskProgress(),
         )
         with pycolmap.Database.open(database) as opened:
             found = {

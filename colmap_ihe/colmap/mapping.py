@@ -12,14 +12,14 @@ from colmap_ihe.colmap.mapping_process import map_apart, pipeline_options
 from colmap_ihe.colmap.native import apply_options, called, pycolmap
 from colmap_ihe.errors import MappingError
 from colmap_ihe.machine.files import replace_folder
-from colmap_ihe.machine.progress import Watch
+from colmap_ihe.machine.progress import Progress
 from colmap_ihe.project.options import SparseOptions
 
 _LONG_TRACK = 3
 
 
 @dataclass(frozen=True)
-class Model:
+class ModelStatistics:
     """One model of the set. `mean_reprojection_error_px` in pixels of the grey images."""
 
     registered_images: int
@@ -31,8 +31,8 @@ class Model:
 
 
 def map_images(
-    database: Path, grey: Path, sparse: Path, options: SparseOptions, images: int, watch: Watch
-) -> list[Model]:
+    database: Path, grey: Path, sparse: Path, options: SparseOptions, images: int, progress: Progress
+) -> list[ModelStatistics]:
     """Reconstructs and writes every model below `sparse`, the one with most images as 0.
 
     Models are written beside `sparse` and put in its place at the end. Raises `OptionError`,
@@ -43,7 +43,7 @@ def map_images(
     work = temporary / "work"
     work.mkdir(parents=True)
     pycolmap.set_random_seed(options.seed)
-    found = _run(database, grey, work, options, images, watch)
+    found = _run(database, grey, work, options, images, progress)
     if not found:
         shutil.rmtree(temporary)
         raise MappingError(f"none of the {images} photographs could be placed in a model")
@@ -70,9 +70,9 @@ def _with_news(models: Sequence[pycolmap.Reconstruction]) -> list[pycolmap.Recon
 
 
 def _run(
-    database: Path, grey: Path, work: Path, options: SparseOptions, images: int, watch: Watch
+    database: Path, grey: Path, work: Path, options: SparseOptions, images: int, progress: Progress
 ) -> Mapping[int, pycolmap.Reconstruction]:
-    watch.start(images)
+    progress.start(images)
     settings = native_options(options)
     if options.mapper == "incremental":
         if images == 2 and "ignore_two_view_tracks" not in (options.colmap.get("triangulation") or {}):
@@ -90,10 +90,10 @@ def _run(
             options=settings,
             initial_image_pair_callback=one_more,
             next_image_callback=one_more,
-            watch=watch,
-            progress=lambda: min(registered[0], images),
+            progress=progress,
+            units_done=lambda: min(registered[0], images),
         )
-    return map_apart(options.mapper, database, grey, work, options.colmap, options.seed, watch)
+    return map_apart(options.mapper, database, grey, work, options.colmap, options.seed, progress)
 
 
 def native_options(options: SparseOptions) -> Any:
@@ -105,8 +105,8 @@ def native_options(options: SparseOptions) -> Any:
     return settings
 
 
-def describe(model: pycolmap.Reconstruction) -> Model:
-    return Model(
+def describe(model: pycolmap.Reconstruction) -> ModelStatistics:
+    return ModelStatistics(
         registered_images=model.num_reg_images(),
         points3d=model.num_points3D(),
         points_over_3_views=sum(p.track.length() > _LONG_TRACK for p in model.points3D.values()),

@@ -12,8 +12,8 @@ from pathlib import Path
 from typing import Any
 
 from colmap_ihe.colmap.native import apply_options, called, fill, pycolmap
-from colmap_ihe.colmap.process import Apart
-from colmap_ihe.machine.progress import SILENT, Watch
+from colmap_ihe.colmap.process import ColmapProcesses
+from colmap_ihe.machine.progress import SILENT, Progress
 
 MAPPERS: dict[str, tuple[Any, Any]] = {
     "global": (pycolmap.global_mapping, pycolmap.GlobalPipelineOptions),
@@ -44,24 +44,30 @@ def pipeline_options(mapper: str, values: Mapping[str, Any]) -> Any:
 
 
 def map_apart(
-    mapper: str, database: Path, grey: Path, out: Path, options: Mapping[str, Any], seed: int, watch: Watch
+    mapper: str,
+    database: Path,
+    grey: Path,
+    out: Path,
+    options: Mapping[str, Any],
+    seed: int,
+    progress: Progress,
 ) -> dict[int, pycolmap.Reconstruction]:
     """The models that one of `MAPPERS` finds; it writes them below `out`. Raises `NativeError`, also where its
     process died, and `Cancelled`, when it has ended."""
     request = _Request(mapper, database, grey, out, dict(options), seed)
-    with Apart() as apart:
-        apart.call(_map, request, watch)
+    with ColmapProcesses() as apart:
+        apart.call(_map, request, progress)
     folders = sorted((p for p in out.iterdir() if p.is_dir()), key=lambda p: p.name)
     return {number: pycolmap.Reconstruction(folder) for number, folder in enumerate(folders)}
 
 
-def _map(request: _Request, _watch: Watch) -> None:
+def _map(request: _Request, _progress: Progress) -> None:
     settings = pipeline_options(request.mapper, request.options)
     fill(settings, {"random_seed": request.seed})
     called(
         MAPPERS[request.mapper][0],
         *(request.database, request.grey, request.out),
         options=settings,
-        watch=SILENT,
+        progress=SILENT,
         cancellable=False,
     )

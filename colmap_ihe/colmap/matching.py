@@ -18,7 +18,7 @@ from colmap_ihe.colmap.pair_blocks import matches_bytes
 from colmap_ihe.errors import MappingError, ProjectError
 from colmap_ihe.machine import memory
 from colmap_ihe.machine.executor import local_workers, shares_memory
-from colmap_ihe.machine.progress import Watch
+from colmap_ihe.machine.progress import Progress
 from colmap_ihe.project.options import MatchesOptions
 
 EXHAUSTIVE_UP_TO = 200
@@ -84,7 +84,7 @@ def match_features(
     images: int,
     with_gps: int,
     executor: Executor,
-    watch: Watch,
+    progress: Progress,
 ) -> MatchCounts:
     """Matches and verifies pairs; pairs that are in the database already are left alone.
 
@@ -100,10 +100,10 @@ def match_features(
     wants_tree = strategy == "vocabtree" or options.pairing.get("loop_detection")
     if wants_tree and "vocab_tree_path" not in options.pairing:
         tree = scratch / VOCABULARY
-        build_vocabulary(database, tree, watch)
+        build_vocabulary(database, tree, progress)
         pairing.vocab_tree_path = tree
     if matching.use_gpu and cuda_devices() and shares_memory(executor):
-        watch.start(pairs, "pairs")
+        progress.start(pairs, "pairs")
         with counting_rows(database, "two_view_geometries") as rows:
             called(
                 function,
@@ -111,20 +111,20 @@ def match_features(
                 matching_options=matching,
                 pairing_options=pairing,
                 verification_options=verification,
-                watch=watch,
-                progress=lambda: min(pairs, rows()),
+                progress=progress,
+                units_done=lambda: min(pairs, rows()),
             )
     else:
         if hasattr(pairing, "num_threads"):
             pairing.num_threads = 1
-        chosen = called(_pairs, database, strategy, pairing, watch=watch, cancellable=False)
-        watch.start(len(chosen), "pairs")
+        chosen = called(_pairs, database, strategy, pairing, progress=progress, cancellable=False)
+        progress.start(len(chosen), "pairs")
         if shares_memory(executor):
             one = matches_bytes(_most_features(database), images)
             count = memory.workers_for("matches", one, max(0, matching.num_threads) or local_workers())
-            match_in_processes(database, chosen, options, parts, count, watch)
+            match_in_processes(database, chosen, options, parts, count, progress)
         else:
-            match_in_blocks(database, chosen, options, parts, executor, watch)
+            match_in_blocks(database, chosen, options, parts, executor, progress)
     (scratch / VOCABULARY).unlink(missing_ok=True)
     counts = _counts(database, strategy)
     if not counts.pairs_verified:
@@ -173,7 +173,7 @@ def forget_matches(database: Path) -> None:
         opened.clear_two_view_geometries()
 
 
-def build_vocabulary(database: Path, tree: Path, watch: Watch) -> None:
+def build_vocabulary(database: Path, tree: Path, progress: Progress) -> None:
     """A vocabulary tree of the set's own descriptors, an even share of each image's strongest."""
     with pycolmap.Database.open(database) as opened:
         ids = [image.image_id for image in opened.read_all_images()]
@@ -190,7 +190,7 @@ def build_vocabulary(database: Path, tree: Path, watch: Watch) -> None:
     descriptors.type = pycolmap.FeatureExtractorType.SIFT
     descriptors.data = data
     index = pycolmap.VisualIndex.create(data.shape[1], 64)
-    called(index.build, build, descriptors, watch=watch, cancellable=False)
+    called(index.build, build, descriptors, progress=progress, cancellable=False)
     tree.parent.mkdir(parents=True, exist_ok=True)
     index.write(tree)
 

@@ -21,11 +21,11 @@ from colmap_ihe.colmap.feature_files import (
 )
 from colmap_ihe.colmap.native import apply_options, called, hush, pycolmap
 from colmap_ihe.colmap.pair_blocks import Pair, batch_of, blocks_of, group_size, groups_of
-from colmap_ihe.colmap.process import Apart
+from colmap_ihe.colmap.process import ColmapProcesses
 from colmap_ihe.errors import Cancelled
-from colmap_ihe.machine.executor import TaskWatch, in_order, width_of
+from colmap_ihe.machine.executor import TaskProgress, in_order, width_of
 from colmap_ihe.machine.files import write_bytes
-from colmap_ihe.machine.progress import Watch
+from colmap_ihe.machine.progress import Progress
 from colmap_ihe.project.options import MatchesOptions
 
 SEED = 0
@@ -48,16 +48,21 @@ class _Block:
 
 
 def match_in_processes(
-    database: Path, pairs: Sequence[Pair], options: MatchesOptions, parts: Path, count: int, watch: Watch
+    database: Path,
+    pairs: Sequence[Pair],
+    options: MatchesOptions,
+    parts: Path,
+    count: int,
+    progress: Progress,
 ) -> None:
     """As `match_in_blocks`, by `count` processes at a time here. What was matched is kept when it is stopped."""
     told: dict[Path, int] = {}
-    with Apart(most_threads=1) as apart, ThreadPoolExecutor(count) as executor:
+    with ColmapProcesses(most_threads=1) as apart, ThreadPoolExecutor(count) as executor:
 
         def match_apart(block: _Block) -> Path:
-            return apart.call(match_block, block, _Told(watch, block, told), _GRACE_SECONDS)
+            return apart.call(match_block, block, _Told(progress, block, told), _GRACE_SECONDS)
 
-        _match(database, pairs, options, parts, executor, count, watch, match_apart, told)
+        _match(database, pairs, options, parts, executor, count, progress, match_apart, told)
 
 
 def match_in_blocks(
@@ -66,11 +71,11 @@ def match_in_blocks(
     options: MatchesOptions,
     parts: Path,
     executor: Executor,
-    watch: Watch,
+    progress: Progress,
 ) -> None:
     """Verified matches of those of `pairs` that are not in the database yet, by the workers of `executor`. `parts`: a
     folder for what is under way, which goes afterwards. Raises as `match_features`."""
-    _match(database, pairs, options, parts, executor, width_of(executor), watch, match_block, {})
+    _match(database, pairs, options, parts, executor, width_of(executor), progress, match_block, {})
 
 
 def _match(
@@ -80,7 +85,7 @@ def _match(
     parts: Path,
     executor: Executor,
     width: int,
-    watch: Watch,
+    progress: Progress,
     match: Callable[[_Block], Path],
     told: dict[Path, int],
 ) -> None:
@@ -95,18 +100,18 @@ def _match(
     # The first way round that a pair is named, as COLMAP has it: the other gives other matches.
     unlike = {_ordered(pair): pair for pair in reversed(pairs)}
     wanted = [pair for pair in reversed(unlike.values()) if pair not in done]
-    watch.advance(len(pairs) - len(wanted))
+    progress.advance(len(pairs) - len(wanted))
     groups = groups_of(wanted, list(cameras), group_size(len(wanted), len(cameras), features, width))
-    packs = _packed(database, groups, parts, watch)
+    packs = _packed(database, groups, parts, progress)
     blocks = [
         _block(some, cameras, packs, options, batch_of(features), parts / f"matches-{number:06}.db")
         for number, some in enumerate(blocks_of(wanted, groups))
     ]
     try:
-        for block, result in zip(blocks, in_order(executor, match, blocks, 2 * width, watch), strict=True):
+        for block, result in zip(blocks, in_order(executor, match, blocks, 2 * width, progress), strict=True):
             _copy_matches(result, database, block.pairs)
             result.unlink()
-            watch.advance(len(block.pairs) - told.get(result, 0))
+            progress.advance(len(block.pairs) - told.get(result, 0))
     finally:
         with suppress(RuntimeError):  # of a disk without room, perhaps, for which the others stopped
             for block in blocks:
@@ -115,18 +120,18 @@ def _match(
         shutil.rmtree(parts, ignore_errors=True)
 
 
-class _Told(TaskWatch):
+class _Told(TaskProgress):
     """Tells a watch of the pairs of a block as they are done, and remembers how many."""
 
-    def __init__(self, watch: Watch, block: _Block, told: dict[Path, int]) -> None:
+    def __init__(self, progress: Progress, block: _Block, told: dict[Path, int]) -> None:
         super().__init__()
-        self._watch, self._block, self._told = watch, block, told
+        self._progress, self._block, self._told = progress, block, told
 
     def advance(self, count: int = 1) -> None:
         before = self._told.get(self._block.result, 0)
         count = min(count, len(self._block.pairs) - before)
         self._told[self._block.result] = before + count
-        self._watch.advance(count)
+        self._progress.advance(count)
         self.check()
 
 
@@ -134,12 +139,14 @@ def _ordered(pair: Pair) -> Pair:
     return min(pair), max(pair)
 
 
-def _packed(database: Path, groups: Sequence[Sequence[int]], parts: Path, watch: Watch) -> dict[int, Path]:
+def _packed(
+    database: Path, groups: Sequence[Sequence[int]], parts: Path, progress: Progress
+) -> dict[int, Path]:
     """Writes the features of each group into a pack; the pack of each image."""
     packs: dict[int, Path] = {}
     with pycolmap.Database.open(database) as opened:
         for number, some in enumerate(groups):
-            watch.check()
+            progress.check()
             path = parts / f"features-{number:06}.npz"
             write_pack(path, {i: read_features(opened, i) for i in some if opened.exists_keypoints(i)})
             packs |= dict.fromkeys(some, path)
@@ -161,10 +168,10 @@ def _block(
     return _Block(tuple(pairs), {i: cameras[i] for i in ids}, dict(by_pack), options, batch, result)
 
 
-def match_block(block: _Block, watch: Watch | None = None) -> Path:
-    """With one thread, whatever the options say: writes a database with the matches of a block and their geometry, and
-    returns its path. Where `watch` stops it, it writes what there is; a worker of a cluster has none, for nobody waits
-    for what it had begun."""
+def match_block(block: _Block, progress: Progress | None = None) -> Path:
+    """Write a database with the matches of a block and their geometry, with one thread whatever the options say, and
+    return its path. Where `progress` stops it, it writes what there is; a worker of a cluster has no `progress`, since
+    nobody waits for what it had begun."""
     hush()
     matching = pycolmap.FeatureMatchingOptions()
     verification = verification_options(block.options)
@@ -183,11 +190,11 @@ def match_block(block: _Block, watch: Watch | None = None) -> Path:
                     matching_options=matching,
                     pairing_options=pairing,
                     verification_options=verification,
-                    watch=watch or TaskWatch(),
-                    progress=rows,
+                    progress=progress or TaskProgress(),
+                    units_done=rows,
                 )
         except Cancelled:
-            if watch is not None:
+            if progress is not None:
                 _write_matches(database, folder, block)
             raise
         _write_matches(database, folder, block)

@@ -16,7 +16,7 @@ from typing import Any, Protocol, TypeVar
 from colmap_ihe.errors import Cancelled, KnownError, NativeError, OptionError
 from colmap_ihe.machine import threads
 from colmap_ihe.machine.libraries import pycolmap
-from colmap_ihe.machine.progress import Watch
+from colmap_ihe.machine.progress import Progress
 
 __all__ = [
     "apply_options",
@@ -132,14 +132,14 @@ def hush() -> None:
 def called(
     function: Callable[..., _T],
     *args: Any,
-    watch: Watch,
-    progress: Callable[[], int] | None = None,
+    progress: Progress,
+    units_done: Callable[[], int] | None = None,
     cancellable: bool = True,
     **kwargs: Any,
 ) -> _T:
     """Calls into COLMAP on a thread of its own, so that Ctrl-C is heard while it works.
 
-    `progress` says how many units are done so far; it is asked a few times a second and the watch told of
+    `units_done` says how many units are done so far; it is asked a few times a second and the watch told of
     the difference. On cancellation COLMAP is asked to stop, and waited for. Raises `Cancelled`, or
     `NativeError` with COLMAP's own words.
     """
@@ -151,7 +151,7 @@ def called(
 
     def work() -> None:
         try:
-            with threads.limited_here():
+            with threads.limit_openmp_of_this_thread():
                 results.append(function(*args, **kwargs))
         except BaseException as error:  # noqa: BLE001  handed to the caller's thread below
             failures.append(error)
@@ -162,9 +162,9 @@ def called(
     try:
         while thread.is_alive():
             thread.join(_POLL_SECONDS)
-            watch.check()
-            if progress is not None and (now := progress()) > seen:
-                watch.advance(now - seen)
+            progress.check()
+            if units_done is not None and (now := units_done()) > seen:
+                progress.advance(now - seen)
                 seen = now
     except BaseException:
         token.cancel()

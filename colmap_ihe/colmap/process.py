@@ -24,7 +24,7 @@ from typing import Any, TypeVar
 from colmap_ihe.colmap import native
 from colmap_ihe.errors import NativeError
 from colmap_ihe.machine import threads
-from colmap_ihe.machine.progress import Silent, Watch
+from colmap_ihe.machine.progress import Progress, Silent
 
 _START = "import sys; sys.path[:] = sys.argv[2:]; from colmap_ihe.colmap.process import main; main(int(sys.argv[1]))"
 _POLL_SECONDS = 0.2
@@ -34,7 +34,7 @@ _Item = TypeVar("_Item")
 _Result = TypeVar("_Result")
 
 
-class Apart:
+class ColmapProcesses:
     """Processes, as many as there are calls at a time; they are kept for later calls, and end with this."""
 
     def __init__(self, most_threads: int | None = None) -> None:
@@ -42,7 +42,7 @@ class Apart:
         self._threads = threads.limit() if most_threads is None else most_threads
         self._idle: list[_Process] = []
 
-    def __enter__(self) -> Apart:
+    def __enter__(self) -> ColmapProcesses:
         return self
 
     def __exit__(
@@ -53,23 +53,23 @@ class Apart:
 
     def call(
         self,
-        function: Callable[[_Item, Watch], _Result],
+        function: Callable[[_Item, Progress], _Result],
         argument: _Item,
-        watch: Watch,
+        progress: Progress,
         grace_seconds: float = 0.0,
     ) -> _Result:
-        """What `function`, one of a module, makes of a plain value; what its watch is told reaches `watch`. May be
+        """What `function`, one of a module, makes of a plain value; what its watch is told reaches `progress`. May be
         called on several threads.
 
-        When `watch` raises, its process is asked to stop where it has some seconds of grace to finish what it has
-        begun, and ended after them. Raises what `watch` and `function` do, and `NativeError` where the process died.
+        When `progress` raises, its process is asked to stop where it has some seconds of grace to finish what it has
+        begun, and ended after them. Raises what `progress` and `function` do, and `NativeError` where the process died.
         """
         try:
             process = self._idle.pop()
         except IndexError:
             process = _Process(self._threads)
         try:
-            result: _Result = process.call(function, argument, watch, grace_seconds)
+            result: _Result = process.call(function, argument, progress, grace_seconds)
         except BaseException:
             process.end()
             raise
@@ -95,7 +95,9 @@ class _Process:
             )
         self._send((most_threads, native.log_file(), heard))
 
-    def call(self, function: Callable[..., Any], argument: Any, watch: Watch, grace_seconds: float) -> Any:
+    def call(
+        self, function: Callable[..., Any], argument: Any, progress: Progress, grace_seconds: float
+    ) -> Any:
         self._send((function, argument))
         stop: BaseException | None = None
         until = float("inf")
@@ -111,7 +113,7 @@ class _Process:
                     raise stop
                 continue
             try:
-                watch.advance(said) if said else watch.check()
+                progress.advance(said) if said else progress.check()
             except BaseException as error:
                 if not grace_seconds:
                     raise
@@ -164,9 +166,9 @@ def main(descriptor: int) -> None:
     """In that process: does what comes through the pipe, and ends with it."""
     pipe = Connection(descriptor)
     most_threads, log, heard = pipe.recv()
-    watch = _Teller(pipe)
+    progress = _Teller(pipe)
     asked: SimpleQueue[tuple[Callable[..., Any], Any]] = SimpleQueue()
-    threading.Thread(target=_listen, args=(pipe, watch, asked), daemon=True).start()
+    threading.Thread(target=_listen, args=(pipe, progress, asked), daemon=True).start()
     if heard:
         native.hear_colmap()
     with ExitStack() as stack:
@@ -176,16 +178,16 @@ def main(descriptor: int) -> None:
         while True:
             function, argument = asked.get()
             try:
-                pipe.send((function(argument, watch), None))
+                pipe.send((function(argument, progress), None))
             except BaseException as error:  # noqa: BLE001  it is for the one who asked
                 pipe.send((None, error))
 
 
-def _listen(pipe: Connection, watch: _Teller, asked: SimpleQueue[tuple[Callable[..., Any], Any]]) -> None:
+def _listen(pipe: Connection, progress: _Teller, asked: SimpleQueue[tuple[Callable[..., Any], Any]]) -> None:
     with suppress(EOFError, OSError):
         while True:
             message = pipe.recv()
-            watch.cancelled = message is None
+            progress.cancelled = message is None
             if message is not None:
                 asked.put(message)
     os._exit(1)

@@ -19,7 +19,7 @@ from colmap_ihe.colmap.native import called, pycolmap
 from colmap_ihe.errors import DiskFullError
 from colmap_ihe.machine.executor import local_workers
 from colmap_ihe.machine.memory import workers_for
-from colmap_ihe.machine.progress import SILENT, Watch
+from colmap_ihe.machine.progress import SILENT, Progress
 from colmap_ihe.machine.scratch import scratch_folder
 
 _MAX_RATIO, _MAX_ANGLE = 0.8, 0.7  # COLMAP's defaults; angles between descriptors in radians
@@ -64,7 +64,7 @@ def quiet() -> Iterator[None]:
 
 
 def features_of(
-    images: Sequence[NDArray[np.uint8]], watch: Watch = SILENT, *, first_octave: int = -1
+    images: Sequence[NDArray[np.uint8]], progress: Progress = SILENT, *, first_octave: int = -1
 ) -> list[Features]:
     """SIFT features of each image, (H, W) uint8, by COLMAP on the CPU, one thread a core; all of them, none
     dropped for their number. `first_octave` 0 leaves out those smaller than two pixels, at a quarter of the
@@ -93,7 +93,7 @@ def features_of(
             folder,
             image_names=names,
             extraction_options=options,
-            watch=watch,
+            progress=progress,
         )
         return _read_features(database, names)
 

@@ -6,7 +6,7 @@ import argparse
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
-from colmap_ihe.commandline.display import Follower
+from colmap_ihe.commandline.display import Display
 from colmap_ihe.commandline.shared_arguments import (
     Command,
     add_camera,
@@ -24,13 +24,13 @@ from colmap_ihe.grey.conversions import CONVERSIONS
 from colmap_ihe.grey.convert import TONES
 from colmap_ihe.machine.libraries import __version__
 from colmap_ihe.photographs.encode import SUFFIXES
-from colmap_ihe.pipeline.stage_list import NAMES
+from colmap_ihe.pipeline.stage_list import STAGE_NAMES
 
 METHODS = tuple(CONVERSIONS)
-Run = Callable[[argparse.Namespace, Follower], None]
+CommandFunction = Callable[[argparse.Namespace, Display], None]
 
 
-def parser_of(runs: Mapping[str, Run]) -> argparse.ArgumentParser:
+def parser_of(runs: Mapping[str, CommandFunction]) -> argparse.ArgumentParser:
     """The parser, which puts what runs a command into `run`."""
     parser = argparse.ArgumentParser(
         prog="colmap-ihe",
@@ -108,8 +108,10 @@ def _add_reconstruct(command: Command) -> None:
         "runs again only what a change makes stale.",
     )
     add_project(parser)
-    parser.add_argument("--from", dest="start", choices=NAMES, help="run this stage and all after it again")
-    parser.add_argument("--until", choices=NAMES, help="end after this stage")
+    parser.add_argument(
+        "--from", dest="start", choices=STAGE_NAMES, help="run this stage and all after it again"
+    )
+    parser.add_argument("--until", choices=STAGE_NAMES, help="end after this stage")
     parser.add_argument(
         "--weights",
         type=Path,

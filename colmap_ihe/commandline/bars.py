@@ -19,7 +19,7 @@ from rich.progress import (
 from rich.table import Table
 from rich.text import Text
 
-from colmap_ihe.commandline.display import Follower, Piece, shown
+from colmap_ihe.commandline.display import Display, StageDisplay, printable
 from colmap_ihe.report.summary import summary_rows
 
 _PIPE_WIDTH = 400
@@ -27,7 +27,7 @@ _PLAIN_EVERY = 10
 """Percent between two lines where stderr is no terminal."""
 
 
-class Bars(Follower):
+class Bars(Display):
     """Follows a run on stderr. On a terminal with bars, else with a plain line now and then.
 
     `verbose` says how long each stage took; `quiet` leaves only warnings.
@@ -45,9 +45,9 @@ class Bars(Follower):
         print(text)
 
     def failed(self, message: str, hint: str) -> None:
-        print(shown(f"colmap-ihe: {message}{f' ({hint})' if hint else ''}"), file=sys.stderr)
+        print(printable(f"colmap-ihe: {message}{f' ({hint})' if hint else ''}"), file=sys.stderr)
 
-    def _piece(self, name: str) -> Piece:
+    def _piece(self, name: str) -> StageDisplay:
         return _Bar(self, name) if self.console.is_terminal and not self.quiet else _Plain(self, name)
 
     def _kept(self, name: str) -> None:
@@ -55,10 +55,10 @@ class Bars(Follower):
 
     def say(self, name: str, text: str, style: str = "", *, always: bool = False) -> None:
         if always or not self.quiet:
-            self.console.print(Text(shown(f"{name:>9}  {text}"), style=style))
+            self.console.print(Text(printable(f"{name:>9}  {text}"), style=style))
 
 
-class _Bar(Piece):
+class _Bar(StageDisplay):
     """On a terminal."""
 
     def __init__(self, bars: Bars, name: str) -> None:
@@ -95,7 +95,7 @@ class _Bar(Piece):
 class _Left(ProgressColumn):
     """What remains of the stage, and of the whole run where that is more."""
 
-    def __init__(self, piece: Piece) -> None:
+    def __init__(self, piece: StageDisplay) -> None:
         super().__init__()
         self._piece = piece
 
@@ -103,7 +103,7 @@ class _Left(ProgressColumn):
         return Text("" if task.finished else left_in_words(*self._piece.left_s()))
 
 
-class _Plain(Piece):
+class _Plain(StageDisplay):
     """Where stderr is no terminal, or nothing is wanted."""
 
     def __init__(self, bars: Bars, name: str) -> None:
@@ -157,14 +157,14 @@ def print_table(title: str, rows: Sequence[Sequence[str]], columns: Sequence[str
     for number in range(max(len(row) for row in rows)):
         table.add_column(columns[number] if columns else "", overflow="fold")
     for row in rows:
-        table.add_row(*(Text(shown(cell)) for cell in row))
+        table.add_row(*(Text(printable(cell)) for cell in row))
     console.print(table)
 
 
 def print_summary(summary: Mapping[str, Any], title: str) -> None:
     print_table(title, summary_rows(summary))
     for text in summary["warnings"]:
-        Console(highlight=False, soft_wrap=True).print(Text(shown(f"warning: {text}")))
+        Console(highlight=False, soft_wrap=True).print(Text(printable(f"warning: {text}")))
     for text in summary["left_out"].values():
-        Console(highlight=False, soft_wrap=True).print(Text(shown(f"left out: {text}")))
+        Console(highlight=False, soft_wrap=True).print(Text(printable(f"left out: {text}")))
     sys.stdout.flush()

@@ -12,9 +12,9 @@ from rich.progress_bar import ProgressBar
 from rich.table import Table
 from rich.text import Text
 
-from colmap_ihe.batch.state import Batched, BatchState, facts_of
+from colmap_ihe.batch.state import BatchState, ProjectState, facts_of
 from colmap_ihe.commandline.bars import Bars, print_table
-from colmap_ihe.commandline.display import Follower, shown
+from colmap_ihe.commandline.display import Display, printable
 from colmap_ihe.commandline.json_lines import JsonLines
 from colmap_ihe.report.charts import duration
 
@@ -24,7 +24,7 @@ _LINES_SECONDS = 10.0
 _SHOWN = 12  # lines of running projects
 
 
-def batch_audience(follower: Follower) -> AbstractContextManager[BatchBars | BatchLines]:
+def batch_audience(follower: Display) -> AbstractContextManager[BatchBars | BatchLines]:
     """What shows a batch as `follower` shows a run."""
     if isinstance(follower, JsonLines):
         return nullcontext(BatchLines(follower))
@@ -101,10 +101,10 @@ class BatchBars:
             self._next = time.monotonic() + _PLAIN_SECONDS
             self._say(f"{'batch':>9}  {state.in_words()}")
 
-    def _changed(self, project: Batched) -> None:
+    def _changed(self, project: ProjectState) -> None:
         line = f"{project.name:>9}  {_line(project)}"
         if project.kind == "failed":
-            self._bars.console.print(Text(shown(line), style="red"))
+            self._bars.console.print(Text(printable(line), style="red"))
         elif not self._bars.quiet and project.state not in ("waiting", "running"):
             self._say(line)
         elif self._live is None and project.state == "running":
@@ -112,10 +112,10 @@ class BatchBars:
 
     def _say(self, text: str) -> None:
         if not self._bars.quiet:
-            self._bars.console.print(Text(shown(text)))
+            self._bars.console.print(Text(printable(text)))
 
 
-def _line(project: Batched) -> str:
+def _line(project: ProjectState) -> str:
     if project.reason:
         return f"{project.in_words}: {project.reason}" + (f" ({project.hint})" if project.hint else "")
     facts = ", ".join(f"{name} {value}" for name, value in facts_of(project))
@@ -128,7 +128,7 @@ def _picture(state: BatchState) -> Group:
     for project in running[:_SHOWN]:
         done, total = project.progress or (0, 0)
         part = f"{done} of {total}" if total > 1 else ""
-        rows.add_row(Text(shown(project.name)), Text(project.stage or "starts"), Text(part))
+        rows.add_row(Text(printable(project.name)), Text(project.stage or "starts"), Text(part))
     if len(running) > _SHOWN:
         rows.add_row(Text(f"and {len(running) - _SHOWN} more"))
     ended = sum(project.kind in ("done", "failed") for project in state.projects)

@@ -11,10 +11,10 @@ from typing import Any
 
 from colmap_ihe.batch.driver import batch
 from colmap_ihe.batch.folder import BatchFolder
-from colmap_ihe.commandline.arguments import Run
+from colmap_ihe.commandline.arguments import CommandFunction
 from colmap_ihe.commandline.bars import print_summary, print_table
 from colmap_ihe.commandline.batch_display import batch_audience, print_batch
-from colmap_ihe.commandline.display import Follower, shown
+from colmap_ihe.commandline.display import Display, printable
 from colmap_ihe.commandline.shared_arguments import camera_assignments, development, road_assignments
 from colmap_ihe.errors import KnownError
 from colmap_ihe.evaluation.compare import compare
@@ -37,24 +37,24 @@ from colmap_ihe.project.options_file import load_options, project_options
 from colmap_ihe.report.summary import weights_in_words
 
 
-def _develop(parsed: argparse.Namespace, follower: Follower) -> None:
+def _develop(parsed: argparse.Namespace, follower: Display) -> None:
     names, steps, left_out = develop_folder(
         parsed.images,
         parsed.out,
         options=development(parsed),
         calibration=parsed.calibration,
         strict=parsed.strict,
-        audience=follower,
+        progress=follower,
     )
     if parsed.json:
         _result(follower, {"linear": names, "steps": steps, "left_out": left_out})
         return
     print(f"{len(names)} linear TIFFs in {parsed.out}")
     for camera, done in steps.items():
-        print(shown(f"{camera}: {', '.join(done)}"))
+        print(printable(f"{camera}: {', '.join(done)}"))
 
 
-def _reconstruct(parsed: argparse.Namespace, follower: Follower) -> None:
+def _reconstruct(parsed: argparse.Namespace, follower: Display) -> None:
     assignments = road_assignments(parsed)
     if parsed.weights:
         assignments.append(f"fit.weights={json.dumps(str(parsed.weights.absolute()))}")
@@ -65,7 +65,7 @@ def _reconstruct(parsed: argparse.Namespace, follower: Follower) -> None:
         images=parsed.images,
         start=parsed.start,
         until=parsed.until,
-        audience=follower,
+        progress=follower,
         noted=noted,
     )
     if parsed.json:
@@ -78,7 +78,7 @@ def _reconstruct(parsed: argparse.Namespace, follower: Follower) -> None:
             print(f"{name:<9} {place}")
 
 
-def _batch(parsed: argparse.Namespace, follower: Follower) -> None:
+def _batch(parsed: argparse.Namespace, follower: Display) -> None:
     cluster, parsed.cluster = parsed.cluster, None  # whole projects go there, and each runs where it comes to
     folder = BatchFolder.at(parsed.root)
     with ExitStack() as stack:
@@ -88,7 +88,7 @@ def _batch(parsed: argparse.Namespace, follower: Follower) -> None:
             folder.make()
             where = ClusterOptions(address=cluster)
             workers = stack.enter_context(connected(where, folder.folder, [folder.root], follower))
-        audience = stack.enter_context(batch_audience(follower))
+        progress = stack.enter_context(batch_audience(follower))
         done = batch(
             parsed.root,
             executor=workers,
@@ -97,7 +97,7 @@ def _batch(parsed: argparse.Namespace, follower: Follower) -> None:
             time_limit_s=parsed.time_limit,
             watch=parsed.watch,
             settle_s=parsed.settle,
-            audience=audience,
+            progress=progress,
             command=shlex.join(["colmap-ihe", *parsed.arguments]),
         )
     page = folder.page_file
@@ -117,7 +117,7 @@ def _print_report(done: Reconstruction) -> None:
     print(f"report    {page if page.exists() else done.project.summary_file}")
 
 
-def _demo(parsed: argparse.Namespace, follower: Follower) -> None:
+def _demo(parsed: argparse.Namespace, follower: Display) -> None:
     done = demo(parsed.folder, parsed.assignments, follower)
     if parsed.json:
         _result(follower, dict(done.summary))
@@ -127,7 +127,7 @@ def _demo(parsed: argparse.Namespace, follower: Follower) -> None:
         print(f"dense     {done.dense_cloud}")
 
 
-def _fit(parsed: argparse.Namespace, follower: Follower) -> None:
+def _fit(parsed: argparse.Namespace, follower: Display) -> None:
     names = ("method", "guard", "step", "sample", "weighting", "recount")
     assignments = [f"fit.{name}={json.dumps(getattr(parsed, name))}" for name in names]
     options = load_options(None, assignments).fit
@@ -140,7 +140,7 @@ def _fit(parsed: argparse.Namespace, follower: Follower) -> None:
         develop=development(parsed),
         calibration=parsed.calibration,
         strict=parsed.strict,
-        audience=follower,
+        progress=follower,
     )
     result = {**weights.as_dict(), "left_out": left_out}
     if parsed.json:
@@ -158,7 +158,7 @@ def _fit(parsed: argparse.Namespace, follower: Follower) -> None:
     )
 
 
-def _convert(parsed: argparse.Namespace, follower: Follower) -> None:
+def _convert(parsed: argparse.Namespace, follower: Display) -> None:
     weights, grey, left_out = convert_folder(
         parsed.images,
         parsed.out,
@@ -170,7 +170,7 @@ def _convert(parsed: argparse.Namespace, follower: Follower) -> None:
         calibration=parsed.calibration,
         cameras=load_options(None, camera_assignments(parsed)).cameras,
         strict=parsed.strict,
-        audience=follower,
+        progress=follower,
     )
     if parsed.json:
         _result(follower, {**weights.as_dict(), "grey": grey, "left_out": left_out})
@@ -179,7 +179,7 @@ def _convert(parsed: argparse.Namespace, follower: Follower) -> None:
         print(f"{len(grey)} grey images in {parsed.out} ({weights.method}{words})")
 
 
-def _status(parsed: argparse.Namespace, follower: Follower) -> None:
+def _status(parsed: argparse.Namespace, follower: Display) -> None:
     options = project_options(parsed.project, [*parsed.assignments, *camera_assignments(parsed)])
     states = status(parsed.project, options, parsed.images)
     if parsed.json:
@@ -191,7 +191,7 @@ def _status(parsed: argparse.Namespace, follower: Follower) -> None:
     print_table("", rows, ("stage", "state", "time", "why", "will take"))
 
 
-def _compare(parsed: argparse.Namespace, follower: Follower) -> None:
+def _compare(parsed: argparse.Namespace, follower: Display) -> None:
     assignments = [*parsed.assignments, *(["dense.enabled=false"] if parsed.no_dense else [])]
     place = Project.at(parsed.project, parsed.images)
     with ExitStack() as stack:
@@ -209,7 +209,7 @@ def _compare(parsed: argparse.Namespace, follower: Follower) -> None:
             pairs=parsed.pairs,
             jobs=parsed.jobs,
             images=parsed.images,
-            audience=follower,
+            progress=follower,
             executor=workers,
         )
     if parsed.json:
@@ -222,7 +222,7 @@ def _compare(parsed: argparse.Namespace, follower: Follower) -> None:
     print(f"report    {parsed.project / 'compare' / 'index.html'}")
 
 
-def _report(parsed: argparse.Namespace, follower: Follower) -> None:
+def _report(parsed: argparse.Namespace, follower: Display) -> None:
     page = report(parsed.project, parsed.assignments, parsed.images, follower)
     if parsed.json:
         _result(follower, {"page": str(page)})
@@ -230,7 +230,7 @@ def _report(parsed: argparse.Namespace, follower: Follower) -> None:
         print(page)
 
 
-def _doctor(parsed: argparse.Namespace, follower: Follower) -> None:
+def _doctor(parsed: argparse.Namespace, follower: Display) -> None:
     found = doctor(parsed.project, parsed.assignments, parsed.images)
     if parsed.json:
         _result(follower, found)
@@ -238,11 +238,11 @@ def _doctor(parsed: argparse.Namespace, follower: Follower) -> None:
         print_table("", [(name, str(value)) for name, value in found.items()])
 
 
-def _result(follower: Follower, values: Any) -> None:
+def _result(follower: Display, values: Any) -> None:
     follower.result(json.dumps(values, indent=2, ensure_ascii=False))
 
 
-RUNS: dict[str, Run] = {
+RUNS: dict[str, CommandFunction] = {
     "demo": _demo,
     "reconstruct": _reconstruct,
     "batch": _batch,

@@ -9,19 +9,19 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 
 from colmap_ihe.errors import Cancelled
-from colmap_ihe.machine.progress import Watch
+from colmap_ihe.machine.progress import Progress
 from colmap_ihe.machine.remaining_time import Forecast, Part
 
 
-def shown(text: str) -> str:
+def printable(text: str) -> str:
     """Text for a terminal: what a photograph or a file says of itself may hold characters that would steer it."""
     return "".join(
         c if c.isprintable() else " " if c in "\t\n\r" else c.encode("unicode_escape").decode() for c in text
     )
 
 
-class Follower(ABC):
-    """An `Audience`. `stop` may be called from a signal handler: what is being watched then ends with `Cancelled`."""
+class Display(ABC):
+    """Show a run. `stop` may be called from a signal handler: the work under way then ends with `Cancelled`."""
 
     def __init__(self) -> None:
         self.forecast = Forecast()
@@ -34,11 +34,11 @@ class Follower(ABC):
         if self._stop.is_set():
             raise Cancelled
 
-    def foresee(self, parts: Sequence[Part]) -> None:
-        self.forecast.foresee(parts)
+    def expect(self, parts: Sequence[Part]) -> None:
+        self.forecast.expect(parts)
 
     @contextmanager
-    def stage(self, name: str) -> Iterator[Watch]:
+    def stage(self, name: str) -> Iterator[Progress]:
         self.check()
         began = time.monotonic()
         piece = self._piece(name)
@@ -66,16 +66,16 @@ class Follower(ABC):
         """The command ends without a result."""
 
     @abstractmethod
-    def _piece(self, name: str) -> Piece: ...
+    def _piece(self, name: str) -> StageDisplay: ...
 
     @abstractmethod
     def _kept(self, name: str) -> None: ...
 
 
-class Piece(ABC):
-    """A `Watch` that counts. What it shows is up to `_started`, `_advanced`, `over` and `close`."""
+class StageDisplay(ABC):
+    """A `Progress` that counts. What it shows is up to `_started`, `_advanced`, `over` and `close`."""
 
-    def __init__(self, follower: Follower, name: str) -> None:
+    def __init__(self, follower: Display, name: str) -> None:
         self.name, self.unit = name, ""
         self.done, self.total = 0, 0
         self._follower = follower

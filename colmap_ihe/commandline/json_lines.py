@@ -8,12 +8,12 @@ import threading
 import time
 from typing import Any
 
-from colmap_ihe.commandline.display import Follower, Piece, shown
+from colmap_ihe.commandline.display import Display, StageDisplay, printable
 
 _EVERY_SECONDS = 1.0
 
 
-class JsonLines(Follower):
+class JsonLines(Display):
     """docs/terminal.md lists the events and their fields."""
 
     def __init__(self) -> None:
@@ -32,9 +32,9 @@ class JsonLines(Follower):
 
     def failed(self, message: str, hint: str) -> None:
         self.say("failed", message=message, hint=hint)
-        print(shown(f"colmap-ihe: {message}{f' ({hint})' if hint else ''}"), file=sys.stderr)
+        print(printable(f"colmap-ihe: {message}{f' ({hint})' if hint else ''}"), file=sys.stderr)
 
-    def _piece(self, name: str) -> Piece:
+    def _piece(self, name: str) -> StageDisplay:
         self.say("stage", stage=name)
         return _Lines(self, name)
 
@@ -42,7 +42,7 @@ class JsonLines(Follower):
         self.say("kept", stage=name)
 
 
-class _Lines(Piece):
+class _Lines(StageDisplay):
     def __init__(self, lines: JsonLines, name: str) -> None:
         super().__init__(lines, name)
         self._lines = lines

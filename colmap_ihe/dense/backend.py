@@ -8,7 +8,7 @@ from typing import Any, Literal
 
 from colmap_ihe.colmap.native import apply_options, called, cuda_devices, pycolmap
 from colmap_ihe.errors import CapabilityError
-from colmap_ihe.machine.progress import SILENT, Watch
+from colmap_ihe.machine.progress import SILENT, Progress
 
 Backend = Literal["patchmatch", "sgm"]
 
@@ -26,22 +26,22 @@ def pick_backend(requested: Literal["auto", "patchmatch", "sgm"] = "auto") -> Ba
 
 
 def patchmatch_depth_maps(
-    dense_dir: Path, *, options: Mapping[str, Any] | None = None, watch: Watch = SILENT
+    dense_dir: Path, *, options: Mapping[str, Any] | None = None, progress: Progress = SILENT
 ) -> int:
     """Depth and normal maps by COLMAP's PatchMatch on CUDA, from the grey images; returns their number.
 
     `options` goes to pycolmap.PatchMatchOptions.
     """
     native = patchmatch_options(options or {})
-    watch.start(1, "runs of PatchMatch")
-    called(pycolmap.patch_match_stereo, dense_dir / "grey", options=native, watch=watch)
+    progress.start(1, "runs of PatchMatch")
+    called(pycolmap.patch_match_stereo, dense_dir / "grey", options=native, progress=progress)
     # Copied by link, not moved: COLMAP skips the maps that it finds in its own workspace.
     for made in (dense_dir / "grey" / "stereo").glob("*_maps/**/*.geometric.bin"):
         target = dense_dir / made.relative_to(dense_dir / "grey")
         target.parent.mkdir(parents=True, exist_ok=True)
         target.unlink(missing_ok=True)
         target.hardlink_to(made)
-    watch.advance()
+    progress.advance()
     return len(list((dense_dir / "stereo" / "depth_maps").glob("**/*.geometric.bin")))
 
 

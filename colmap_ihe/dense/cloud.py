@@ -16,7 +16,7 @@ from colmap_ihe.dense.undistort import sizes_of, undistort
 from colmap_ihe.errors import MappingError
 from colmap_ihe.machine import memory
 from colmap_ihe.machine.executor import local_workers, shares_memory, width_of
-from colmap_ihe.machine.progress import Watch
+from colmap_ihe.machine.progress import Progress
 from colmap_ihe.project.options import DenseOptions
 
 logger = logging.getLogger(__name__)
@@ -32,7 +32,7 @@ def dense_cloud(
     dense_dir: Path,
     options: DenseOptions,
     executor: Executor,
-    watch: Watch,
+    progress: Progress,
     require_room: Callable[[int], None],
 ) -> dict[str, Any]:
     """Makes `dense_dir/fused.ply`, and says how, for the record. Depth maps that are there already are kept.
@@ -51,11 +51,11 @@ def dense_cloud(
     logger.info("%s", cost.in_words())
     require_room(cost.disk_bytes)
     size = options.max_image_size
-    undistort(sparse_model, grey, colour, dense_dir, masks_dir=masks, max_image_size=size, watch=watch)
+    undistort(sparse_model, grey, colour, dense_dir, masks_dir=masks, max_image_size=size, progress=progress)
     record: dict[str, Any] = {"backend": cost.backend, "warnings": []}
     if cost.backend == "sgm":
         at_once = cost.at_once if shares_memory(executor) else 2 * width_of(executor)
-        counts = sgm_depth_maps(dense_dir, executor=executor, at_once=at_once, watch=watch)
+        counts = sgm_depth_maps(dense_dir, executor=executor, at_once=at_once, progress=progress)
         record |= {
             "pixels": counts.pixels,
             "pixels_with_depth": counts.pixels_with_depth,
@@ -65,9 +65,9 @@ def dense_cloud(
         if counts.empty:
             record["warnings"].append(f"no depth could be found for {', '.join(sorted(counts.empty)[:5])}")
     else:
-        patchmatch_depth_maps(dense_dir, options=options.patchmatch, watch=watch)
+        patchmatch_depth_maps(dense_dir, options=options.patchmatch, progress=progress)
     most = record["fusion_bytes"] = fusion_share(free)
-    points = fuse(dense_dir, options=options.colmap, most_bytes=most, watch=watch)
+    points = fuse(dense_dir, options=options.colmap, most_bytes=most, progress=progress)
     if not points:
         record["warnings"].append("no point of the depth maps was confirmed: the cloud is empty")
     return {**record, "points": points}

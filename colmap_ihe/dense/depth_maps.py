@@ -18,12 +18,12 @@ import numpy as np
 from colmap_ihe.colmap.native import pycolmap
 from colmap_ihe.dense.stereo.depth import StereoOptions, depth_and_normals
 from colmap_ihe.dense.stereo.sources import Sources, choose_sources
-from colmap_ihe.dense.stereo.views import Array, Camera, Float32, Float64, View
+from colmap_ihe.dense.stereo.views import Array, Float32, Float64, StereoCamera, StereoView
 from colmap_ihe.dense.undistort import read_grey, read_mask
 from colmap_ihe.errors import Cancelled, ProjectError
-from colmap_ihe.machine.executor import TaskWatch
-from colmap_ihe.machine.files import require_held
-from colmap_ihe.machine.progress import SILENT, Watch
+from colmap_ihe.machine.executor import TaskProgress
+from colmap_ihe.machine.files import require_same_folder
+from colmap_ihe.machine.progress import SILENT, Progress
 
 
 @dataclass
@@ -47,7 +47,7 @@ class _Job:
 
     dense_dir: Path
     names: tuple[str, ...]
-    cameras: tuple[Camera, ...]
+    cameras: tuple[StereoCamera, ...]
     points_world: Float64
     options: StereoOptions
 
@@ -62,12 +62,12 @@ def sgm_depth_maps(
     options: StereoOptions | None = None,
     executor: Executor | None = None,
     at_once: int | None = None,
-    watch: Watch = SILENT,
+    progress: Progress = SILENT,
 ) -> DepthCounts:
     """Depth and normal maps of every image of `dense_dir` by semi-global matching on the CPU.
 
     A map that is already there is kept: the caller sees to it that the folder belongs to the same
-    inputs. No more than `at_once` are worked on at a time. When `watch` cancels, the maps under way stop
+    inputs. No more than `at_once` are worked on at a time. When `progress` cancels, the maps under way stop
     within one pair's time and the finished ones stay.
     """
     model = pycolmap.Reconstruction(dense_dir / "sparse")
@@ -75,7 +75,7 @@ def sgm_depth_maps(
     counts = DepthCounts()
     jobs = []
     for reference in cameras:
-        watch.check()
+        progress.check()
         job, sources = _plan(
             dense_dir, model, cameras, reference, sources_per_image, options or StereoOptions()
         )
@@ -85,19 +85,19 @@ def sgm_depth_maps(
             counts.pairs_left_out[f"{job.names[0]} | {model.images[image_id].name}"] = reason
     for unfinished in (dense_dir / "stereo").rglob("*.part"):
         unfinished.unlink()
-    watch.start(len(jobs), "depth maps")
+    progress.start(len(jobs), "depth maps")
     if executor is None:
         with ThreadPoolExecutor(os.cpu_count()) as own:
-            _run_all(jobs, own, at_once, counts, watch)
+            _run_all(jobs, own, at_once, counts, progress)
     else:
-        _run_all(jobs, executor, at_once, counts, watch)
+        _run_all(jobs, executor, at_once, counts, progress)
     return counts
 
 
 def _plan(
     dense_dir: Path,
     model: pycolmap.Reconstruction,
-    cameras: Mapping[int, Camera],
+    cameras: Mapping[int, StereoCamera],
     reference: int,
     count: int,
     options: StereoOptions,
@@ -115,7 +115,7 @@ def _plan(
 
 
 def _run_all(
-    jobs: list[_Job], executor: Executor, at_once: int | None, counts: DepthCounts, watch: Watch
+    jobs: list[_Job], executor: Executor, at_once: int | None, counts: DepthCounts, progress: Progress
 ) -> None:
     """Makes every depth map, and counts; on cancellation tells the workers through a file, wherever they
     run.
@@ -134,7 +134,7 @@ def _run_all(
                 names[future] = job.names[0]
                 waiting.add(future)
             done, waiting = wait(waiting, timeout=0.2, return_when=FIRST_COMPLETED)
-            watch.check()
+            progress.check()
             for future in done:
                 pixels, with_depth, left_out = future.result()
                 counts.images += 1
@@ -143,7 +143,7 @@ def _run_all(
                 counts.pairs_left_out.update(left_out)
                 if not with_depth:
                     counts.empty.append(names[future])
-                watch.advance()
+                progress.advance()
     except BaseException:
         if stop_file:
             stop_file.touch()
@@ -166,7 +166,7 @@ def _make_maps(job: _Job) -> _Made:
     stop_file = _stop_file(job.dense_dir)
 
     def check() -> None:
-        TaskWatch().check()
+        TaskProgress().check()
         if stop_file.exists():
             raise Cancelled
 
@@ -183,16 +183,18 @@ def _make_maps(job: _Job) -> _Made:
     return depth.size, int(np.count_nonzero(depth)), left_out
 
 
-def _view(job: _Job, place: int) -> View:
+def _view(job: _Job, place: int) -> StereoView:
     name, camera = job.names[place], job.cameras[place]
     grey_u8 = read_grey(job.dense_dir / "grey" / "images" / name)
-    return View(camera.K, camera.cam_from_world, camera.size, grey_u8, read_mask(job.dense_dir, name))
+    return StereoView(camera.K, camera.cam_from_world, camera.size, grey_u8, read_mask(job.dense_dir, name))
 
 
-def _camera(model: pycolmap.Reconstruction, image_id: int) -> Camera:
+def _camera(model: pycolmap.Reconstruction, image_id: int) -> StereoCamera:
     image = model.images[image_id]
     camera = model.cameras[image.camera_id]
-    return Camera(camera.calibration_matrix(), image.cam_from_world().matrix(), (camera.width, camera.height))
+    return StereoCamera(
+        camera.calibration_matrix(), image.cam_from_world().matrix(), (camera.width, camera.height)
+    )
 
 
 def depth_file(dense_dir: Path, name: str) -> Path:
@@ -234,7 +236,7 @@ def write_map(values: Array, path: Path) -> None:
     """
     planes = np.atleast_3d(values).transpose(2, 0, 1).astype("<f4")
     channels, height, width = planes.shape
-    require_held(path)
+    require_same_folder(path)
     path.parent.mkdir(parents=True, exist_ok=True)
     part = path.with_name(f"{path.name}.{secrets.token_hex(4)}.part")  # no other worker's
     part.write_bytes(f"{width}&{height}&{channels}&".encode() + planes.tobytes())

@@ -14,7 +14,7 @@ from colmap_ihe.colmap.native import apply_options, called, pycolmap
 from colmap_ihe.dense.fusion_cell_workspace import Maps
 from colmap_ihe.dense.fusion_cells import Cell, Price, cells_of
 from colmap_ihe.dense.ply import read_ply, row_header
-from colmap_ihe.machine.progress import SILENT, Watch
+from colmap_ihe.machine.progress import SILENT, Progress
 
 FUSION_BYTES = 1_600_000_000
 """What fusion may hold at a time."""
@@ -33,7 +33,7 @@ def fuse(
     *,
     options: Mapping[str, Any] | None = None,
     most_bytes: int = FUSION_BYTES,
-    watch: Watch = SILENT,
+    progress: Progress = SILENT,
 ) -> int:
     """Fuses the depth maps to the coloured cloud `dense_dir/fused.ply`; returns its number of points.
 
@@ -46,12 +46,12 @@ def fuse(
     if fusion_bytes(maps.pixels) > most_bytes:
         cells = cells_of(maps.seen(), PRICE, most_bytes)
     part = dense_dir / "fused.part.ply"
-    watch.start(max(1, len(cells)), "fusions")
+    progress.start(max(1, len(cells)), "fusions")
     if len(cells) < 2:
-        points = _fused(dense_dir, part, native, watch)
-        watch.advance()
+        points = _fused(dense_dir, part, native, progress)
+        progress.advance()
     else:
-        points = _fused_in_cells(maps, part, native, cells, watch)
+        points = _fused_in_cells(maps, part, native, cells, progress)
     for suffix in (".vis", ""):
         part.with_name(part.name + suffix).replace(dense_dir / f"fused.ply{suffix}")
     return points
@@ -69,15 +69,17 @@ def fusion_options(values: Mapping[str, Any]) -> pycolmap.StereoFusionOptions:
     return native
 
 
-def _fused(workspace: Path, out: Path, options: pycolmap.StereoFusionOptions, watch: Watch) -> int:
+def _fused(workspace: Path, out: Path, options: pycolmap.StereoFusionOptions, progress: Progress) -> int:
     if (workspace / "masks").is_dir():
         options.mask_path = workspace / "masks"
-    cloud = called(pycolmap.stereo_fusion, out, workspace, options=options, output_type="ply", watch=watch)
+    cloud = called(
+        pycolmap.stereo_fusion, out, workspace, options=options, output_type="ply", progress=progress
+    )
     return int(cloud.num_points3D())
 
 
 def _fused_in_cells(
-    maps: Maps, out: Path, options: pycolmap.StereoFusionOptions, cells: Sequence[Cell], watch: Watch
+    maps: Maps, out: Path, options: pycolmap.StereoFusionOptions, cells: Sequence[Cell], progress: Progress
 ) -> int:
     """One cell after the other, each in a workspace of its own; of the cloud what lies in the cell goes to `out`."""
     bounds = [side.copy() for side in options.bounding_box]  # else views of what is set below
@@ -91,13 +93,13 @@ def _fused_in_cells(
                 box = (cell.low - cell.margin, cell.high + cell.margin)
                 low, high = (np.clip(side, *bounds).astype(np.float32) for side in box)
                 options.bounding_box = (low, high)
-                _fused(work, work / "fused.ply", options, watch)
+                _fused(work, work / "fused.ply", options, progress)
                 rows = read_ply(work / "fused.ply")["vertex"]
                 held = cell.holds(np.stack([rows[axis] for axis in "xyz"], axis=1))
                 all_rows.write(rows[held].tobytes())
                 all_seen.write(_visibility(work / "fused.ply.vis", held, places))
                 count, dtype = count + int(held.sum()), rows.dtype
-                watch.advance()
+                progress.advance()
         _joined(out, row_header(count, dtype), rows_file)
         _joined(out.with_name(out.name + ".vis"), np.uint64(count).tobytes(), seen_file)
     finally:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from colmap_ihe.colmap.native import pycolmap
 from colmap_ihe.dense.depth_maps import depth_file, normal_file, read_planes, write_map
-from colmap_ihe.dense.fusion_cells import Cell, Seen
+from colmap_ihe.dense.fusion_cells import Cell, PixelCoverage
 from colmap_ihe.dense.undistort import mask_of, read_colour, read_mask
 from colmap_ihe.photographs.png import encode_png
 
@@ -39,7 +39,7 @@ class Maps:
     def pixels(self) -> int:
         return sum(self.camera(place).width * self.camera(place).height for place in range(len(self.ids)))
 
-    def seen(self) -> Seen:
+    def seen(self) -> PixelCoverage:
         """What the maps show, on coarse grids."""
         found = []
         for place in range(len(self.ids)):
@@ -50,8 +50,8 @@ class Maps:
                 found.append((points, np.full(len(depth), place), pixel, depth, np.full(len(depth), step)))
         if not found:
             nothing = np.empty(0, np.int64)
-            return Seen(np.empty((0, 3)), nothing, np.empty((0, 2), np.int64), np.empty(0), nothing)
-        return Seen(*(np.concatenate(parts) for parts in zip(*found, strict=True)))
+            return PixelCoverage(np.empty((0, 3)), nothing, np.empty((0, 2), np.int64), np.empty(0), nothing)
+        return PixelCoverage(*(np.concatenate(parts) for parts in zip(*found, strict=True)))
 
     def points(
         self, place: int, step: int

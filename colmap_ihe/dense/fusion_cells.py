@@ -21,7 +21,7 @@ _LEAST_GAIN = 0.95  # a cut that leaves a side more than this share of the cost 
 
 
 @dataclass(frozen=True)
-class Seen:
+class PixelCoverage:
     """What images show, on a grid: `points` (N, 3) in the world, `image` (N,) the place of the image that shows
     each, in rising order, `pixel` (N, 2) where, `distance` (N,) how far away, `step` (N,) of the grid in pixels."""
 
@@ -56,14 +56,14 @@ class Cell:
         return np.asarray(((points >= self.low - margin) & (points < self.high + margin)).all(axis=1))
 
 
-def cells_of(seen: Seen, price: Price, most: float) -> list[Cell]:
+def cells_of(seen: PixelCoverage, price: Price, most: float) -> list[Cell]:
     """Cells that cost `most` at most, where cutting can bring that about: of each image only the window counts in
     which it shows the cell."""
     everywhere = np.full(3, np.inf)
     return list(_cut(seen, price, most, -everywhere, everywhere))
 
 
-def _cut(seen: Seen, price: Price, most: float, low: _F64, high: _F64) -> Iterator[Cell]:
+def _cut(seen: PixelCoverage, price: Price, most: float, low: _F64, high: _F64) -> Iterator[Cell]:
     here = _cell(seen, price, low, high)
     best: tuple[Cell, Cell] | None = None
     if here.cost > most:
@@ -82,7 +82,7 @@ def _cut(seen: Seen, price: Price, most: float, low: _F64, high: _F64) -> Iterat
         yield from _cut(seen, price, most, cell.low, cell.high)
 
 
-def _cell(seen: Seen, price: Price, low: _F64, high: _F64) -> Cell:
+def _cell(seen: PixelCoverage, price: Price, low: _F64, high: _F64) -> Cell:
     box = Cell(low, high, 0.0, (), 0.0)
     inside = box.holds(seen.points)
     margin = _MARGIN * float(np.median(seen.distance[inside])) if inside.any() else 0.0

@@ -17,11 +17,11 @@ import cv2
 import numpy as np
 
 from colmap_ihe.colmap.native import apply_options, called, pycolmap
-from colmap_ihe.colmap.process import Apart
+from colmap_ihe.colmap.process import ColmapProcesses
 from colmap_ihe.dense.ply import Rows, read_mesh, read_ply, write_mesh, write_rows
 from colmap_ihe.dense.texture.mesh import F32, I32, I64, U8, Mesh, without_small_parts
 from colmap_ihe.errors import MappingError, NativeError
-from colmap_ihe.machine.progress import SILENT, Watch
+from colmap_ihe.machine.progress import SILENT, Progress
 
 _KD_TREE = 4  # FLANN's exact one, KDTreeSingleIndex
 
@@ -50,14 +50,19 @@ class Surface:
 
 
 def reconstruct_surface(
-    cloud: Path, mesh: Path, faces: int, *, options: Mapping[str, Any] | None = None, watch: Watch = SILENT
+    cloud: Path,
+    mesh: Path,
+    faces: int,
+    *,
+    options: Mapping[str, Any] | None = None,
+    progress: Progress = SILENT,
 ) -> Surface:
     """Meshes the PLY file `cloud`, with normals and colours, to `mesh` with at most `faces` faces.
 
     `options` goes to pycolmap.PoissonMeshingOptions, over what is chosen for the cloud. Raises `MappingError`
     where the points give no surface, `NativeError`.
     """
-    watch.start(4, "parts of the surface")
+    progress.start(4, "parts of the surface")
     points = _sound(read_ply(cloud)["vertex"])
     _require_points(len(points))
     depth = _depth(_positions(points), faces)
@@ -68,9 +73,9 @@ def reconstruct_surface(
     parts = [mesh.with_name(f".{mesh.stem}.{word}.part.ply") for word in ("cloud", "poisson", "simple")]
     try:
         write_rows(parts[0], thin)
-        watch.advance()
-        _poisson(parts[0], parts[1], native, watch)
-        watch.advance()
+        progress.advance()
+        _poisson(parts[0], parts[1], native, progress)
+        progress.advance()
         cell = 1 / _cells_per_unit(_positions(thin), native.depth)
         surface = _trimmed(parts[1], thin, cell)
         before = len(surface.faces)
@@ -78,17 +83,17 @@ def reconstruct_surface(
             write_mesh(parts[1], surface)
             ratio = pycolmap.MeshSimplificationOptions(target_face_ratio=faces / before)
             apply_options(ratio, {}, "the simplification")
-            called(pycolmap.simplify_mesh, parts[1], parts[2], ratio, watch=watch, cancellable=False)
+            called(pycolmap.simplify_mesh, parts[1], parts[2], ratio, progress=progress, cancellable=False)
             simple = read_mesh(parts[2])
             # pycolmap 4.2.1 reads no colours and writes none, whatever interpolate_colors says.
             surface = replace(simple, colours=nearest_colours(simple.vertices, thin))
-        watch.advance()
+        progress.advance()
         write_mesh(parts[2], surface)
         parts[2].replace(mesh)
     finally:
         for part in parts:
             part.unlink(missing_ok=True)
-    watch.advance()
+    progress.advance()
     return Surface(native.depth, native.trim, len(thin), before, len(surface.faces))
 
 
@@ -120,12 +125,12 @@ def nearest_colours(vertices: F32, points: Rows) -> U8:
     return np.asarray(np.rint(colours[rows].mean(axis=1)), np.uint8)
 
 
-def _poisson(cloud: Path, mesh: Path, options: pycolmap.PoissonMeshingOptions, watch: Watch) -> None:
+def _poisson(cloud: Path, mesh: Path, options: pycolmap.PoissonMeshingOptions, progress: Progress) -> None:
     """Poisson in a process of its own, which can be stopped, and which it aborts on a cloud it makes nothing of.
     Raises `Cancelled`, `NativeError`."""
     try:
-        with Apart() as apart:
-            apart.call(_meshed, (cloud, mesh, options.todict()), watch)
+        with ColmapProcesses() as apart:
+            apart.call(_meshed, (cloud, mesh, options.todict()), progress)
     except NativeError as error:
         raise NativeError(
             f"Poisson meshing: {error}",
@@ -133,10 +138,10 @@ def _poisson(cloud: Path, mesh: Path, options: pycolmap.PoissonMeshingOptions, w
         ) from error
 
 
-def _meshed(job: tuple[Path, Path, dict[str, Any]], _watch: Watch) -> None:
+def _meshed(job: tuple[Path, Path, dict[str, Any]], _progress: Progress) -> None:
     cloud, mesh, options = job
     settings = pycolmap.PoissonMeshingOptions(**options)
-    called(pycolmap.poisson_meshing, cloud, mesh, settings, watch=SILENT, cancellable=False)
+    called(pycolmap.poisson_meshing, cloud, mesh, settings, progress=SILENT, cancellable=False)
 
 
 def _sound(points: Rows) -> Rows:

@@ -21,12 +21,12 @@ from colmap_ihe.dense.texture.atlas import Atlas, cut, pack
 from colmap_ihe.dense.texture.bake import bake, corner_colours
 from colmap_ihe.dense.texture.level import seam_offsets
 from colmap_ihe.dense.texture.mesh import F64, U8, Mesh, neighbours, vertex_normals
-from colmap_ihe.dense.texture.raster import View
+from colmap_ihe.dense.texture.raster import TextureView
 from colmap_ihe.dense.texture.select import UNSEEN, Candidates, box_labels, choose, quality_in
 from colmap_ihe.dense.undistort import read_colour, read_mask
 from colmap_ihe.errors import CapabilityError
 from colmap_ihe.machine.files import write_bytes
-from colmap_ihe.machine.progress import SILENT, Watch
+from colmap_ihe.machine.progress import SILENT, Progress
 
 FILES = ("mesh.glb", "mesh.obj", "mesh.mtl", "mesh.jpeg")
 _JPEG_QUALITY = 95
@@ -66,7 +66,7 @@ def is_possible() -> bool:
 
 
 def texture_mesh(
-    dense_dir: Path, mesh_file: Path, largest: int, *, executor: Executor, watch: Watch = SILENT
+    dense_dir: Path, mesh_file: Path, largest: int, *, executor: Executor, progress: Progress = SILENT
 ) -> Texture:
     """Writes `FILES` beside `mesh_file`, textured from `dense_dir/images`, on one texture of sides up to `largest`.
 
@@ -79,24 +79,24 @@ def texture_mesh(
     views = [_view(model, image) for image in images]
     mesh = read_mesh(mesh_file)
     masks = [partial(read_mask, dense_dir, image.name) for image in images]
-    candidates = _candidates(mesh, views, masks, executor, watch)
-    watch.start(1, "atlases")
+    candidates = _candidates(mesh, views, masks, executor, progress)
+    progress.start(1, "atlases")
     pairs = neighbours(mesh.faces)
     chosen = choose(candidates, pairs)
     labels = box_labels(mesh, chosen, len(views))
     patches = cut(mesh, labels, views, pairs)
     atlas = pack(patches, largest)
-    watch.advance()
-    watch.start(len(views), "photographs compared at seams")
-    colours, known = corner_colours(patches, labels, _pictures(paths, watch), mesh.colours)
-    watch.start(1, "seams")
+    progress.advance()
+    progress.start(len(views), "photographs compared at seams")
+    colours, known = corner_colours(patches, labels, _pictures(paths, progress), mesh.colours)
+    progress.start(1, "seams")
     offsets = seam_offsets(patches, colours, known)
-    watch.advance()
-    watch.start(len(views), "photographs on the texture")
-    texture = bake(atlas, patches, labels, _pictures(paths, watch), offsets, mesh.colours)
-    watch.start(1, "sets of files")
+    progress.advance()
+    progress.start(len(views), "photographs on the texture")
+    texture = bake(atlas, patches, labels, _pictures(paths, progress), offsets, mesh.colours)
+    progress.start(1, "sets of files")
     _write(mesh_file.parent, mesh, atlas, patches.vertex[atlas.source], texture, _upright(views))
-    watch.advance()
+    progress.advance()
     return Texture(
         *atlas.size,
         patches=int(patches.patch.max(initial=-1)) + 1,
@@ -108,14 +108,14 @@ def texture_mesh(
 
 def _candidates(
     mesh: Mesh,
-    views: list[View],
+    views: list[TextureView],
     masks: Sequence[Callable[[], U8 | None]],
     executor: Executor,
-    watch: Watch,
+    progress: Progress,
 ) -> Candidates:
     """The best views of each face; added in the order of the views, so that the result is always the same."""
     candidates = Candidates.none(len(mesh.faces))
-    watch.start(len(views), "photographs looked through")
+    progress.start(len(views), "photographs looked through")
     jobs = []
     try:
         for number, view in enumerate(views):
@@ -123,28 +123,30 @@ def _candidates(
             if len(jobs) > _AHEAD:
                 first, job = jobs.pop(0)
                 candidates.add(first, job.result())
-                watch.advance()
+                progress.advance()
         for number, job in jobs:
             candidates.add(number, job.result())
-            watch.advance()
+            progress.advance()
     finally:
         for _, job in jobs:
             job.cancel()
     return candidates
 
 
-def _view(model: pycolmap.Reconstruction, image: pycolmap.Image) -> View:
+def _view(model: pycolmap.Reconstruction, image: pycolmap.Image) -> TextureView:
     camera = model.cameras[image.camera_id]
-    return View(camera.calibration_matrix(), image.cam_from_world().matrix(), (camera.width, camera.height))
+    return TextureView(
+        camera.calibration_matrix(), image.cam_from_world().matrix(), (camera.width, camera.height)
+    )
 
 
-def _pictures(paths: list[Path], watch: Watch) -> Iterator[U8]:
+def _pictures(paths: list[Path], progress: Progress) -> Iterator[U8]:
     for path in paths:
         yield read_colour(path)
-        watch.advance()
+        progress.advance()
 
 
-def _upright(views: list[View]) -> F64:
+def _upright(views: list[TextureView]) -> F64:
     """(4, 4): turns the mean upward direction of the photographs to +y, which is up in glTF."""
     turned = np.eye(4)
     turned[:3, :3] = upright([view.cam_from_world for view in views])

@@ -17,8 +17,8 @@ from colmap_ihe.colmap.native import called, pycolmap
 from colmap_ihe.errors import ProjectError
 from colmap_ihe.machine import memory
 from colmap_ihe.machine.executor import local_workers
-from colmap_ihe.machine.files import require_held, write_bytes
-from colmap_ihe.machine.progress import SILENT, Watch
+from colmap_ihe.machine.files import require_same_folder, write_bytes
+from colmap_ihe.machine.progress import SILENT, Progress
 from colmap_ihe.photographs.png import encode_png
 
 UNDISTORT_BYTES_A_PIXEL = 8
@@ -35,7 +35,7 @@ def undistort(
     *,
     masks_dir: Path | None = None,
     max_image_size: int = -1,
-    watch: Watch = SILENT,
+    progress: Progress = SILENT,
 ) -> int:
     """Writes both workspaces anew from a sparse model with its grey and colour images; returns their number.
 
@@ -52,10 +52,10 @@ def undistort(
     one = UNDISTORT_BYTES_A_PIXEL * max((camera.width * camera.height for camera in cameras), default=0)
     threads = memory.workers_for("undistortion", one, local_workers())
     workspaces = {dense_dir / "grey": grey_dir, dense_dir: colour_dir}
-    watch.start(len(workspaces), "undistorted sets")
+    progress.start(len(workspaces), "undistorted sets")
     for workspace, images in workspaces.items():
         _require_files(images, names)
-        require_held(workspace)
+        require_same_folder(workspace)
         workspace.mkdir(parents=True, exist_ok=True)
         called(
             pycolmap.undistort_images,
@@ -64,18 +64,18 @@ def undistort(
             images,
             undistort_options=options,
             num_threads=threads,
-            watch=watch,
+            progress=progress,
         )
         _require_files(workspace / "images", names)
-        watch.advance()
+        progress.advance()
     if masks_dir is not None and masks_dir.is_dir():
-        watch.start(len(names), "undistorted masks")
+        progress.start(len(names), "undistorted masks")
         for image_id in model.reg_image_ids():
             image = model.images[image_id]
             _undistort_mask(
                 masks_dir, image.name, model.cameras[image.camera_id], options, mask_of(dense_dir, image.name)
             )
-            watch.advance()
+            progress.advance()
     return len(names)
 
 

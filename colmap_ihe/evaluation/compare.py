@@ -32,13 +32,13 @@ from colmap_ihe.evaluation.page import write_comparison
 from colmap_ihe.evaluation.pair_list import read_pairs
 from colmap_ihe.evaluation.parallel import match_together
 from colmap_ihe.evaluation.significance import LEFT_OUT
-from colmap_ihe.evaluation.tables import METHODS, PAPER, Compared, tables_of
+from colmap_ihe.evaluation.tables import METHODS, PAPER, MethodResult, tables_of
 from colmap_ihe.evaluation.truth import Truth
 from colmap_ihe.grey.conversions import CONVERSIONS
 from colmap_ihe.machine.executor import local_executor
 from colmap_ihe.machine.files import fingerprint_of, read_json, require_room, write_bytes, write_json
 from colmap_ihe.machine.libraries import library_versions
-from colmap_ihe.machine.progress import SILENT, Audience
+from colmap_ihe.machine.progress import SILENT, RunProgress
 from colmap_ihe.machine.threads import limited
 from colmap_ihe.photographs.discover import discover
 from colmap_ihe.pipeline.reconstruct import Reconstruction, reconstruct
@@ -60,9 +60,9 @@ def compare(
     pairs: str | Path | None = None,
     images: str | Path | None = None,
     jobs: int = 1,
-    audience: Audience = SILENT,
+    progress: RunProgress = SILENT,
     executor: Executor | None = None,
-) -> list[Compared]:
+) -> list[MethodResult]:
     """Measures each of `methods` on the photographs of a project; what was measured before is not measured again.
 
     `pairs` is a file of two photographs a line, in which matching is measured instead of in all pairs. As far as
@@ -75,7 +75,7 @@ def compare(
     place = Project.at(Path(project), Path(images) if images else None)
     truth = truth_of(place)
     chosen = read_pairs(Path(pairs), [c.name for c in discover(place.images).captures]) if pairs else None
-    found: list[Compared] = []
+    found: list[MethodResult] = []
     own = Project.at(place.comparison, place.images)
     with ExitStack() as stack:
         stack.enter_context(own.locked())
@@ -87,23 +87,23 @@ def compare(
         homes = [_project_of(place, method, options) for method in wanted]
         said = native_assignments(options)
         if jobs > 1 or executor:
-            with audience.stage("matching") as watch:
-                match_together(homes, said, place.comparison / _DEVELOPED, jobs, executor, watch)
+            with progress.stage("matching") as stage_progress:
+                match_together(homes, said, place.comparison / _DEVELOPED, jobs, executor, stage_progress)
         for number, (method, one) in enumerate(zip(wanted, homes, strict=True)):
-            ahead = Ahead(audience, one, options, wanted[number:], seeds)
+            ahead = Ahead(progress, one, options, wanted[number:], seeds)
             done = _matched(one, said, images_of, ahead)
-            runs = {seed: _mapped(done, options, seed, truth, audience) for seed in range(seeds + 1)}
+            runs = {seed: _mapped(done, options, seed, truth, progress) for seed in range(seeds + 1)}
             projects.append(done)
             cameras = _seed_folder(projects[0], 0) / "0"
             if not found:
                 _require_cameras(method, runs[0])
             found.append(
-                Compared(
+                MethodResult(
                     method,
                     done.summary["weights"] and tuple(done.summary["weights"]),
                     matching_of(done.project, cameras, chosen),
                     runs,
-                    _dense_points(done, projects[0], options, images_of, audience),
+                    _dense_points(done, projects[0], options, images_of, progress),
                 )
             )
         shutil.rmtree(place.comparison / _DEVELOPED, ignore_errors=True)
@@ -129,7 +129,7 @@ def _require_cameras(method: str, run: Mapping[str, float]) -> None:
         )
 
 
-def _write(place: Project, found: Sequence[Compared]) -> None:
+def _write(place: Project, found: Sequence[MethodResult]) -> None:
     write_json(place.comparison / "compare.json", [asdict(one) for one in found])
     for table in tables_of(found):
         write_bytes(place.comparison / f"{table.name}.csv", table.as_csv().encode())
@@ -152,14 +152,14 @@ def _project_of(place: Project, method: str, options: Options) -> Project:
     return one
 
 
-def _matched(one: Project, said: Sequence[str], executor: Executor, audience: Audience) -> Reconstruction:
+def _matched(one: Project, said: Sequence[str], executor: Executor, progress: RunProgress) -> Reconstruction:
     """As far as verified matches. `said`: what goes over its project.yaml."""
     return reconstruct(
         one.root,
         load_options(one.options_file, said),
         images=one.images,
         until="matches",
-        audience=audience,
+        progress=progress,
         executor=executor,
         developed=one.root.parent / _DEVELOPED,
     )
@@ -188,7 +188,7 @@ def _seed_folder(done: Reconstruction, seed: int) -> Path:
 
 
 def _mapped(
-    done: Reconstruction, options: Options, seed: int, truth: Truth | None, audience: Audience
+    done: Reconstruction, options: Options, seed: int, truth: Truth | None, progress: RunProgress
 ) -> Mapping[str, float]:
     """What one run of the mapper came to: with all matches for seed 0, else without some."""
     project, folder = done.project, _seed_folder(done, seed)
@@ -202,10 +202,10 @@ def _mapped(
             database = folder.with_name(f"{seed}.db")
             thin_out(project.database, database, LEFT_OUT, seed)
         try:
-            with audience.stage(run_name(project.root.name, seed)) as watch:
-                model = map_images(database, project.grey, folder, options.sparse, images, watch)[0]
+            with progress.stage(run_name(project.root.name, seed)) as stage_progress:
+                model = map_images(database, project.grey, folder, options.sparse, images, stage_progress)[0]
         except MappingError as error:
-            audience.warn(f"{project.root.name}, run {seed}: {error}")
+            progress.warn(f"{project.root.name}, run {seed}: {error}")
             return {"registered": 0, "points": 0, "points_over_3_views": 0}
         finally:
             if seed:
@@ -229,7 +229,11 @@ def _mapped(
 
 
 def _dense_points(
-    done: Reconstruction, first: Reconstruction, options: Options, executor: Executor, audience: Audience
+    done: Reconstruction,
+    first: Reconstruction,
+    options: Options,
+    executor: Executor,
+    progress: RunProgress,
 ) -> int | None:
     if not options.dense.enabled:
         return None
@@ -238,7 +242,7 @@ def _dense_points(
 
     def measure() -> _Row:
         shutil.rmtree(dense, ignore_errors=True)
-        with audience.stage(dense_name(project.root.name)) as watch:
+        with progress.stage(dense_name(project.root.name)) as stage_progress:
             made = dense_cloud(
                 cameras,
                 project.grey,
@@ -247,7 +251,7 @@ def _dense_points(
                 dense,
                 options.dense,
                 executor,
-                watch,
+                stage_progress,
                 partial(require_room, project.root),
             )
         cloud = project.workspace / "same-cameras.ply"

@@ -6,28 +6,28 @@ from collections.abc import Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, replace
 
-from colmap_ihe.machine.progress import Audience, Watch
+from colmap_ihe.machine.progress import Progress, RunProgress
 from colmap_ihe.machine.remaining_time import Part
-from colmap_ihe.pipeline.stage_list import NAMES
-from colmap_ihe.pipeline.time_estimate import Known, expected
+from colmap_ihe.pipeline.stage_list import STAGE_NAMES
+from colmap_ihe.pipeline.time_estimate import Known, stage_parts
 from colmap_ihe.project.folder import Project
 from colmap_ihe.project.options import Options
 
 
 @dataclass(frozen=True)
 class Ahead:
-    """An `Audience` of the run of the first of `methods`, that lets `audience` foresee the rest too."""
+    """An `RunProgress` of the run of the first of `methods`, that lets `progress` foresee the rest too."""
 
-    audience: Audience
+    progress: RunProgress
     project: Project
     options: Options
     methods: Sequence[str]
     seeds: int
 
-    def foresee(self, parts: Sequence[Part]) -> None:
-        found = {name: self.project.read_record(name) for name in NAMES}
+    def expect(self, parts: Sequence[Part]) -> None:
+        found = {name: self.project.read_record(name) for name in STAGE_NAMES}
         known = Known.from_records({name: record for name, record in found.items() if record})
-        road = expected(self.options, known, "dense" if self.options.dense.enabled else "sparse")
+        road = stage_parts(self.options, known, "dense" if self.options.dense.enabled else "sparse")
         coming: list[Part] = []
         for number, method in enumerate(self.methods):
             if number:
@@ -35,16 +35,16 @@ class Ahead:
             for seed in range(self.seeds + 1):
                 coming += [replace(p, stage=run_name(method, seed)) for p in road if p.stage == "sparse"]
             coming += [replace(p, stage=dense_name(method)) for p in road if p.stage == "dense"]
-        self.audience.foresee([*parts, *coming])
+        self.progress.expect([*parts, *coming])
 
-    def stage(self, name: str) -> AbstractContextManager[Watch]:
-        return self.audience.stage(name)
+    def stage(self, name: str) -> AbstractContextManager[Progress]:
+        return self.progress.stage(name)
 
     def kept(self, name: str) -> None:
-        self.audience.kept(name)
+        self.progress.kept(name)
 
     def warn(self, text: str) -> None:
-        self.audience.warn(text)
+        self.progress.warn(text)
 
 
 def run_name(method: str, seed: int) -> str:

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from colmap_ihe.dense.undistort import read_colour, read_grey
-from colmap_ihe.evaluation.tables import Compared, sentences, tables_of
+from colmap_ihe.evaluation.tables import MethodResult, sentences, tables_of
 from colmap_ihe.machine.files import write_bytes
 from colmap_ihe.pipeline import model_view as shown
 from colmap_ihe.pipeline.page import CITATION
@@ -21,7 +21,7 @@ _LONGEST, _CLOUD = 900, 640  # pixels; of a cloud fewer, for it has about one po
 
 
 def write_comparison(
-    place: Project, found: Sequence[Compared], projects: Sequence[Project], cameras: Path
+    place: Project, found: Sequence[MethodResult], projects: Sequence[Project], cameras: Path
 ) -> Path:
     """Writes compare/index.html of a project. `projects` of the methods, in the order of `found`; `cameras`: the model
     whose cameras served for all dense clouds. Raises `KnownError`s."""
@@ -42,7 +42,7 @@ def write_comparison(
 
 def _best_pair(project: Project, cameras: Path) -> tuple[str, str]:
     """Of the photographs with a place in the model, the two with most verified matches."""
-    names = shown.Model(cameras).names
+    names = shown.ModelView(cameras).names
     matched = np.triu(shown.verified_matches(project.database, names))
     one, other = np.unravel_index(int(np.argmax(matched)), matched.shape)
     return names[one], names[other]

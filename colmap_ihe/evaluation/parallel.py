@@ -9,8 +9,8 @@ from pathlib import Path
 
 from colmap_ihe.errors import Cancelled
 from colmap_ihe.machine import memory
-from colmap_ihe.machine.progress import Watch
-from colmap_ihe.pipeline.job import GRACE_SECONDS, Job, Outcome, run_job
+from colmap_ihe.machine.progress import Progress
+from colmap_ihe.pipeline.job import GRACE_SECONDS, Outcome, ProjectJob, run_job
 from colmap_ihe.project.folder import Project
 
 _TICK_SECONDS = 0.25
@@ -22,7 +22,7 @@ def match_together(
     developed: Path,
     jobs: int,
     executor: Executor | None,
-    watch: Watch,
+    progress: Progress,
 ) -> None:
     """Runs them with what their project.yaml says, and `assignments` over it, `jobs` at a time here, or all on
     `executor`. What becomes of them is in their records: one that failed is not done, and fails again where it is run
@@ -30,12 +30,12 @@ def match_together(
     stop_file = developed.with_name("stop")
     stop_file.unlink(missing_ok=True)
     share = 0 if executor else memory.available() // jobs
-    watch.start(len(projects), "methods")
+    progress.start(len(projects), "methods")
     with ExitStack() as stack:
         pool = executor or stack.enter_context(ThreadPoolExecutor(jobs, thread_name_prefix="method"))
         futures: list[Future[Outcome]] = []
         for one in projects:
-            job = Job(
+            job = ProjectJob(
                 str(one.root),
                 tuple(assignments),
                 images=str(one.images),
@@ -49,7 +49,7 @@ def match_together(
             left = set(futures)
             while left:
                 done, left = wait(left, _TICK_SECONDS)
-                watch.advance(len(done))
+                progress.advance(len(done))
         except Cancelled:
             stop_file.touch()
             for future in futures:

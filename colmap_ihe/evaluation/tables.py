@@ -18,7 +18,7 @@ REFERENCE = "rec709"
 
 
 @dataclass(frozen=True)
-class Compared:
+class MethodResult:
     """What was measured of one method.
 
     `runs`: 0 with all matches, 1 and up without some of them, by seed; each with `registered`, `points`,
@@ -55,17 +55,17 @@ _FIGURES = (
 )
 
 
-def tables_of(found: Sequence[Compared]) -> list[Table]:
+def tables_of(found: Sequence[MethodResult]) -> list[Table]:
     """Tables 1 to 3 of the paper, and the differences from COLMAP's default, or from the first method without it."""
     tables = [_matching(found), _reconstruction(found)]
     return [*tables, _differences(found)] if len(found) > 1 else tables
 
 
-def reference_of(found: Sequence[Compared]) -> Compared:
+def reference_of(found: Sequence[MethodResult]) -> MethodResult:
     return next((one for one in found if one.method == REFERENCE), found[0])
 
 
-def sentences(found: Sequence[Compared]) -> list[str]:
+def sentences(found: Sequence[MethodResult]) -> list[str]:
     """What the differences say, one method a sentence."""
     default = reference_of(found)
     said = []
@@ -83,7 +83,7 @@ def sentences(found: Sequence[Compared]) -> list[str]:
     return said
 
 
-def _matching(found: Sequence[Compared]) -> Table:
+def _matching(found: Sequence[MethodResult]) -> Table:
     kinds = [k for k in ("all", *MOVEMENTS) if found[0].matching[k]["pairs"]]
     columns = ["method", "weights", "putative", "inliers"]
     columns += [f"{kind}, % of putative ({found[0].matching[kind]['pairs']} pairs)" for kind in kinds]
@@ -96,7 +96,7 @@ def _matching(found: Sequence[Compared]) -> Table:
     return Table("matching", "Pairwise matching efficiency: inliers of putative matches", columns, rows)
 
 
-def _reconstruction(found: Sequence[Compared]) -> Table:
+def _reconstruction(found: Sequence[MethodResult]) -> Table:
     figures = _shown(found)
     columns = ["method", *(f.title for f in figures), "dense points, same cameras"]
     rows = []
@@ -112,7 +112,7 @@ def _reconstruction(found: Sequence[Compared]) -> Table:
     return Table("reconstruction", title, columns, rows)
 
 
-def _differences(found: Sequence[Compared]) -> Table:
+def _differences(found: Sequence[MethodResult]) -> Table:
     default, figures = reference_of(found), _shown(found)
     rows = []
     for one in found:
@@ -128,16 +128,16 @@ def _differences(found: Sequence[Compared]) -> Table:
     return Table("differences", title, ["method", *(f.title for f in figures)], rows)
 
 
-def _shown(found: Sequence[Compared]) -> list[_Figure]:
+def _shown(found: Sequence[MethodResult]) -> list[_Figure]:
     return [f for f in _FIGURES if all(f.name in run for one in found for run in one.runs.values())]
 
 
-def _paired(one: Compared, other: Compared, figure: _Figure) -> tuple[list[float], list[float]]:
+def _paired(one: MethodResult, other: MethodResult, figure: _Figure) -> tuple[list[float], list[float]]:
     seeds = sorted(one.runs.keys() & other.runs.keys())
     return [one.runs[s][figure.name] for s in seeds], [other.runs[s][figure.name] for s in seeds]
 
 
-def _verdict(one: Compared, other: Compared, figure: _Figure) -> str:
+def _verdict(one: MethodResult, other: MethodResult, figure: _Figure) -> str:
     return verdict(*_paired(one, other, figure), more_is_better=figure.more_is_better).words
 
 

@@ -27,7 +27,7 @@ from colmap_ihe.grey.weights import Encoding
 from colmap_ihe.machine import decoder_pool as decoders
 from colmap_ihe.machine.decoder_process import BROKEN
 from colmap_ihe.machine.executor import in_order, width_of
-from colmap_ihe.machine.progress import Watch
+from colmap_ihe.machine.progress import Progress
 from colmap_ihe.photographs.colour_counts import sampled
 from colmap_ihe.photographs.decode import encoding_of, message_of
 from colmap_ihe.photographs.discover import Capture
@@ -43,7 +43,7 @@ _SAMPLED_BYTES = 4096  # of a file, twice, for its key
 
 
 @dataclass(frozen=True)
-class Counting:
+class CountOptions:
     """How photographs are counted: `method` of the fit, whose own sums are gathered too; whether `contrast` is
     measured. `strict`: a chunk ends at the first photograph that cannot be used."""
 
@@ -55,7 +55,7 @@ class Counting:
 
 
 @dataclass(frozen=True)
-class Counted:
+class ChunkCounts:
     """What came of a chunk: of those photographs that can be used the sums, one or more to be added, and the contrast
     where it was measured; of the others the errors, both by name."""
 
@@ -66,7 +66,7 @@ class Counted:
 
 
 @dataclass
-class Gathered:
+class SetCounts:
     """What the fit has to know of the photographs of one encoding. Adding two is pooling their photographs.
 
     `keys` tell photographs apart, of those that were counted. `measured` are key and contrast of the
@@ -87,14 +87,14 @@ class Gathered:
     def contrast(self) -> Contrast:
         return reduce(add, (contrast for _, contrast in self.measured), Contrast(self.encoding))
 
-    def add(self, counted: Counted) -> None:
+    def add(self, counted: ChunkCounts) -> None:
         """Counts in what came of a chunk. Raises ValueError for sums of another kind."""
         for sums in counted.sums:
             self.histogram.add_sums(sums)
         if counted.formula is not None:
             self.formula = counted.formula if self.formula is None else self.formula + counted.formula
 
-    def pool(self, other: Gathered) -> None:
+    def pool(self, other: SetCounts) -> None:
         """Raises ValueError for sums of another kind."""
         self.histogram.add_sums(other.histogram.sums())
         self.keys = sorted(self.keys + other.keys)
@@ -148,36 +148,36 @@ def _pixels(capture: Capture) -> float:
 
 def gather(
     captures: Sequence[Capture],
-    counting: Counting,
+    counting: CountOptions,
     executor: Executor,
-    watch: Watch,
+    progress: Progress,
     left_out: LeftOut,
-) -> dict[Encoding, Gathered]:
+) -> dict[Encoding, SetCounts]:
     """The sums of all captures that can be used, by encoding; the others go to `left_out`. Contrast is measured,
     if at all, in the photographs with the least keys.
 
     Raises `PhotographError` if strict, `ProjectError` if none can be used.
     """
-    watch.start(len(captures))
+    progress.start(len(captures))
     keys = {capture.name: key_of(capture.path) for capture in captures}
     chosen: set[str] = set()
     for encoding in {encoding_of(c) for c in captures} if counting.contrast else ():
         names = sorted((keys[c.name], c.name) for c in captures if encoding_of(c) == encoding)
         chosen |= {name for _, name in names[:_CONTRAST_OF]}
-    gathered: dict[Encoding, Gathered] = {}
+    gathered: dict[Encoding, SetCounts] = {}
     contrasts: dict[str, Contrast] = {}
     parts = list(chunks(captures, width_of(executor)))
     work, by_name = partial(count, counting, frozenset(chosen)), {c.name: c for c in captures}
     for chunk, found in zip(
-        parts, in_order(executor, work, parts, at_once(captures, executor), watch), strict=True
+        parts, in_order(executor, work, parts, at_once(captures, executor), progress), strict=True
     ):
-        watch.advance(len(chunk))
+        progress.advance(len(chunk))
         for name, error in found.errors.items():
             leave_out(by_name[name], error, counting.strict, left_out)
         if found.sums:
             encoding = found.sums[0].encoding
             if encoding not in gathered:
-                gathered[encoding] = Gathered(Histogram(encoding, counting.weighting))
+                gathered[encoding] = SetCounts(Histogram(encoding, counting.weighting))
             gathered[encoding].add(found)
             contrasts |= found.contrasts
     if not gathered:
@@ -190,7 +190,7 @@ def gather(
     return gathered
 
 
-def count(counting: Counting, contrast_in: frozenset[str], chunk: Sequence[Capture]) -> Counted:
+def count(counting: CountOptions, contrast_in: frozenset[str], chunk: Sequence[Capture]) -> ChunkCounts:
     """Counts the photographs of a chunk, all of one encoding, and measures contrast in those named. Plain values in
     and out, which can be pickled.
 
@@ -200,7 +200,7 @@ def count(counting: Counting, contrast_in: frozenset[str], chunk: Sequence[Captu
     try:
         return _together(counting, contrast_in, chunk, errors)
     except _Lost:
-        found = Counted(errors=errors)
+        found = ChunkCounts(errors=errors)
     for capture in chunk:
         if capture.name in errors:
             if counting.strict:
@@ -212,16 +212,16 @@ def count(counting: Counting, contrast_in: frozenset[str], chunk: Sequence[Captu
             continue
         formula = one.formula if found.formula is None else found.formula + one.formula
         contrasts = {**found.contrasts, **one.contrasts}
-        found = Counted((*found.sums, *one.sums), contrasts, formula, errors)
+        found = ChunkCounts((*found.sums, *one.sums), contrasts, formula, errors)
     return found
 
 
 def _together(
-    counting: Counting,
+    counting: CountOptions,
     contrast_in: frozenset[str],
     chunk: Sequence[Capture],
     errors: dict[str, PhotographError],
-) -> Counted:
+) -> ChunkCounts:
     """Raises `_Lost` where a photograph, whose error is then in `errors`, took its decoder along."""
     encoding = encoding_of(chunk[0])
     how = {"encoding": encoding, "weighting": counting.weighting, "sample": counting.sample}
@@ -229,7 +229,7 @@ def _together(
     formula = new_formula() if new_formula else None
     contrasts: dict[str, Contrast] = {}
     used = 0
-    with decoders.kept() as decoder:
+    with decoders.one_decoder() as decoder:
         for capture in chunk:
             contrast = capture.name in contrast_in
             asked = {"capture": message_of(capture), "first": not used, "contrast": contrast}
@@ -250,7 +250,7 @@ def _together(
             if formula is not None and rgb is not None:
                 formula.add(coded_share(sampled(rgb, counting.sample)))
         if not used:
-            return Counted(errors=errors)
+            return ChunkCounts(errors=errors)
         try:
             head, cells = decoder.ask("tally", chunk[0].name)
             sums = Sums(**head, cells=b"" if cells is None else cells.tobytes()).checked()
@@ -260,7 +260,7 @@ def _together(
             if len(chunk) == 1:
                 errors[chunk[0].name] = _as_of(chunk[0], error)
             raise _Lost from error
-    return Counted((sums,), contrasts, formula, errors)
+    return ChunkCounts((sums,), contrasts, formula, errors)
 
 
 def _as_of(capture: Capture, error: Exception) -> PhotographError:

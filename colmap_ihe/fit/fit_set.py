@@ -12,10 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from colmap_ihe.errors import DiskFullError, KnownError, WeightsError
-from colmap_ihe.fit.counting import Counting, Gathered, gather
-from colmap_ihe.fit.histogram_file import Stored
+from colmap_ihe.fit.counting import CountOptions, SetCounts, gather
+from colmap_ihe.fit.histogram_file import StoredCounts
 from colmap_ihe.fit.trial import coarse_grid, measure
-from colmap_ihe.fit.trial_result import REFERENCE, SAME, Measured, choose, in_words
+from colmap_ihe.fit.trial_result import REFERENCE, SAME, TrialResult, choose, in_words
 from colmap_ihe.grey.boxes import Triplet
 from colmap_ihe.grey.conversions import CONVERSIONS
 from colmap_ihe.grey.convert import Tone
@@ -25,7 +25,7 @@ from colmap_ihe.grey.ihe import count_levels, fit_cells, fit_histogram, likely_w
 from colmap_ihe.grey.sums import Weighting
 from colmap_ihe.grey.weights import FIXED, Encoding, Formula, Grey, Weights, triplets
 from colmap_ihe.machine.executor import in_order
-from colmap_ihe.machine.progress import Watch
+from colmap_ihe.machine.progress import Progress
 from colmap_ihe.photographs.colour_counts import sampled
 from colmap_ihe.photographs.decode import encoding_of, read_photograph
 from colmap_ihe.photographs.discover import Capture
@@ -42,11 +42,11 @@ class Trial:
 
 
 @dataclass(frozen=True)
-class Tried:
+class ChosenGrey:
     """What was measured on the photographs, and which of the candidates the grey is."""
 
     chosen: str
-    measured: Measured
+    measured: TrialResult
 
     def as_dict(self) -> dict[str, Any]:
         words = in_words(self.measured, self.chosen)
@@ -62,8 +62,8 @@ class Fit:
     weights: Mapping[Encoding, Grey]
     colour_white: float = 1.0
     left_out: LeftOut = field(default_factory=dict)
-    tried: Mapping[Encoding, Tried] = field(default_factory=dict)
-    gathered: Mapping[Encoding, Gathered] = field(default_factory=dict, compare=False, repr=False)
+    tried: Mapping[Encoding, ChosenGrey] = field(default_factory=dict)
+    gathered: Mapping[Encoding, SetCounts] = field(default_factory=dict, compare=False, repr=False)
 
     @property
     def main(self) -> Grey:
@@ -75,11 +75,11 @@ def fit_captures(
     captures: Sequence[Capture],
     options: FitOptions,
     executor: Executor,
-    watch: Watch,
+    progress: Progress,
     *,
     strict: bool,
     trial: Trial | None = None,
-    stored: Sequence[Stored] = (),
+    stored: Sequence[StoredCounts] = (),
     given: Grey | None = None,
 ) -> Fit:
     """One grey for the whole set, from every pixel of every capture, one image in memory a worker.
@@ -99,17 +99,17 @@ def fit_captures(
                 hint="RAW is linear, JPEG is gamma-coded: use weights of the same kind, or another folder",
             )
     wants_contrast = options.method in ("snr", "auto") or (options.method, options.guard) == ("ihe", "noise")
-    counting = Counting(options.method, options.weighting, options.sample, wants_contrast, strict)
-    gathered = gather(captures, counting, executor, watch, left_out) if captures or not stored else {}
+    counting = CountOptions(options.method, options.weighting, options.sample, wants_contrast, strict)
+    gathered = gather(captures, counting, executor, progress, left_out) if captures or not stored else {}
     unseen = _pooled(gathered, stored, options, wants_contrast)
     usable = [c for c in captures if c.name not in left_out]
     weights: dict[Encoding, Grey] = {}
-    tried: dict[Encoding, Tried] = {}
+    tried: dict[Encoding, ChosenGrey] = {}
     colour_white = 1.0
     for encoding in sorted(gathered):
         members = [c for c in usable if encoding_of(c) == encoding]
         recount = options.recount and encoding not in unseen
-        one = _SetFit(gathered[encoding], members, options, executor, watch, recount)
+        one = _SetFit(gathered[encoding], members, options, executor, progress, recount)
         if given is not None:
             weights[encoding] = given
             if trial is not None:
@@ -127,7 +127,7 @@ def fit_captures(
 
 
 def _pooled(
-    gathered: dict[Encoding, Gathered], stored: Sequence[Stored], options: FitOptions, contrast: bool
+    gathered: dict[Encoding, SetCounts], stored: Sequence[StoredCounts], options: FitOptions, contrast: bool
 ) -> set[Encoding]:
     """Adds what is stored to what was gathered. Returns the encodings of photographs that were not read now."""
     unseen: set[Encoding] = set()
@@ -151,7 +151,7 @@ def _pooled(
                     hint="use --guard none, or count its photographs again with the guard",
                 )
             if encoding not in gathered:
-                gathered[encoding] = Gathered(Histogram(encoding, options.weighting))
+                gathered[encoding] = SetCounts(Histogram(encoding, options.weighting))
             gathered[encoding].pool(other)
             unseen.add(encoding)
     return unseen
@@ -165,11 +165,11 @@ def _said(values: Mapping[str, Any]) -> str:
 class _SetFit:
     """What is known of the photographs of one encoding, and the greys that follow."""
 
-    gathered: Gathered
+    gathered: SetCounts
     members: Sequence[Capture]
     options: FitOptions
     executor: Executor
-    watch: Watch
+    progress: Progress
     recount: bool
 
     @property
@@ -222,22 +222,22 @@ class _SetFit:
 
         def recount(chosen: Sequence[Triplet], whites: Sequence[int]) -> NDArray[np.int64]:
             count = partial(_levels_of, options.sample, options.weighting, chosen, whites)
-            self.watch.start(len(self.members), f"images, for {len(chosen)} triplets")
+            self.progress.start(len(self.members), f"images, for {len(chosen)} triplets")
             total: NDArray[np.int64] = np.zeros((len(chosen), 256), np.int64)
-            for counts in in_order(self.executor, count, self.members, watch=self.watch):
+            for counts in in_order(self.executor, count, self.members, progress=self.progress):
                 total += counts
-                self.watch.advance()
+                self.progress.advance()
             return total
 
-        self.watch.start(len(grid), "triplets")
+        self.progress.start(len(grid), "triplets")
         if self.encoding == "linear" and not self.recount:
             found = fit_cells(self.gathered.histogram, grid)
         else:
             again = recount if self.encoding == "linear" else None
-            found = fit_histogram(self.gathered.histogram, grid, again, self.watch.advance)
+            found = fit_histogram(self.gathered.histogram, grid, again, self.progress.advance)
         return replace(found, contrast=self.gathered.contrast.share_of(found.triplet))
 
-    def tried(self, trial: Trial) -> tuple[Grey, Tried]:
+    def tried(self, trial: Trial) -> tuple[Grey, ChosenGrey]:
         """The candidate that matches best on a few pairs; guarded IHE where no pair overlaps. The paper's IHE of a
         linear set is estimated."""
         grid = triplets(self.options.step)
@@ -251,15 +251,15 @@ class _SetFit:
         screen = {n: self.weights("grid", w.triplet) for n, w in coarse_grid(self.encoding).items()}
         measured = self.measure(greys, trial, screen)
         name = choose(measured) if measured.candidates else "ihe"
-        return replace({**screen, **greys}[name], method="auto"), Tried(name, measured)
+        return replace({**screen, **greys}[name], method="auto"), ChosenGrey(name, measured)
 
-    def against_rec709(self, grey: Grey, trial: Trial) -> Tried:
+    def against_rec709(self, grey: Grey, trial: Trial) -> ChosenGrey:
         default = self.weights(REFERENCE, FIXED[REFERENCE])
         if isinstance(grey, Weights) and max(np.abs(np.subtract(grey.triplet, default.triplet))) < 0.01:
-            return Tried(REFERENCE, Measured(reason=SAME))
-        return Tried(grey.method, self.measure({REFERENCE: default, grey.method: grey}, trial, {}))
+            return ChosenGrey(REFERENCE, TrialResult(reason=SAME))
+        return ChosenGrey(grey.method, self.measure({REFERENCE: default, grey.method: grey}, trial, {}))
 
-    def measure(self, greys: Mapping[str, Grey], trial: Trial, screen: Mapping[str, Grey]) -> Measured:
+    def measure(self, greys: Mapping[str, Grey], trial: Trial, screen: Mapping[str, Grey]) -> TrialResult:
         """A measurement that fails is no reason to end a run: it says so in its place."""
         try:
             if trial.tone == "equalise":
@@ -268,7 +268,7 @@ class _SetFit:
                 self.members,
                 greys,
                 self.executor,
-                self.watch,
+                self.progress,
                 tone=trial.tone,
                 max_image_size=trial.max_image_size,
                 screen=screen,
@@ -276,7 +276,7 @@ class _SetFit:
         except DiskFullError:
             raise
         except (KnownError, OSError, RuntimeError, KeyError) as error:
-            return Measured(reason=f"it failed ({error})")
+            return TrialResult(reason=f"it failed ({error})")
 
 
 def _levels_of(

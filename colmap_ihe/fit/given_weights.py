@@ -6,7 +6,7 @@ from dataclasses import asdict, dataclass
 
 import numpy as np
 
-from colmap_ihe.fit.counting import Gathered
+from colmap_ihe.fit.counting import SetCounts
 from colmap_ihe.grey.ihe import clipped, fit_cells, flatness
 from colmap_ihe.grey.weights import Weights, triplets
 from colmap_ihe.project.options import FitOptions
@@ -16,7 +16,7 @@ MOST_CLIPPED, LEAST_RANGE = 0.01, 0.5
 
 
 @dataclass(frozen=True)
-class Misfit:
+class WeightsFit:
     """Shares of what weights fitted to the photographs give: `contrast` of detail over noise, None where none was
     measured, and `levels` of grey that are filled, with the white point of the photographs. Of linear ones also
     `clipped`, the share of pixels that the weights' white point makes white, and `range`, how much of the grey up to
@@ -31,7 +31,7 @@ class Misfit:
         return asdict(self)
 
 
-def misfit(weights: Weights, gathered: Gathered, options: FitOptions) -> Misfit:
+def misfit(weights: Weights, gathered: SetCounts, options: FitOptions) -> WeightsFit:
     """What `weights` are worth on photographs that were counted, beside a fit of them by `options`."""
     grid, contrast, histogram = triplets(options.step), gathered.contrast, gathered.histogram
     fitted = fit_cells(histogram, contrast.admitted(grid) if options.guard == "noise" else grid)
@@ -39,11 +39,11 @@ def misfit(weights: Weights, gathered: Gathered, options: FitOptions) -> Misfit:
     levels = flatness(histogram, weights.triplet) / flatness(histogram, fitted.triplet)
     share = float(own / best) if best > 0 else None
     if histogram.encoding == "coded":
-        return Misfit(share, levels)
-    return Misfit(share, levels, clipped(histogram, weights), fitted.white / weights.white)
+        return WeightsFit(share, levels)
+    return WeightsFit(share, levels, clipped(histogram, weights), fitted.white / weights.white)
 
 
-def warnings_of(weights: Weights, gathered: Gathered, options: FitOptions) -> list[str]:
+def warnings_of(weights: Weights, gathered: SetCounts, options: FitOptions) -> list[str]:
     """What the owner of the photographs should know, nothing where the weights fit; see docs/campaigns.md."""
     found = misfit(weights, gathered, options)
     words = []

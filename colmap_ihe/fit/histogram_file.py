@@ -17,7 +17,7 @@ from typing import Any
 from isal import isal_zlib
 
 from colmap_ihe.errors import WeightsError
-from colmap_ihe.fit.counting import Gathered
+from colmap_ihe.fit.counting import SetCounts
 from colmap_ihe.grey.contrast import Contrast
 from colmap_ihe.grey.histogram import Histogram, inflated
 from colmap_ihe.grey.sums import Sums
@@ -33,11 +33,11 @@ _AGAIN = "write it again with `colmap-ihe fit IMAGES --histogram FILE`"
 
 
 @dataclass(frozen=True)
-class Stored:
+class StoredCounts:
     """`gathered` by encoding, of `sample` of each side of the photographs; `development`: the options that these
     were developed with, in plain values."""
 
-    gathered: Mapping[Encoding, Gathered]
+    gathered: Mapping[Encoding, SetCounts]
     sample: float
     development: Mapping[str, Any]
     source: str = field(default="", compare=False)
@@ -61,11 +61,11 @@ class Stored:
         return b"\n".join([_KIND + _VERSION, digest_of(rest), rest])
 
 
-def write_stored(path: Path, stored: Stored) -> None:
+def write_stored(path: Path, stored: StoredCounts) -> None:
     write_bytes(path, stored.to_bytes())
 
 
-def read_stored(path: Path) -> Stored:
+def read_stored(path: Path) -> StoredCounts:
     """Raises `WeightsError`, naming the file, for anything that `write_stored` did not write."""
     try:
         return stored_of(read_at_most(path, _MOST_BYTES), str(path))
@@ -73,7 +73,7 @@ def read_stored(path: Path) -> Stored:
         raise WeightsError(f"{path}: cannot be read ({error.strerror})", hint=_AGAIN) from error
 
 
-def stored_of(data: bytes, source: str) -> Stored:
+def stored_of(data: bytes, source: str) -> StoredCounts:
     """As `read_stored`."""
     kind, _, rest = data.partition(b"\n")
     if not kind.startswith(_KIND):
@@ -96,8 +96,8 @@ def stored_of(data: bytes, source: str) -> Stored:
         raise WeightsError(f"{source}: not a histogram of a set ({error!s:.200})", hint=_AGAIN) from error
 
 
-def _stored(head: Mapping[str, Any], bodies: bytes) -> Stored:
-    gathered: dict[Encoding, Gathered] = {}
+def _stored(head: Mapping[str, Any], bodies: bytes) -> StoredCounts:
+    gathered: dict[Encoding, SetCounts] = {}
     at = 0
     for part in head["parts"]:
         size = part["deflated"]
@@ -111,13 +111,13 @@ def _stored(head: Mapping[str, Any], bodies: bytes) -> Stored:
         measured = [(_text(one["key"]), Contrast.from_dict(one, sums.encoding)) for one in part["contrast"]]
         if len(keys) != sums.images or not sums.images or sums.encoding in gathered:
             raise ValueError(f"{len(keys)} names for {sums.images} photographs")
-        gathered[sums.encoding] = Gathered(histogram, sorted(keys), sorted(measured, key=lambda one: one[0]))
+        gathered[sums.encoding] = SetCounts(histogram, sorted(keys), sorted(measured, key=lambda one: one[0]))
     if at != len(bodies) or not gathered:
         raise ValueError("its parts do not fill it")
     sample, development = head["sample"], head["development"]
     if type(sample) not in (int, float) or not 0 < sample <= 1 or not isinstance(development, dict):
         raise ValueError(f"{sample=!r:.40}")
-    return Stored(gathered, float(sample), development)
+    return StoredCounts(gathered, float(sample), development)
 
 
 def _text(value: object) -> str:

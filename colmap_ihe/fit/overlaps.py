@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from colmap_ihe.colmap.two_views import Features, features_of, match, verified
 from colmap_ihe.errors import PhotographError
 from colmap_ihe.machine.executor import in_order
-from colmap_ihe.machine.progress import Watch
+from colmap_ihe.machine.progress import Progress
 from colmap_ihe.photographs.discover import Capture
 from colmap_ihe.photographs.preview import small_picture
 
@@ -67,7 +67,7 @@ def _box(centre: NDArray[np.float64], side: int, size: tuple[int, int]) -> Box:
 
 
 def find_overlaps(
-    captures: Sequence[Capture], wanted: int, executor: Executor, watch: Watch
+    captures: Sequence[Capture], wanted: int, executor: Executor, progress: Progress
 ) -> tuple[list[Overlap], str]:
     """Pairs of photographs that overlap, `wanted` of them spread over the set first, any others after, and why
     there is none.
@@ -85,14 +85,14 @@ def find_overlaps(
         except PhotographError:
             return None
 
-    watch.start(len(looked_at), "photographs looked at")
-    for capture, grey in zip(looked_at, in_order(executor, look, looked_at, watch=watch), strict=True):
-        watch.advance()
+    progress.start(len(looked_at), "photographs looked at")
+    for capture, grey in zip(looked_at, in_order(executor, look, looked_at, progress=progress), strict=True):
+        progress.advance()
         if grey is not None:
             pictures.append((capture, grey))
     if len(pictures) < 2:
         return [], f"{len(captures)} photographs of its kind, of which {len(pictures)} could be read"
-    features = features_of([grey for _, grey in pictures], watch, first_octave=0)
+    features = features_of([grey for _, grey in pictures], progress, first_octave=0)
 
     def compare(pair: tuple[int, int]) -> Overlap | None:
         one, other = pair
@@ -102,7 +102,7 @@ def find_overlaps(
     found = []
     for pairs in _pairs_in_turn(len(pictures)):
         found += [o for o in in_order(executor, compare, pairs) if o is not None]
-        watch.check()
+        progress.check()
         if len(found) >= wanted:
             break
     if not found:

@@ -19,12 +19,12 @@ from numpy.typing import NDArray
 from colmap_ihe.colmap.two_views import Features, features_of, match, quiet, verified
 from colmap_ihe.errors import PhotographError
 from colmap_ihe.fit.overlaps import Box, Overlap, find_overlaps
-from colmap_ihe.fit.trial_result import REFERENCE, Counts, Measured, summed_up
+from colmap_ihe.fit.trial_result import REFERENCE, Counts, TrialResult, summed_up
 from colmap_ihe.grey.conversions import CONVERSIONS
 from colmap_ihe.grey.convert import Tone, to_grey
 from colmap_ihe.grey.weights import Encoding, Formula, Grey, Weights, triplets
 from colmap_ihe.machine.executor import in_order, threads_of
-from colmap_ihe.machine.progress import Watch
+from colmap_ihe.machine.progress import Progress
 from colmap_ihe.photographs.decode import encoding_of, read_photograph
 from colmap_ihe.photographs.discover import Capture
 
@@ -46,7 +46,7 @@ _Pixels = NDArray[np.uint8] | NDArray[np.uint16]
 
 @dataclass(frozen=True, eq=False)
 class _View:
-    """One photograph of a pair and the window in it. `scale`: working pixels per pixel; `kept`: how many
+    """One photograph of a pair and the window in it. `scale`: working pixels per pixel; `one_decoder`: how many
     features COLMAP would keep in the window."""
 
     rgb: _Pixels
@@ -66,12 +66,12 @@ def measure(
     captures: Sequence[Capture],
     greys: Mapping[str, Grey],
     executor: Executor,
-    watch: Watch,
+    progress: Progress,
     *,
     tone: Tone,
     max_image_size: int = 3200,
     screen: Mapping[str, Grey] | None = None,
-) -> Measured:
+) -> TrialResult:
     """Verified matches of each of `greys` on at most three pairs of photographs.
 
     One of `greys` is named "rec709", and all are for one encoding; captures of another are passed over. The
@@ -85,10 +85,10 @@ def measure(
         raise ValueError(f"{sorted(greys)=} {encodings=}, expected {REFERENCE} among them and one encoding")
     members = [c for c in captures if encoding_of(c) in encodings]
     if len(members) < 2:
-        return Measured(reason=f"a pair takes two photographs, and there are {len(members)} of this kind")
+        return TrialResult(reason=f"a pair takes two photographs, and there are {len(members)} of this kind")
     with quiet(), threads_of(executor) as threads:
-        overlaps, reason = find_overlaps(members, PAIRS + bool(screen), threads, watch)
-        bench = _Bench(threads, watch, tone, max_image_size, greys[REFERENCE])
+        overlaps, reason = find_overlaps(members, PAIRS + bool(screen), threads, progress)
+        bench = _Bench(threads, progress, tone, max_image_size, greys[REFERENCE])
         return _measure(overlaps, reason, greys, screen or {}, bench)
 
 
@@ -108,7 +108,7 @@ class _Bench:
     """What every measurement on a pair needs."""
 
     executor: Executor
-    watch: Watch
+    progress: Progress
     tone: Tone
     max_image_size: int
     reference: Grey
@@ -123,7 +123,7 @@ class _Bench:
                 return None
 
         both = (overlap.first, overlap.second)
-        first, second = in_order(self.executor, load, both, watch=self.watch)
+        first, second = in_order(self.executor, load, both, progress=self.progress)
         return None if first is None or second is None else (first, second)
 
     def views(self, overlap: Overlap, both: tuple[_Pixels, _Pixels], pixels: float) -> _Views:
@@ -155,7 +155,7 @@ class _Bench:
         """Of the windows of both views in each grey, as COLMAP would keep them; places in whole photographs."""
         jobs = [(view, grey) for grey in greys for view in views]
         windows = list(in_order(self.executor, lambda job: _window(*job, self.tone), jobs))
-        found = features_of(windows, self.watch, first_octave=first_octave)
+        found = features_of(windows, self.progress, first_octave=first_octave)
         whole = [
             _in_photograph(f.coarsest(view.kept), view) for f, (view, _) in zip(found, jobs, strict=True)
         ]
@@ -172,12 +172,12 @@ class _Bench:
             kept = verified(ones, others, views[0].size, views[1].size)
             return Counts(len(first) + len(second), len(pairs), _by_cell(ones[kept], views[0].box))
 
-        self.watch.start(len(unlike), "greys")
+        self.progress.start(len(unlike), "greys")
         counted: dict[object, Counts] = {}
         found = self.features(views, list(unlike.values()), first_octave)
         for look, counts in zip(unlike, in_order(self.executor, count, found), strict=True):
             counted[look] = counts
-            self.watch.advance()
+            self.progress.advance()
         return [counted[_look(grey)] for grey in greys]
 
 
@@ -187,7 +187,7 @@ def _measure(
     greys: Mapping[str, Grey],
     screen: Mapping[str, Grey],
     bench: _Bench,
-) -> Measured:
+) -> TrialResult:
     """The grid is screened on a pair that is not measured afterwards, if there is one to spare: a grey that
     was lucky there has no luck left."""
     tried, names = dict(greys), []

@@ -51,7 +51,7 @@ class Candidate:
 
 
 @dataclass(frozen=True)
-class Measured:
+class TrialResult:
     """`pairs`: the photographs, two by two, by name. `candidates` by name, none if there is no pair: then
     `reason` says why."""
 
@@ -63,7 +63,7 @@ class Measured:
         return dict(self.candidates).get(name)
 
     def as_dict(self) -> dict[str, Any]:
-        """Plain values for JSON; `measured_from_dict` reads them back."""
+        """Plain values for JSON; `trial_result_from_dict` reads them back."""
         return {
             "pairs": [list(pair) for pair in self.pairs],
             "candidates": {name: {**asdict(c), "by_pair": list(c.by_pair)} for name, c in self.candidates},
@@ -71,9 +71,9 @@ class Measured:
         }
 
 
-def measured_from_dict(values: Any) -> Measured:
+def trial_result_from_dict(values: Any) -> TrialResult:
     """Raises KeyError, TypeError or ValueError for anything that `as_dict` could not have written."""
-    return Measured(
+    return TrialResult(
         tuple((str(first), str(second)) for first, second in values["pairs"]),
         tuple(
             (name, Candidate(**{**c, "by_pair": tuple(c["by_pair"])}))
@@ -88,10 +88,10 @@ def summed_up(
     names: Sequence[str],
     counts: Sequence[Sequence[Counts]],
     reason: str = "",
-) -> Measured:
+) -> TrialResult:
     """`counts` by pair and, in the order of `names`, by grey; the reference is one of them."""
     if not pairs:
-        return Measured(reason=reason)
+        return TrialResult(reason=reason)
     cells = np.array([[c.cells for c in by_grey] for by_grey in counts], np.float64)  # pair, grey, cell
     reference = cells[:, names.index(REFERENCE)]
     candidates = []
@@ -112,7 +112,7 @@ def summed_up(
                 ),
             )
         )
-    return Measured(tuple(pairs), tuple(candidates))
+    return TrialResult(tuple(pairs), tuple(candidates))
 
 
 def gain_of(cells: NDArray[np.float64], reference: NDArray[np.float64]) -> tuple[float, float]:
@@ -129,7 +129,7 @@ def gain_of(cells: NDArray[np.float64], reference: NDArray[np.float64]) -> tuple
     return gain, _BETWEEN_PAIRS * spread / total
 
 
-def choose(measured: Measured) -> str:
+def choose(measured: TrialResult) -> str:
     """The candidate with most verified matches if it is clearly better than the reference, else the reference."""
     if not measured.candidates:
         return REFERENCE
@@ -137,7 +137,7 @@ def choose(measured: Measured) -> str:
     return name if best.differs and best.gain > 0 else REFERENCE
 
 
-def in_words(measured: Measured, chosen: str) -> str:
+def in_words(measured: TrialResult, chosen: str) -> str:
     """What the grey of this name brings, in one sentence, in losing cases too."""
     mine, reference = measured.of(chosen), measured.of(REFERENCE)
     if chosen == REFERENCE and measured.reason == SAME:

@@ -8,17 +8,17 @@ from contextvars import ContextVar
 from typing import Protocol
 
 
-class Stop(Protocol):
+class StopEvent(Protocol):
     """What says that work is no longer wanted: an Event, or what a task on another machine looks at."""
 
     def is_set(self) -> bool: ...
 
 
-_stop: ContextVar[Stop | None] = ContextVar("stop", default=None)
+_stop: ContextVar[StopEvent | None] = ContextVar("stop", default=None)
 
 
 @contextmanager
-def stoppable(stop: Stop) -> Iterator[None]:
+def stoppable(stop: StopEvent) -> Iterator[None]:
     """Reads of this thread within end with `Cancelled` soon after `stop` is set, however slow the decoder is."""
     token = _stop.set(stop)
     try:

@@ -39,18 +39,18 @@ def ask(
     Raises `PhotographError`, also when the decoder crashed, took too long or ran out of memory; `Cancelled`
     within `stoppable`; `CapabilityError` if none can be started.
     """
-    with kept() as decoder:
+    with one_decoder() as decoder:
         return decoder.ask(task, name, pixels, **arguments)
 
 
 @contextmanager
-def kept() -> Iterator[Kept]:
+def one_decoder() -> Iterator[LentDecoder]:
     """One decoder for several questions."""
     with _pool.lent() as decoder:
-        yield Kept(decoder)
+        yield LentDecoder(decoder)
 
 
-class Kept:
+class LentDecoder:
     """A decoder that remembers what it was asked before, until it `is_lost`."""
 
     def __init__(self, decoder: Decoder) -> None:
@@ -165,13 +165,13 @@ atexit.register(_pool.end_all)
 os.register_at_fork(after_in_child=_pool.after_fork)
 
 
-def relax() -> None:
+def release_memory() -> None:
     """Gives back the memory in which idle decoders returned photographs."""
     with _pool.lock:
         for decoder in _pool.idle:
             decoder.window.empty()
 
 
-def rest() -> None:
+def end_idle() -> None:
     """Ends the decoders that are idle, some 50 MB each; the next read starts one again."""
     _pool.end_idle()

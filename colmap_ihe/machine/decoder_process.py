@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from colmap_ihe.errors import Cancelled, CapabilityError, PhotographError
 from colmap_ihe.machine.cancel import stopped
-from colmap_ihe.machine.decoder_wire import Message, Window, anonymous_file, receive, send
+from colmap_ihe.machine.decoder_wire import Message, SharedArrayReader, anonymous_file, receive, send
 
 SECONDS = 120.0
 """For a header, or to start: a disk may have to wake up, or a file to come from a cloud."""
@@ -37,7 +37,7 @@ class Decoder:
 
     def __init__(self) -> None:
         self.dead = False
-        self.window = Window()
+        self.window = SharedArrayReader()
         self._ready = False
         self._ours = ExitStack()  # what is open on this side
         try:

@@ -87,7 +87,7 @@ def _unplain(value: dict[str, Any]) -> Any:
     return base64.b64decode(value["base64"]) if set(value) == {"base64"} else value
 
 
-class Room:
+class SharedArrayWriter:
     """A decoder's side of the memory for one array, without a name in any file system. It is used again while
     the array before is no longer wanted, for making pages takes as long as decoding into them."""
 
@@ -125,8 +125,8 @@ class Room:
         self._memory = None
 
 
-class Window:
-    """The other side of a `Room`: arrays that are mapped and not copied, unless very many are held."""
+class SharedArrayReader:
+    """The other side of a `SharedArrayWriter`: arrays that are mapped and not copied, unless very many are held."""
 
     def __init__(self) -> None:
         self._memory: mmap.mmap | None = None

@@ -16,7 +16,7 @@ from typing import TypeVar
 from colmap_ihe.errors import Cancelled
 from colmap_ihe.machine import cancel, threads
 from colmap_ihe.machine import decoder_pool as decoders
-from colmap_ihe.machine.progress import SILENT, Silent, Watch
+from colmap_ihe.machine.progress import SILENT, Progress, Silent
 
 _TICK_SECONDS = 0.2  # how long Ctrl-C may take to be noticed while a photograph is worked on
 
@@ -36,7 +36,7 @@ def local_executor() -> Iterator[ThreadPoolExecutor]:
         with ThreadPoolExecutor(local_workers(), thread_name_prefix="image") as executor:
             yield executor
     finally:
-        decoders.relax()
+        decoders.release_memory()
 
 
 def shares_memory(executor: Executor) -> bool:
@@ -60,7 +60,7 @@ def threads_of(executor: Executor) -> Iterator[Executor]:
             yield own
 
 
-class TaskWatch(Silent):
+class TaskProgress(Silent):
     """Follows what a worker does: `Cancelled` as soon as its result is no longer wanted."""
 
     def check(self) -> None:
@@ -73,11 +73,11 @@ def in_order(
     function: Callable[[_Item], _Result],
     items: Iterable[_Item],
     at_once: int | None = None,
-    watch: Watch = SILENT,
+    progress: Progress = SILENT,
 ) -> Iterator[_Result]:
     """`function` of every item, in order; no more results wait than there are workers and one, so memory does
     not grow with the set, and never more than `at_once` are begun and not yet fetched. What `function` raises
-    is raised here, and so is `Cancelled` by `watch`, after what is in flight has ended; reads of photographs end
+    is raised here, and so is `Cancelled` by `progress`, after what is in flight has ended; reads of photographs end
     at once then. Where workers are not threads, two results a worker wait, for it takes time to send another."""
     local, over = shares_memory(executor), Event()
 
@@ -92,9 +92,9 @@ def in_order(
             waiting.append(executor.submit(work, item))
             # asked each time: workers of a cluster come and go
             if len(waiting) >= (at_once or (width_of(executor) + 1 if local else 2 * width_of(executor))):
-                yield _fetched(waiting, watch)
+                yield _fetched(waiting, progress)
         while waiting:
-            yield _fetched(waiting, watch)
+            yield _fetched(waiting, progress)
     finally:
         over.set()
         for future in waiting:
@@ -104,7 +104,7 @@ def in_order(
                 future.exception()
 
 
-def _fetched(waiting: deque[Future[_Result]], watch: Watch) -> _Result:
+def _fetched(waiting: deque[Future[_Result]], progress: Progress) -> _Result:
     while not wait([waiting[0]], _TICK_SECONDS).done:
-        watch.check()
+        progress.check()
     return waiting.popleft().result()

@@ -101,20 +101,20 @@ def room_on_disk(path: Path) -> Iterator[None]:
 
 
 @contextmanager
-def holding(folder: Path) -> Iterator[None]:
+def guard_folder(folder: Path) -> Iterator[None]:
     """While this lasts nothing is written below `folder` by this process when it is not the same folder any more: a
     disk that goes leaves its mount point, which would be filled in its stead. What fails for that says so."""
     _held[folder] = folder.stat()
     try:
         yield
     except Exception:
-        require_held(folder)
+        require_same_folder(folder)
         raise
     finally:
         del _held[folder]
 
 
-def require_held(path: Path) -> None:
+def require_same_folder(path: Path) -> None:
     """Raises `ProjectError` if `path` lies in a folder that is held and is gone."""
     for folder, known in tuple(_held.items()):
         if not path.is_relative_to(folder):
@@ -146,7 +146,7 @@ def write_bytes(path: Path, content: bytes) -> None:
     temporary = path.with_name(f".{fingerprint_of(path.name)}.{secrets.token_hex(4)}.tmp")
     try:
         with room_on_disk(path):
-            require_held(path)
+            require_same_folder(path)
             path.parent.mkdir(parents=True, exist_ok=True)
             with temporary.open("wb") as handle:
                 handle.write(content)
@@ -205,7 +205,7 @@ def digest_file(path: Path) -> str:
     return digest.hexdigest()
 
 
-def stamp_of(path: Path) -> tuple[int, ...]:
+def file_stamp(path: Path) -> tuple[int, ...]:
     """What tells one writing of a file from the next, whatever the clock says; empty if there is none."""
     try:
         about = path.stat()
@@ -214,7 +214,7 @@ def stamp_of(path: Path) -> tuple[int, ...]:
     return about.st_ino, about.st_size, about.st_mtime_ns, about.st_ctime_ns
 
 
-def sketch_file(path: Path) -> str:
+def quick_digest(path: Path) -> str:
     """A digest of a file's size, of its beginning, its end and pieces between: what an editor or another program
     writes differs there, at no cost of reading a file of gigabytes. Raises OSError."""
     size = path.stat().st_size

@@ -14,7 +14,7 @@ from colmap_ihe.errors import Cancelled
 from colmap_ihe.machine.remaining_time import Part
 
 
-class Watch(Protocol):
+class Progress(Protocol):
     """One piece of long work, watched."""
 
     def start(self, total: int, unit: str = "images") -> None:
@@ -27,13 +27,13 @@ class Watch(Protocol):
         """Raises `Cancelled` if the user asked to stop."""
 
 
-class Audience(Protocol):
+class RunProgress(Protocol):
     """Whoever follows a whole run, stage by stage."""
 
-    def foresee(self, parts: Sequence[Part]) -> None:
+    def expect(self, parts: Sequence[Part]) -> None:
         """What is to come, in order, and what it costs elsewhere: from it follows what remains."""
 
-    def stage(self, name: str) -> AbstractContextManager[Watch]:
+    def stage(self, name: str) -> AbstractContextManager[Progress]:
         """`name` begins; what is returned watches it and is left when it ends."""
 
     def kept(self, name: str) -> None:
@@ -59,10 +59,10 @@ class Silent:
         if self.cancelled:
             raise Cancelled
 
-    def foresee(self, parts: Sequence[Part]) -> None:
+    def expect(self, parts: Sequence[Part]) -> None:
         pass
 
-    def stage(self, name: str) -> AbstractContextManager[Watch]:
+    def stage(self, name: str) -> AbstractContextManager[Progress]:
         return nullcontext(self)
 
     def kept(self, name: str) -> None:

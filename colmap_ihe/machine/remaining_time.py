@@ -35,7 +35,7 @@ class Forecast:
         self._now: Part | None = None
         self._began, self._reached, self._share, self._unit = clock(), 0.0, 0.0, 1.0
 
-    def foresee(self, parts: Sequence[Part]) -> None:
+    def expect(self, parts: Sequence[Part]) -> None:
         """What is to come, in order, instead of what was foreseen before."""
         self._left = list(parts)
 

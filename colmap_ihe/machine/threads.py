@@ -45,7 +45,7 @@ def limited(most: int | None) -> Iterator[None]:
 
 
 @contextmanager
-def limited_here() -> Iterator[None]:
+def limit_openmp_of_this_thread() -> Iterator[None]:
     """OpenMP counts its threads by the thread that asks for them: for one that calls into a library."""
     most = limit()
     if most is None:
@@ -84,7 +84,7 @@ def _tell_libraries() -> None:
         pool.set_num_threads(count)
 
 
-def blas() -> list[str]:
+def blas_libraries() -> list[str]:
     """The libraries for linear algebra, each with the kind of processor that it takes this one for."""
     told = (pool.info() for pool in _blas())
     return sorted(f"{one['prefix']} {one['version']} {one.get('architecture', '')}".strip() for one in told)

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from colmap_ihe.errors import PhotographError
 from colmap_ihe.machine.executor import in_order
-from colmap_ihe.machine.progress import Watch
+from colmap_ihe.machine.progress import Progress
 from colmap_ihe.photographs.decode import encoding_of, read_photograph
 from colmap_ihe.photographs.discover import Capture
 from colmap_ihe.photographs.preview import small_picture
@@ -25,7 +25,7 @@ _LEAST = 100  # pixels; with fewer nothing is known
 _SAME: Gains = (1.0, 1.0, 1.0)
 
 
-def balance_gains(captures: Sequence[Capture], executor: Executor, watch: Watch) -> dict[str, Gains]:
+def balance_gains(captures: Sequence[Capture], executor: Executor, progress: Progress) -> dict[str, Gains]:
     """The factors of red, green and blue for each photograph, by name.
 
     The mean of each channel, over pixels that are not clipped and not among the darkest and brightest twentieth,
@@ -45,12 +45,12 @@ def balance_gains(captures: Sequence[Capture], executor: Executor, watch: Watch)
     comes nearer to the same grey. Where it did not, and one photograph shows more sky or more brick, the same
     surface becomes another grey in it: colour consistency is then lost, which is why this is off by default.
     """
-    watch.start(len(captures))
+    progress.start(len(captures))
     means: dict[str, NDArray[np.float64]] = {}
     for capture, mean in zip(
-        captures, in_order(executor, _mean_if_readable, captures, watch=watch), strict=True
+        captures, in_order(executor, _mean_if_readable, captures, progress=progress), strict=True
     ):
-        watch.advance()
+        progress.advance()
         if mean is not None:
             means[capture.name] = mean
     gains = {capture.name: _SAME for capture in captures}

@@ -18,7 +18,7 @@ from colmap_ihe.grey.weights import Encoding
 Pixels = NDArray[np.uint8] | NDArray[np.uint16]
 
 
-class Tally:
+class ColourCounter:
     """The colours of some photographs of one encoding, `sample` of each side of them."""
 
     def __init__(self, encoding: Encoding, weighting: Weighting, sample: float) -> None:

@@ -29,7 +29,7 @@ MIN_SIDE = 64
 
 
 @dataclass(frozen=True)
-class Photograph:
+class DecodedPhotograph:
     """`rgb`: (H, W, 3); uint8 gamma-coded as stored if `encoding` is "coded", else uint16 linear with 65535
     at sensor saturation. `srgb_from_camera`: (3, 3) for the colour twin of a linear one, else None.
     `profile`: the ICC profile of coded RGB, empty for sRGB."""
@@ -45,7 +45,7 @@ def encoding_of(capture: Capture) -> Encoding:
     return "linear" if capture.kind == "raw" else "coded"
 
 
-def read_photograph(capture: Capture) -> Photograph:
+def read_photograph(capture: Capture) -> DecodedPhotograph:
     """Decodes a capture, pixels in the sensor's own orientation. `rgb` lies in memory shared with no one any
     more. Raises `PhotographError`, also where the decoder crashed or did not end; `CapabilityError`."""
     found, rgb = decoders.ask("photograph", capture.name, capture.pixels, capture=message_of(capture))
@@ -59,19 +59,19 @@ def read_photograph(capture: Capture) -> Photograph:
             raise ValueError(f"{rgb.dtype} pixels of {rgb.shape}")
         if not isinstance(found["profile"], bytes):
             raise TypeError("a profile that is no bytes")
-        return Photograph(rgb, found["encoding"], srgb_from_camera, found["profile"])
+        return DecodedPhotograph(rgb, found["encoding"], srgb_from_camera, found["profile"])
 
 
-def read_photograph_here(capture: Capture, room: Callable[..., NDArray[Any]] = np.empty) -> Photograph:
+def read_photograph_here(capture: Capture, room: Callable[..., NDArray[Any]] = np.empty) -> DecodedPhotograph:
     """As `read_photograph`, in this process. `room(shape, dtype)` may be asked for the array to decode into."""
     try:
         if capture.kind == "raw":
             read_size_here(capture)  # what is too large is refused before there is memory for it
             developed = develop(capture.path, capture.recipe)
-            photograph = Photograph(developed.linear_rgb, "linear", developed.srgb_from_camera)
+            photograph = DecodedPhotograph(developed.linear_rgb, "linear", developed.srgb_from_camera)
         else:
             rgb, profile = read_coded(capture.path, partial(check_size, capture.name), room)
-            photograph = Photograph(rgb, "coded", profile=profile)
+            photograph = DecodedPhotograph(rgb, "coded", profile=profile)
     except (OSError, cv2.error) as error:
         raise _unreadable(capture, error) from error
     return replace(photograph, rgb=prepared(photograph.rgb, capture.recipe))

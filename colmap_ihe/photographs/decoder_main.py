@@ -21,11 +21,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from colmap_ihe.errors import KnownError, PhotographError
-from colmap_ihe.machine.decoder_wire import Message, Room, receive, send
+from colmap_ihe.machine.decoder_wire import Message, SharedArrayWriter, receive, send
 from colmap_ihe.photographs import decode
 from colmap_ihe.photographs import developed_cache as keep
 from colmap_ihe.photographs import preview as small
-from colmap_ihe.photographs.colour_counts import Tally
+from colmap_ihe.photographs.colour_counts import ColourCounter
 from colmap_ihe.photographs.discover import Capture
 from colmap_ihe.photographs.exif import metadata
 from colmap_ihe.photographs.raw import develop as raw
@@ -42,11 +42,13 @@ class _Desk:
     """What a decoder keeps from one question to the next: memory for a photograph, and what it counted."""
 
     def __init__(self) -> None:
-        self.room = Room()
-        self.tally: Tally | None = None  # used again once it is handed over: making its pages takes long
+        self.room = SharedArrayWriter()
+        self.tally: ColourCounter | None = (
+            None  # used again once it is handed over: making its pages takes long
+        )
 
 
-def _read(desk: _Desk, capture: Message) -> decode.Photograph:
+def _read(desk: _Desk, capture: Message) -> decode.DecodedPhotograph:
     """Developed as its recipe says, or found developed where its recipe keeps it."""
     one = _capture(capture)
     file = keep.kept_file(one)
@@ -64,7 +66,7 @@ def _count(
 ) -> _Answer:
     """Adds the photograph to the tally, an empty one if it is the `first`."""
     if desk.tally is None or (first and not desk.tally.may_begin(**how)):
-        desk.tally = Tally(**how)
+        desk.tally = ColourCounter(**how)
     found = _read(desk, capture)
     measured = desk.tally.add(found.rgb, contrast)
     return None if measured is None else measured.as_dict(), found.rgb if returned else None

@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 import rawpy
 
-from colmap_ihe.photographs.decode import Photograph
+from colmap_ihe.photographs.decode import DecodedPhotograph
 from colmap_ihe.photographs.discover import Capture
 
 _FREE = 4  # times its size has to be free on the disk, for one to be kept
@@ -24,7 +24,7 @@ _FREE = 4  # times its size has to be free on the disk, for one to be kept
 def kept_file(capture: Capture) -> Path | None:
     """Where `capture.recipe.kept_in` has or will have its pixels; None for a capture that is not kept."""
     recipe = capture.recipe
-    if capture.kind != "raw" or not recipe.kept_in:
+    if capture.kind != "raw" or not recipe.cache_folder:
         return None
     about = capture.path.stat()
     what = (
@@ -35,10 +35,10 @@ def kept_file(capture: Capture) -> Path | None:
         recipe.identity(),
         rawpy.libraw_version,
     )
-    return Path(recipe.kept_in) / f"{sha256(repr(what).encode()).hexdigest()[:32]}.npz"
+    return Path(recipe.cache_folder) / f"{sha256(repr(what).encode()).hexdigest()[:32]}.npz"
 
 
-def load(file: Path) -> Photograph | None:
+def load(file: Path) -> DecodedPhotograph | None:
     """None if there is none, or none that is whole."""
     try:
         with np.load(file, allow_pickle=False) as found:  # its checksums are checked
@@ -46,10 +46,10 @@ def load(file: Path) -> Photograph | None:
     except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile):
         return None
     whole = rgb.dtype == np.uint16 and rgb.ndim == 3 and rgb.shape[2] == 3 and matrix.shape == (3, 3)
-    return Photograph(rgb, "linear", matrix) if whole else None
+    return DecodedPhotograph(rgb, "linear", matrix) if whole else None
 
 
-def store(file: Path, photograph: Photograph) -> None:
+def store(file: Path, photograph: DecodedPhotograph) -> None:
     """Keeps a linear photograph, where there is plenty of room."""
     with suppress(OSError):
         file.parent.mkdir(parents=True, exist_ok=True)

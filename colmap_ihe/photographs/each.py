@@ -11,7 +11,7 @@ from typing import Protocol, TypeVar
 from colmap_ihe.errors import PhotographError, ProjectError
 from colmap_ihe.machine import memory
 from colmap_ihe.machine.executor import in_order, local_workers, shares_memory
-from colmap_ihe.machine.progress import Watch
+from colmap_ihe.machine.progress import Progress
 from colmap_ihe.photographs.discover import Capture
 
 logger = logging.getLogger(__name__)
@@ -33,7 +33,7 @@ def each_usable(
     function: Callable[[_One], _Result],
     photographs: Sequence[_One],
     executor: Executor,
-    watch: Watch,
+    progress: Progress,
     strict: bool,
     left_out: LeftOut,
 ) -> Iterable[_Result]:
@@ -44,12 +44,14 @@ def each_usable(
     machines as many as they have workers, for their memory is theirs to know.
     """
     captures = [one if isinstance(one, Capture) else one.capture for one in photographs]
-    watch.start(len(captures))
+    progress.start(len(captures))
     usable = 0
     most = at_once(captures, executor)
     guarded = partial(_guarded, function)
-    for capture, result in zip(captures, in_order(executor, guarded, photographs, most, watch), strict=True):
-        watch.advance()
+    for capture, result in zip(
+        captures, in_order(executor, guarded, photographs, most, progress), strict=True
+    ):
+        progress.advance()
         if isinstance(result, PhotographError):
             leave_out(capture, result, strict, left_out)
             continue

@@ -14,7 +14,7 @@ import numpy as np
 
 from colmap_ihe.errors import ProjectError
 from colmap_ihe.machine.executor import threads_of
-from colmap_ihe.machine.progress import Audience, Watch
+from colmap_ihe.machine.progress import Progress, RunProgress
 from colmap_ihe.machine.scratch import scratch_folder
 from colmap_ihe.photographs.colour_balance import balance_gains
 from colmap_ihe.photographs.discover import Capture
@@ -22,11 +22,11 @@ from colmap_ihe.photographs.each import LeftOut
 from colmap_ihe.photographs.exposure import exposure_gains
 from colmap_ihe.photographs.raw.calibration import BAD_PIXELS, Master, matched, read_bad_pixels, shot_of
 from colmap_ihe.photographs.raw.calibration_masters import (
+    bad_pixels_of_set,
     camera_of,
-    found_over_the_set,
-    kept,
     masters_of,
-    united,
+    save_bad_pixels,
+    union_of,
 )
 from colmap_ihe.photographs.survey import Surveyed, survey
 from colmap_ihe.project.options import CamerasOptions, DevelopOptions
@@ -50,7 +50,7 @@ def with_recipes(
     calibration: Path | None,
     store: Path,
     executor: Executor,
-    watch: Watch,
+    progress: Progress,
     *,
     strict: bool,
 ) -> Recipes:
@@ -63,14 +63,14 @@ def with_recipes(
     if calibration is not None and calibration.is_dir():
         with threads_of(executor) as threads:  # frames are summed here
             masters = masters_of(
-                calibration, store, threads, watch, strict, lambda text: told[text].append("")
+                calibration, store, threads, progress, strict, lambda text: told[text].append("")
             )
         if (calibration / BAD_PIXELS).is_file():
-            listed = kept(store, read_bad_pixels(calibration / BAD_PIXELS))
+            listed = save_bad_pixels(store, read_bad_pixels(calibration / BAD_PIXELS))
     plain = Recipe(
         demosaic=options.demosaic, green_equilibrium=options.green_equilibrium, denoise=options.denoise
     )
-    found = found_over_the_set(surveyed, store, executor, watch, told) if options.find_bad_pixels else {}
+    found = bad_pixels_of_set(surveyed, store, executor, progress, told) if options.find_bad_pixels else {}
     result = []
     for one in surveyed:
         recipe = plain if one.capture.kind == "raw" else Recipe(denoise=options.denoise)
@@ -81,7 +81,7 @@ def with_recipes(
             for text in said:
                 told[text].append(one.capture.name)
             recipe = replace(
-                recipe, bad_pixels=united([*shown, listed, found.get(camera_of(one), "")], store)
+                recipe, bad_pixels=union_of([*shown, listed, found.get(camera_of(one), "")], store)
             )
         result.append(_with(one, recipe))
     if options.exposure == "normalise":
@@ -89,7 +89,7 @@ def with_recipes(
         for text in said:
             told[text].append("")
     if options.balance:
-        gains = balance_gains([s.capture for s in result], executor, watch)
+        gains = balance_gains([s.capture for s in result], executor, progress)
         result = [_with(s, _scaled(s.capture.recipe, gains[s.capture.name])) for s in result]
     warnings = [f"{text}: {_some(names)}" if any(names) else text for text, names in told.items()]
     return Recipes(result, _steps(result), warnings)
@@ -164,7 +164,7 @@ def prepared_set(
     options: DevelopOptions | None,
     calibration: Path | None,
     executor: Executor,
-    audience: Audience,
+    progress: RunProgress,
     *,
     strict: bool,
     cameras: CamerasOptions | None = None,
@@ -178,12 +178,14 @@ def prepared_set(
             hint="name a folder with bias/, darks/, flats/ or bad-pixels.txt in it",
         )
     with scratch_folder() as store:
-        with audience.stage("captures") as watch:
-            surveyed, left_out = survey(captures, executor, watch, strict=strict, cameras=cameras)
+        with progress.stage("captures") as stage_progress:
+            surveyed, left_out = survey(captures, executor, stage_progress, strict=strict, cameras=cameras)
             options = options or DevelopOptions()
-            found = with_recipes(surveyed, options, calibration, store, executor, watch, strict=strict)
+            found = with_recipes(
+                surveyed, options, calibration, store, executor, stage_progress, strict=strict
+            )
         for text in found.warnings:
-            audience.warn(text)
+            progress.warn(text)
         yield replace(found, left_out=left_out)
 
 

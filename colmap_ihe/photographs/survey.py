@@ -7,7 +7,7 @@ from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 from functools import partial
 
-from colmap_ihe.machine.progress import Watch
+from colmap_ihe.machine.progress import Progress
 from colmap_ihe.photographs.decode import read_size
 from colmap_ihe.photographs.discover import Capture
 from colmap_ihe.photographs.each import LeftOut, each_usable
@@ -31,7 +31,7 @@ class Surveyed:
 def survey(
     captures: Sequence[Capture],
     executor: Executor,
-    watch: Watch,
+    progress: Progress,
     *,
     strict: bool,
     cameras: CamerasOptions | None = None,
@@ -40,7 +40,7 @@ def survey(
     `ProjectError` if none is usable."""
     left_out: LeftOut = {}
     look = partial(_survey_one, cameras or CamerasOptions())
-    return list(each_usable(look, captures, executor, watch, strict, left_out)), left_out
+    return list(each_usable(look, captures, executor, progress, strict, left_out)), left_out
 
 
 def _survey_one(known: CamerasOptions, capture: Capture) -> Surveyed:

@@ -21,8 +21,8 @@ from colmap_ihe.grey.weights import Grey
 from colmap_ihe.machine.executor import local_workers, shares_memory
 from colmap_ihe.machine.files import leads_out, open_file, write_bytes
 from colmap_ihe.machine.memory import at_once, keep_freed
-from colmap_ihe.machine.progress import Watch
-from colmap_ihe.photographs.decode import Photograph, encoding_of, read_photograph
+from colmap_ihe.machine.progress import Progress
+from colmap_ihe.photographs.decode import DecodedPhotograph, encoding_of, read_photograph
 from colmap_ihe.photographs.discover import Capture
 from colmap_ihe.photographs.each import LeftOut, each_usable
 from colmap_ihe.photographs.encode import SUFFIXES, encode_image
@@ -53,7 +53,7 @@ def convert_captures(
     grey_folder: Path,
     colour_folder: Path | None,
     executor: Executor,
-    watch: Watch,
+    progress: Progress,
     *,
     strict: bool,
     keep_finished: bool,
@@ -71,7 +71,7 @@ def convert_captures(
     names = {s.capture.name: s.capture.grey_stem + SUFFIXES[options.format] for s in surveyed}
     if not shares_memory(executor):
         converted = partial(_write_converted, convert)
-        done = list(each_usable(converted, surveyed, executor, watch, strict, left_out))
+        done = list(each_usable(converted, surveyed, executor, progress, strict, left_out))
         return {name: names[name] for name in done}, left_out
 
     def converted_here(one: Surveyed) -> tuple[str, list[Future[None]]]:
@@ -82,7 +82,7 @@ def convert_captures(
     finished = []
     # Threads of their own: to wait until the disk has a file takes no core.
     with ThreadPoolExecutor(local_workers(), thread_name_prefix="write") as disk:
-        for name, writes in each_usable(converted_here, surveyed, executor, watch, strict, left_out):
+        for name, writes in each_usable(converted_here, surveyed, executor, progress, strict, left_out):
             finished.append(name)
             waiting += writes
             while len(waiting) > most:
@@ -184,7 +184,7 @@ def weights_for(capture: Capture, fit: Fit) -> Grey:
     return weights
 
 
-def _colour_twin(photograph: Photograph, white: float) -> NDArray[np.uint8]:
+def _colour_twin(photograph: DecodedPhotograph, white: float) -> NDArray[np.uint8]:
     if photograph.srgb_from_camera is None:
         return np.asarray(photograph.rgb, np.uint8)
     return to_colour(np.asarray(photograph.rgb, np.uint16), photograph.srgb_from_camera, white)

@@ -17,7 +17,7 @@ from colmap_ihe.grey.weights import Grey, grey_from_dict
 from colmap_ihe.machine.executor import in_order, local_executor
 from colmap_ihe.machine.files import digest_file, fingerprint_of
 from colmap_ihe.machine.libraries import __version__, library_versions
-from colmap_ihe.machine.progress import SILENT, Audience
+from colmap_ihe.machine.progress import SILENT, RunProgress
 from colmap_ihe.photographs.decode import encoding_of
 from colmap_ihe.photographs.discover import discover
 from colmap_ihe.photographs.each import LeftOut, refused
@@ -45,7 +45,7 @@ def convert_folder(
     calibration: Path | None = None,
     cameras: CamerasOptions | None = None,
     strict: bool = False,
-    audience: Audience = SILENT,
+    progress: RunProgress = SILENT,
 ) -> tuple[Grey, dict[str, str], LeftOut]:
     """Grey images of the folder `images`, with their EXIF, in the folder `out`; with `colour`, also an 8-bit
     colour twin of each in that folder, with the same name and the same pixels.
@@ -64,35 +64,48 @@ def convert_folder(
         executor = stack.enter_context(local_executor())
         prepared = stack.enter_context(
             prepared_set(
-                discovery.captures, develop, calibration, executor, audience, strict=strict, cameras=cameras
+                discovery.captures,
+                develop,
+                calibration,
+                executor,
+                progress,
+                strict=strict,
+                cameras=cameras,
             )
         )
         surveyed, left_out = prepared.surveyed, not_read | prepared.left_out
-        digests = digests_of(surveyed, executor, audience)
+        digests = digests_of(surveyed, executor, progress)
         for text in oddities.warnings_of(surveyed, discovery.ignored):
-            audience.warn(text)
+            progress.warn(text)
         for text in oddities.camera_warnings(cameras, surveyed, left_out):
-            audience.warn(text)
+            progress.warn(text)
         ledgers = [stack.enter_context(opened(folder)) for folder in folders]
         wanted = {s.capture.grey_stem + SUFFIXES[options.format]: s.capture.name for s in surveyed}
         for ledger in ledgers:
             ledger.refuse(wanted)
         if weights is not None:
-            found = _fit_of(weights, surveyed, digests, ledgers, executor, audience)
+            found = _fit_of(weights, surveyed, digests, ledgers, executor, progress)
         else:
             found = _fitted(
-                surveyed, digests, fit or FitOptions(), ledgers[0], executor, audience, strict, options.tone
+                surveyed,
+                digests,
+                fit or FitOptions(),
+                ledgers[0],
+                executor,
+                progress,
+                strict,
+                options.tone,
             )
             left_out |= found.left_out
-            _warn_of_the_fit(found, surveyed, audience)
+            _warn_of_the_fit(found, surveyed, progress)
         for text in oddities.wallis_warnings(options.wallis):
-            audience.warn(text)
+            progress.warn(text)
         usable = [s for s in surveyed if s.capture.name not in left_out]
         _require_weights(usable, found, options.tone)
-        names, failed = _convert(usable, digests, found, options, ledgers, executor, audience, strict)
+        names, failed = _convert(usable, digests, found, options, ledgers, executor, progress, strict)
         left_out |= failed
     for reason in left_out.values():
-        audience.warn(f"left out: {reason}")
+        progress.warn(f"left out: {reason}")
     return found.main, names, left_out
 
 
@@ -103,7 +116,7 @@ def _convert(
     options: ConvertOptions,
     ledgers: Sequence[Ledger],
     executor: Executor,
-    audience: Audience,
+    progress: RunProgress,
     strict: bool,
 ) -> tuple[dict[str, str], LeftOut]:
     names = {s.capture.name: s.capture.grey_stem + SUFFIXES[options.format] for s in surveyed}
@@ -116,15 +129,15 @@ def _convert(
         }
         due |= {wanted[name] for name in ledger.begin(wanted, prints)}
         for name in sorted(ledger.changed):
-            audience.warn(
+            progress.warn(
                 f"{ledger.folder / name} was changed since it was written, and is left as it is;"
                 " delete it to have it written again"
             )
     if not due:
-        audience.kept("convert")
+        progress.kept("convert")
         return names, {}
     try:
-        with audience.stage("convert") as watch:
+        with progress.stage("convert") as stage_progress:
             _, left_out = convert_captures(
                 [s for s in surveyed if s.capture.name in due],
                 found,
@@ -132,7 +145,7 @@ def _convert(
                 ledgers[0].folder,
                 ledgers[1].folder if len(ledgers) > 1 else None,
                 executor,
-                watch,
+                stage_progress,
                 strict=strict,
                 keep_finished=True,
             )
@@ -170,7 +183,7 @@ def _fitted(
     options: FitOptions,
     ledger: Ledger,
     executor: Executor,
-    audience: Audience,
+    progress: RunProgress,
     strict: bool,
     tone: Tone = "sqrt",
 ) -> Fit:
@@ -182,11 +195,11 @@ def _fitted(
     key = fingerprint_of(__version__, versions, content, options.model_dump(), about_trial)
     kept = _kept_fit(ledger.notes.get("fit"), key)
     if kept is not None and not (strict and kept.left_out):
-        audience.kept("fit")
+        progress.kept("fit")
         return kept
-    with audience.stage("fit") as watch:
+    with progress.stage("fit") as stage_progress:
         captures = [s.capture for s in surveyed]
-        found = fit_captures(captures, options, executor, watch, strict=strict, trial=trial)
+        found = fit_captures(captures, options, executor, stage_progress, strict=strict, trial=trial)
         found = replace(found, gathered={})  # which takes memory
     ledger.notes["fit"] = {
         "fingerprint": key,
@@ -213,24 +226,24 @@ def _fit_of(
     digests: _Digests,
     ledgers: Sequence[Ledger],
     executor: Executor,
-    audience: Audience,
+    progress: RunProgress,
 ) -> Fit:
     """Given weights as a fit. Colour twins of RAW need the set's own white point besides."""
     if len(ledgers) < 2 or weights.encoding != "linear":
         return Fit({weights.encoding: weights})
     green = FitOptions(method="green")
-    white = _fitted(surveyed, digests, green, ledgers[1], executor, audience, False).colour_white
+    white = _fitted(surveyed, digests, green, ledgers[1], executor, progress, False).colour_white
     return Fit({weights.encoding: weights}, white)
 
 
-def _warn_of_the_fit(found: Fit, surveyed: Sequence[Surveyed], audience: Audience) -> None:
+def _warn_of_the_fit(found: Fit, surveyed: Sequence[Surveyed], progress: RunProgress) -> None:
     if len(found.weights) > 1:
-        audience.warn(
+        progress.warn(
             "the set mixes RAW and gamma-coded photographs: each kind has weights of its own, and a colour is"
             " not the same grey in both"
         )
     for text in oddities.fit_warnings([s.capture for s in surveyed], found.weights.values()):
-        audience.warn(text)
+        progress.warn(text)
 
 
 def _require_weights(surveyed: Sequence[Surveyed], found: Fit, tone: Tone) -> None:
@@ -241,15 +254,15 @@ def _require_weights(surveyed: Sequence[Surveyed], found: Fit, tone: Tone) -> No
         weights_for(one.capture, found)
 
 
-def digests_of(surveyed: Sequence[Surveyed], executor: Executor, audience: Audience) -> dict[str, str]:
+def digests_of(surveyed: Sequence[Surveyed], executor: Executor, progress: RunProgress) -> dict[str, str]:
     """Of the content of each photograph, by name."""
     digests = {}
-    with audience.stage("content") as watch:
-        watch.start(len(surveyed))
+    with progress.stage("content") as stage_progress:
+        stage_progress.start(len(surveyed))
         files = [s.capture.path for s in surveyed]
         for one, digest in zip(surveyed, in_order(executor, digest_file, files), strict=True):
             digests[one.capture.name] = digest
-            watch.advance()
+            stage_progress.advance()
     return digests
 
 

@@ -14,7 +14,7 @@ from colmap_ihe.errors import ProjectError
 from colmap_ihe.machine.executor import local_executor
 from colmap_ihe.machine.files import fingerprint_of, write_bytes
 from colmap_ihe.machine.libraries import __version__, library_versions
-from colmap_ihe.machine.progress import SILENT, Audience
+from colmap_ihe.machine.progress import SILENT, RunProgress
 from colmap_ihe.photographs.decode import read_photograph
 from colmap_ihe.photographs.discover import discover
 from colmap_ihe.photographs.each import LeftOut, each_usable, refused
@@ -34,7 +34,7 @@ def develop_folder(
     options: DevelopOptions | None = None,
     calibration: Path | None = None,
     strict: bool = False,
-    audience: Audience = SILENT,
+    progress: RunProgress = SILENT,
 ) -> tuple[dict[str, str], dict[str, list[str]], LeftOut]:
     """A TIFF of each RAW file in the folder `images`, with its EXIF, in the folder `out`: RGB of the sensor, linear,
     65535 at its saturation, not turned. Photographs that are no RAW files are passed over, with a warning.
@@ -54,18 +54,18 @@ def develop_folder(
     with ExitStack() as stack:
         executor = stack.enter_context(local_executor())
         prepared = stack.enter_context(
-            prepared_set(raw, options, calibration, executor, audience, strict=strict)
+            prepared_set(raw, options, calibration, executor, progress, strict=strict)
         )
         for text in oddities.warnings_of(prepared.surveyed, discovery.ignored):
-            audience.warn(text)
+            progress.warn(text)
         if len(raw) < len(discovery.captures):
-            audience.warn(f"{len(discovery.captures) - len(raw)} photographs are no RAW files: passed over")
-        digests = digests_of(prepared.surveyed, executor, audience)
+            progress.warn(f"{len(discovery.captures) - len(raw)} photographs are no RAW files: passed over")
+        digests = digests_of(prepared.surveyed, executor, progress)
         ledger = stack.enter_context(opened(out.resolve()))
-        names, failed = _develop(prepared.surveyed, digests, ledger, executor, audience, strict)
+        names, failed = _develop(prepared.surveyed, digests, ledger, executor, progress, strict)
     left_out = not_read | prepared.left_out | failed
     for reason in left_out.values():
-        audience.warn(f"left out: {reason}")
+        progress.warn(f"left out: {reason}")
     return {n: t for n, t in names.items() if n not in left_out}, prepared.steps, left_out
 
 
@@ -74,7 +74,7 @@ def _develop(
     digests: Mapping[str, str],
     ledger: Ledger,
     executor: Executor,
-    audience: Audience,
+    progress: RunProgress,
     strict: bool,
 ) -> tuple[dict[str, str], LeftOut]:
     """Writes the TIFFs that are not up to date; the names of all by photograph, and what was left out."""
@@ -90,13 +90,13 @@ def _develop(
     left_out: LeftOut = {}
 
     if due:
-        with audience.stage("develop") as watch:
+        with progress.stage("develop") as stage_progress:
             some = [s for s in surveyed if s.capture.name in due]
             develop = partial(_develop_one, ledger.folder)
-            for _ in each_usable(develop, some, executor, watch, strict, left_out):
+            for _ in each_usable(develop, some, executor, stage_progress, strict, left_out):
                 pass
     else:
-        audience.kept("develop")
+        progress.kept("develop")
     ledger.end()
     return names, left_out
 

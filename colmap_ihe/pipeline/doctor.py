@@ -20,7 +20,7 @@ from colmap_ihe.machine.progress import SILENT
 from colmap_ihe.photographs.discover import discover
 from colmap_ihe.photographs.survey import survey
 from colmap_ihe.pipeline import resource_check as foreseen
-from colmap_ihe.pipeline.resource_needs import Set, demands_of
+from colmap_ihe.pipeline.resource_needs import PhotoSetSize, needs_of
 from colmap_ihe.project.folder import Project
 from colmap_ihe.project.options_file import project_options
 
@@ -59,7 +59,7 @@ def _demands(project: Path, assignments: Sequence[str], images: Path | None) -> 
     with local_executor() as executor:
         surveyed, _ = survey(captures, executor, SILENT, strict=False)
     sizes = [(one.width, one.height) for one in surveyed]
-    found = {one.stage: one for one in demands_of(options, Set.of_survey(surveyed))}
+    found = {one.stage: one for one in needs_of(options, PhotoSetSize.of_survey(surveyed))}
     backend, size = pick_backend(options.dense.backend), options.dense.max_image_size
     dense = dense_cost(sizes, size, backend, local_workers(), memory.available())
     return {

@@ -49,7 +49,7 @@ def machine() -> dict[str, Any]:
         "libc": " ".join(platform.libc_ver()).strip(),
         "processor": words.get("model name", platform.processor()),
         "instructions": sorted(flag for flag in flags if _INSTRUCTIONS.fullmatch(flag)),
-        "linear algebra": threads.blas(),
+        "linear algebra": threads.blas_libraries(),
         "cuda devices": cuda_devices(),
         "cores": threads.cores(),
     }

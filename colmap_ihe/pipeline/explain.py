@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from colmap_ihe.pipeline.run_state import Record
+from colmap_ihe.pipeline.run_context import Record
 from colmap_ihe.pipeline.stage_list import Inputs, Stage, options_of_stage, versions_of
 from colmap_ihe.project.options import Options
 

@@ -10,11 +10,11 @@ from typing import Any
 from colmap_ihe.errors import WeightsError
 from colmap_ihe.fit import given_weights as misfit
 from colmap_ihe.fit.fit_set import Fit, fit_captures
-from colmap_ihe.fit.histogram_file import SUFFIX, Stored, write_stored
+from colmap_ihe.fit.histogram_file import SUFFIX, StoredCounts, write_stored
 from colmap_ihe.fit.weights_file import write_weights
 from colmap_ihe.grey.weights import Grey, Weights
 from colmap_ihe.machine.executor import local_executor
-from colmap_ihe.machine.progress import SILENT, Audience
+from colmap_ihe.machine.progress import SILENT, RunProgress
 from colmap_ihe.photographs.discover import Capture
 from colmap_ihe.photographs.each import LeftOut, refused
 from colmap_ihe.photographs.recipes import prepared_set
@@ -35,7 +35,7 @@ def fit_files(
     develop: DevelopOptions | None = None,
     calibration: Path | None = None,
     strict: bool = False,
-    audience: Audience = SILENT,
+    progress: RunProgress = SILENT,
 ) -> tuple[Grey, LeftOut]:
     """The weights of a set of projects, histograms, folders and files, written to `output` if given; of the larger
     part where the set mixes RAW and gamma-coded photographs. What was counted is written to `histogram`, which is
@@ -46,33 +46,33 @@ def fit_files(
     options, develop = options or FitOptions(), develop or DevelopOptions()
     found = campaigns_of(paths, develop, calibration)
     for text in found.notes:
-        audience.warn(text)
+        progress.warn(text)
     surveyed: list[Surveyed] = []
     unreadable: LeftOut = {}
     for source in found.sources:
         unreadable |= refused(source, strict)
     with local_executor() as executor, ExitStack() as stack:
         for source in found.sources:
-            how = (source.captures, source.develop, source.calibration, executor, audience)
+            how = (source.captures, source.develop, source.calibration, executor, progress)
             prepared = stack.enter_context(prepared_set(*how, strict=strict))
             surveyed += prepared.surveyed
             unreadable |= prepared.left_out
         ignored = tuple(name for source in found.sources for name in source.ignored)
         for text in oddities.warnings_of(surveyed, ignored) if surveyed else ():
-            audience.warn(text)
+            progress.warn(text)
         usable = [s.capture for s in surveyed]
-        with audience.stage("fit") as watch:
+        with progress.stage("fit") as stage_progress:
             fit = fit_captures(
-                usable, options, executor, watch, strict=strict, stored=found.stored, given=weights
+                usable, options, executor, stage_progress, strict=strict, stored=found.stored, given=weights
             )
     developments: list[tuple[str, Mapping[str, Any]]] = [(s.source, s.development) for s in found.stored]
     developments += [
         (str(s.captures[0].path.parent), s.develop.model_dump(mode="json")) for s in found.sources
     ]
     for text in _warnings_of(fit, usable, weights, options, developments):
-        audience.warn(text)
+        progress.warn(text)
     if histogram is not None:
-        write_stored(histogram, Stored(fit.gathered, options.sample, developments[0][1]))
+        write_stored(histogram, StoredCounts(fit.gathered, options.sample, developments[0][1]))
     if output is not None:
         write_weights(output, fit.main)
     return fit.main, unreadable | fit.left_out

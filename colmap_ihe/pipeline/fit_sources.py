@@ -8,8 +8,8 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from colmap_ihe.fit.counting import Gathered
-from colmap_ihe.fit.histogram_file import SUFFIX, Stored, read_stored
+from colmap_ihe.fit.counting import SetCounts
+from colmap_ihe.fit.histogram_file import SUFFIX, StoredCounts, read_stored
 from colmap_ihe.photographs.discover import Capture, captures_of_files, discover
 from colmap_ihe.pipeline.status import status
 from colmap_ihe.project.folder import Project
@@ -31,7 +31,7 @@ class Source:
 @dataclass
 class Campaigns:
     sources: list[Source] = field(default_factory=list)
-    stored: list[Stored] = field(default_factory=list)
+    stored: list[StoredCounts] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
 
 
@@ -85,7 +85,7 @@ def _named(capture: Capture) -> Capture:
 
 
 def warnings_of(
-    gathered: Iterable[Gathered], developments: Iterable[tuple[str, Mapping[str, Any]]]
+    gathered: Iterable[SetCounts], developments: Iterable[tuple[str, Mapping[str, Any]]]
 ) -> list[str]:
     """What is odd about sets that were pooled: photographs that are in several, and several ways of development."""
     twice = sum(n - 1 for one in gathered for n in Counter(one.keys).values())

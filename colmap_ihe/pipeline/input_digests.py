@@ -14,7 +14,7 @@ from typing import Any
 from colmap_ihe.errors import ProjectError
 from colmap_ihe.machine.executor import in_order
 from colmap_ihe.machine.files import digest_file, read_json
-from colmap_ihe.machine.progress import Watch
+from colmap_ihe.machine.progress import Progress
 from colmap_ihe.photographs.discover import Discovery
 from colmap_ihe.project.folder import Project
 
@@ -30,7 +30,7 @@ def masks_in(folder: Path) -> dict[str, str]:
 
 
 def digests_of(
-    project: Project, discovery: Discovery, executor: Executor, watch: Watch
+    project: Project, discovery: Discovery, executor: Executor, progress: Progress
 ) -> dict[str, list[Any]]:
     """Of every photograph and calibration frame what tells whether it changed, when it was read, and last the digest of
     its content."""
@@ -38,20 +38,20 @@ def digests_of(
     files = {c.name: c.path for c in discovery.captures}
     for frame in sorted(p for p in project.calibration.rglob("*") if p.is_file() and p.name[0] != "."):
         files[FRAMES + frame.relative_to(project.calibration).as_posix()] = frame
-    watch.start(len(files))
+    progress.start(len(files))
     found: dict[str, list[Any]] = {name: [] for name in files}
     changed = []
     for name, path in files.items():
         old = known.get(name, [])
         if _still_holds(old, path):
             found[name] = old
-            watch.advance()
+            progress.advance()
         else:
             changed.append(name)
-    about = in_order(executor, _about, [files[name] for name in changed], watch=watch)
+    about = in_order(executor, _about, [files[name] for name in changed], progress=progress)
     for name, values in zip(changed, about, strict=True):
         found[name] = values
-        watch.advance()
+        progress.advance()
     return found
 
 

@@ -37,7 +37,7 @@ LESS_MEMORY = f"{GOES_ON}: close other programs, or lower features.max_image_siz
 
 
 @dataclass(frozen=True)
-class Job:
+class ProjectJob:
     """What is to be run. `root` of the project; `assignments` go over its project.yaml, as those of `--set`.
 
     `images`, `until` and `developed` as of `reconstruct`, empty for none. `memory_bytes`: its share, 0 for all there
@@ -68,7 +68,7 @@ class Outcome:
 
 
 @dataclass(frozen=True)
-class Progress:
+class StageProgress:
     """How far a run is: `done` of `total` units of a stage, 0 of 0 if it does not say. `bytes`: of memory, now."""
 
     stage: str = ""
@@ -77,7 +77,7 @@ class Progress:
     bytes: int = 0
 
 
-def run_job(job: Job, follow: Callable[[Progress], None] | None = None) -> Outcome:
+def run_job(job: ProjectJob, follow: Callable[[StageProgress], None] | None = None) -> Outcome:
     """Reconstructs one project in a process of its own, and waits for it. `follow` is told how far it is, a few times a
     second. Whatever goes wrong with the project is in the outcome: nothing is raised for it."""
     began = time.monotonic()
@@ -85,7 +85,7 @@ def run_job(job: Job, follow: Callable[[Progress], None] | None = None) -> Outco
         project = Project.at(Path(job.root), Path(job.images) if job.images else None)
         with room_on_disk(project.root):
             project.records.mkdir(parents=True, exist_ok=True)
-            run = _Run(job, project.batch_log)
+            run = _ChildRun(job, project.batch_log)
     except KnownError as error:
         return Outcome("failed", time.monotonic() - began, reason=str(error), hint=error.hint)
     except OSError as error:
@@ -98,8 +98,8 @@ def run_job(job: Job, follow: Callable[[Progress], None] | None = None) -> Outco
         run.end()
 
 
-class _Run:
-    def __init__(self, job: Job, log: Path) -> None:
+class _ChildRun:
+    def __init__(self, job: ProjectJob, log: Path) -> None:
         self.job, self.log, self.began = job, log, time.monotonic()
         with log.open("wb") as words:
             self.process = subprocess.Popen(
@@ -109,13 +109,13 @@ class _Run:
                 stderr=words,
                 start_new_session=True,  # Ctrl-C in the terminal is for us
             )
-        self.progress = Progress()
+        self.progress = StageProgress()
         self.ended: dict[str, Any] = {}
         self.peak = 0
         self.asked: Ending | None = None
         self.killed = False
 
-    def wait(self, follow: Callable[[Progress], None]) -> Outcome:
+    def wait(self, follow: Callable[[StageProgress], None]) -> Outcome:
         assert self.process.stdout is not None
         rest, until = b"", float("inf")
         while True:
@@ -128,7 +128,7 @@ class _Run:
                     self._hear(json.loads(line))
             now, peak = memory.taken(self.process.pid)
             self.peak = max(self.peak, peak)
-            self.progress = Progress(self.progress.stage, self.progress.done, self.progress.total, now)
+            self.progress = StageProgress(self.progress.stage, self.progress.done, self.progress.total, now)
             follow(self.progress)
             if self.asked is None and (asked := self._to_stop()):
                 self.asked, until = asked, time.monotonic() + GRACE_SECONDS
@@ -153,7 +153,7 @@ class _Run:
         if "ended" in said:
             self.ended = said["ended"]
         else:
-            self.progress = Progress(**said)
+            self.progress = StageProgress(**said)
 
     def _to_stop(self) -> Ending | None:
         if self.job.stop_file and Path(self.job.stop_file).exists():

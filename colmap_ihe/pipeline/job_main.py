@@ -19,7 +19,7 @@ from typing import Any
 
 from colmap_ihe.errors import BusyError, Cancelled, KnownError, NativeError, ShortOfMemoryError
 from colmap_ihe.machine import memory
-from colmap_ihe.machine.progress import Silent, Watch
+from colmap_ihe.machine.progress import Progress, Silent
 from colmap_ihe.pipeline.job import GOES_ON, LESS_MEMORY
 from colmap_ihe.pipeline.reconstruct import reconstruct
 from colmap_ihe.project.options_file import project_options
@@ -41,7 +41,7 @@ class _Teller(Silent):
         self._stage, self._done, self._total, self._next = "", 0, 0, 0.0
 
     @contextmanager
-    def stage(self, name: str) -> Iterator[Watch]:
+    def stage(self, name: str) -> Iterator[Progress]:
         self.check()
         self._stage, self._done, self._total = name, 0, 0
         self._tell()
@@ -113,7 +113,7 @@ def _run(job: dict[str, Any], teller: _Teller) -> tuple[str, str, str]:
             images=job["images"] or None,
             until=job["until"] or None,
             developed=Path(job["developed"]) if job["developed"] else None,
-            audience=teller,
+            progress=teller,
         )
     except Cancelled:
         return "stopped", "stopped", GOES_ON

@@ -24,8 +24,8 @@ _FRUSTUM = 0.05  # of the size of the scene: how deep cameras are drawn
 
 @dataclass(frozen=True)
 class Points:
-    """`positions` (N, 3) in the frame of `Frame`, `colours` (N, 3) uint8, in random order; and how many there are in
-    all."""
+    """`positions` (N, 3) in the frame of `UprightFrame`, `colours` (N, 3) uint8, in random order; `total` before
+    thinning."""
 
     positions: _F32
     colours: _U8
@@ -33,7 +33,7 @@ class Points:
 
 
 @dataclass(frozen=True)
-class Frame:
+class UprightFrame:
     """Turns the model upright, y up as the photographs were held, and its middle to the origin."""
 
     rotation: _F64
@@ -45,7 +45,7 @@ class Frame:
 
 
 @dataclass(frozen=True)
-class Seen:
+class ImageCoverage:
     """What the model says of one image: its points, their mean reprojection error in pixels, and the share of its
     area that they lie in."""
 
@@ -54,7 +54,7 @@ class Seen:
     coverage: float
 
 
-class Model:
+class ModelView:
     """A sparse model. Raises what pycolmap raises where there is none."""
 
     def __init__(self, folder: Path) -> None:
@@ -63,19 +63,19 @@ class Model:
         self._by_name = {str(self._model.images[i].name): i for i in self._model.reg_image_ids()}
         self._xyz = np.array([p.xyz for p in self._model.points3D.values()]).reshape(-1, 3)
 
-    def frame(self) -> Frame:
+    def frame(self) -> UprightFrame:
         poses = [self._model.images[i].cam_from_world().matrix() for i in self._by_name.values()]
         rotation = upright(poses)
         if not len(self._xyz):
-            return Frame(rotation, np.zeros(3), 1.0)
+            return UprightFrame(rotation, np.zeros(3), 1.0)
         low, high = np.percentile(self._xyz, (5, 95), axis=0)
-        return Frame(rotation, np.median(self._xyz, axis=0), float(np.linalg.norm(high - low)) or 1.0)
+        return UprightFrame(rotation, np.median(self._xyz, axis=0), float(np.linalg.norm(high - low)) or 1.0)
 
-    def points(self, frame: Frame, most: int) -> Points:
+    def points(self, frame: UprightFrame, most: int) -> Points:
         colours = np.array([p.color for p in self._model.points3D.values()], np.uint8).reshape(-1, 3)
         return _shuffled(frame.moved(self._xyz), colours, most)
 
-    def camera(self, name: str, frame: Frame) -> tuple[_F32, _F32]:
+    def camera(self, name: str, frame: UprightFrame) -> tuple[_F32, _F32]:
         """Centre (3,) and corners (4, 3) of the picture before it, from the top left clockwise."""
         image = self._model.images[self._by_name[name]]
         camera = self._model.cameras[image.camera_id]
@@ -86,23 +86,23 @@ class Model:
         world_from_cam = image.cam_from_world().inverse()
         return frame.moved(world_from_cam.translation), frame.moved(world_from_cam * (rays * depth))
 
-    def seen(self, name: str) -> Seen:
+    def seen(self, name: str) -> ImageCoverage:
         image = self._model.images[self._by_name[name]]
         camera = self._model.cameras[image.camera_id]
         points = image.get_observation_points2D()
         if not points:
-            return Seen(0, None, 0.0)
+            return ImageCoverage(0, None, 0.0)
         places = np.array([p.xy for p in points]) / (camera.width, camera.height)
         cells = np.clip((places * _CELLS).astype(int), 0, _CELLS - 1)
         coverage = len(np.unique(cells[:, 0] * _CELLS + cells[:, 1])) / _CELLS**2
         errors = [self._model.points3D[p.point3D_id].error for p in points]
-        return Seen(len(points), float(np.mean(errors)), coverage)
+        return ImageCoverage(len(points), float(np.mean(errors)), coverage)
 
     def track_lengths(self) -> Mapping[int, int]:
         return dict(sorted(Counter(p.track.length() for p in self._model.points3D.values()).items()))
 
 
-def dense_points(cloud: Path, frame: Frame, most: int) -> Points:
+def dense_points(cloud: Path, frame: UprightFrame, most: int) -> Points:
     """Of a fused cloud. Raises `ProjectError`."""
     rows = read_ply(cloud)["vertex"]
     chosen = np.sort(np.random.default_rng(0).choice(len(rows), min(most, len(rows)), replace=False))

@@ -13,8 +13,8 @@ from typing import Any
 
 from colmap_ihe.colmap.database import looks_whole, remove_database
 from colmap_ihe.colmap.matching import VOCABULARY, forget_matches
+from colmap_ihe.machine.files import quick_digest
 from colmap_ihe.machine.files import remove_unfinished as _remove_unfinished
-from colmap_ihe.machine.files import sketch_file
 from colmap_ihe.project.folder import Project
 from colmap_ihe.project.recipe import FILES
 
@@ -113,7 +113,7 @@ def made_by(stage: str, project: Project, record: Mapping[str, Any]) -> dict[str
     """Size, time and sketch of every file that a stage has just left, by its path in the project. Not of the
     database: stages share it, and COLMAP's own GUI writes into it when it is only looked at."""
     files = [] if stage in ("features", "matches") else files_of(stage, project, record)
-    return {file.relative_to(project.root).as_posix(): [*_state(file), sketch_file(file)] for file in files}
+    return {file.relative_to(project.root).as_posix(): [*_state(file), quick_digest(file)] for file in files}
 
 
 def altered(stage: str, project: Project, record: Mapping[str, Any]) -> list[Path]:
@@ -122,7 +122,7 @@ def altered(stage: str, project: Project, record: Mapping[str, Any]) -> list[Pat
         return [] if looks_whole(project.database) else [project.database]
     made: Mapping[str, list[Any]] = record.get("made", {})
     files = {project.root / name: was for name, was in made.items() if (project.root / name).is_file()}
-    return [file for file, was in files.items() if _state(file) != was[:2] and sketch_file(file) != was[2]]
+    return [file for file, was in files.items() if _state(file) != was[:2] and quick_digest(file) != was[2]]
 
 
 def set_aside(stage: str, project: Project, record: Mapping[str, Any]) -> list[Path]:

@@ -17,13 +17,22 @@ from colmap_ihe.errors import KnownError
 from colmap_ihe.machine.executor import in_order, threads_of
 from colmap_ihe.machine.files import write_bytes
 from colmap_ihe.machine.libraries import library_versions
-from colmap_ihe.machine.progress import Audience, Watch
+from colmap_ihe.machine.progress import Progress, RunProgress
 from colmap_ihe.pipeline import model_view as shown
-from colmap_ihe.pipeline.run_state import Run
+from colmap_ihe.pipeline.run_context import RunContext
 from colmap_ihe.project.folder import Project
 from colmap_ihe.project.options import Options
 from colmap_ihe.report import pictures
-from colmap_ihe.report.contents import Camera, Cloud, Contents, Grey, Pair, Photograph, Picture, Slider
+from colmap_ihe.report.contents import (
+    CameraPose,
+    Cloud,
+    Contents,
+    Grey,
+    Pair,
+    PhotographEntry,
+    Picture,
+    Slider,
+)
 from colmap_ihe.report.page import render_page
 from colmap_ihe.report.summary import summary_rows, weights_in_words
 
@@ -51,33 +60,35 @@ class _Look:
     tones_rec709: NDArray[np.int64]
 
 
-def page_of(run: Run, summary: Mapping[str, Any], audience: Audience) -> None:
+def page_of(run: RunContext, summary: Mapping[str, Any], progress: RunProgress) -> None:
     """The page at the end of a run. Where it cannot be written the model is there all the same, and a warning."""
     try:
-        with audience.stage("page") as watch:
-            write_page(run, summary, watch)
+        with progress.stage("page") as stage_progress:
+            write_page(run, summary, stage_progress)
     except KnownError as error:
-        audience.warn(f"no page was written: {error}")
+        progress.warn(f"no page was written: {error}")
 
 
-def write_page(run: Run, summary: Mapping[str, Any], watch: Watch) -> Path:
+def write_page(run: RunContext, summary: Mapping[str, Any], progress: Progress) -> Path:
     """Writes report/index.html of a project that is converted at least, and returns it. Raises `KnownError`s."""
-    write_bytes(run.project.page_file, render_page(gather(run, summary, watch)).encode())
+    write_bytes(run.project.page_file, render_page(gather(run, summary, progress)).encode())
     return run.project.page_file
 
 
-def gather(run: Run, summary: Mapping[str, Any], watch: Watch) -> Contents:
+def gather(run: RunContext, summary: Mapping[str, Any], progress: Progress) -> Contents:
     """All that the page shows of a project that is converted at least. Raises `KnownError`s."""
     project, records, options = run.project, run.records, run.options
     grey_of: Mapping[str, str] = records["convert"]["grey"]
     some = _spread(sorted(grey_of), _PICTURED)
-    watch.start(len(some), "photographs looked at")
+    progress.start(len(some), "photographs looked at")
     looks: dict[str, _Look] = {}
     with threads_of(run.executor) as threads:  # pictures are what comes of it
-        for look in in_order(threads, lambda name: _look(project, name, grey_of[name]), some, watch=watch):
+        for look in in_order(
+            threads, lambda name: _look(project, name, grey_of[name]), some, progress=progress
+        ):
             looks[look.name] = look
-            watch.advance()
-    model = shown.Model(project.sparse / "0") if "sparse" in records else None
+            progress.advance()
+    model = shown.ModelView(project.sparse / "0") if "sparse" in records else None
     frame = model.frame() if model else None
     photographs = _photographs(summary, grey_of, looks, model)
     matched = None
@@ -92,7 +103,7 @@ def gather(run: Run, summary: Mapping[str, Any], watch: Watch) -> Contents:
         cloud=_cloud(project, records, model, frame) if model and frame else None,
         cameras=_cameras(grey_of, model, frame) if model and frame else (),
         sliders=[_slider(project, name, grey_of[name]) for name in _spread(sorted(looks), _SLIDERS)],
-        pairs=_pairs(project, summary, grey_of, matched, photographs, watch),
+        pairs=_pairs(project, summary, grey_of, matched, photographs, progress),
         track_lengths=model.track_lengths() if model else {},
         matches=matched,
         warnings=summary["warnings"],
@@ -169,23 +180,23 @@ def _photographs(
     summary: Mapping[str, Any],
     grey_of: Mapping[str, str],
     looks: Mapping[str, _Look],
-    model: shown.Model | None,
-) -> list[Photograph]:
+    model: shown.ModelView | None,
+) -> list[PhotographEntry]:
     found = []
     in_model = set(model.names) if model else set()
     for name in sorted(grey_of):
         thumbnail = looks[name].thumbnail if name in looks else None
         if model and grey_of[name] in in_model:
             seen = model.seen(grey_of[name])
-            found.append(Photograph(name, thumbnail, seen.points, seen.error_px, seen.coverage))
+            found.append(PhotographEntry(name, thumbnail, seen.points, seen.error_px, seen.coverage))
         else:
             why = summary["left_out"].get(name) or ("it has no place in the model" if model else "")
-            found.append(Photograph(name, thumbnail, left_out=why))
+            found.append(PhotographEntry(name, thumbnail, left_out=why))
     others = sorted(set(summary["left_out"]) - set(grey_of))
-    return [*found, *(Photograph(name, None, left_out=summary["left_out"][name]) for name in others)]
+    return [*found, *(PhotographEntry(name, None, left_out=summary["left_out"][name]) for name in others)]
 
 
-def _cloud(project: Project, records: _Records, model: shown.Model, frame: shown.Frame) -> Cloud:
+def _cloud(project: Project, records: _Records, model: shown.ModelView, frame: shown.UprightFrame) -> Cloud:
     is_dense = bool(records.get("dense", {}).get("points"))
     if is_dense:
         points = shown.dense_points(project.dense / "fused.ply", frame, _POINTS)
@@ -198,11 +209,13 @@ def _cloud(project: Project, records: _Records, model: shown.Model, frame: shown
     return Cloud(points.positions, points.colours, grey, "dense" if is_dense else "sparse", points.in_all)
 
 
-def _cameras(grey_of: Mapping[str, str], model: shown.Model, frame: shown.Frame) -> list[Camera]:
+def _cameras(
+    grey_of: Mapping[str, str], model: shown.ModelView, frame: shown.UprightFrame
+) -> list[CameraPose]:
     found = []
     for name, grey in sorted(grey_of.items()):
         if grey in model.names:
-            found.append(Camera(name, *model.camera(grey, frame)))
+            found.append(CameraPose(name, *model.camera(grey, frame)))
     return found
 
 
@@ -228,8 +241,8 @@ def _pairs(
     summary: Mapping[str, Any],
     grey_of: Mapping[str, str],
     matched: NDArray[np.int64] | None,
-    photographs: Sequence[Photograph],
-    watch: Watch,
+    photographs: Sequence[PhotographEntry],
+    progress: Progress,
 ) -> list[Pair]:
     """The pairs on which the grey was measured, else those with most matches, matched again in both greys."""
     wanted = [tuple(pair) for pair in (summary["tried"] or {}).get("pairs", ())]
@@ -243,15 +256,15 @@ def _pairs(
                 taken |= {int(n) for n in row}
                 wanted.append((names[row[0]], names[row[1]]))
     wanted = [pair for pair in wanted if all(name in grey_of for name in pair)][:_PAIRS]
-    watch.start(len(wanted), "pairs drawn")
+    progress.start(len(wanted), "pairs drawn")
     found = []
     for first, second in wanted:
-        found.append(_pair(project, (first, second), (grey_of[first], grey_of[second]), watch))
-        watch.advance()
+        found.append(_pair(project, (first, second), (grey_of[first], grey_of[second]), progress))
+        progress.advance()
     return found
 
 
-def _pair(project: Project, names: tuple[str, str], greys: tuple[str, str], watch: Watch) -> Pair:
+def _pair(project: Project, names: tuple[str, str], greys: tuple[str, str], progress: Progress) -> Pair:
     colours = [pictures.shrunk(read_colour(project.colour / grey), _MATCHED) for grey in greys]
     looks = {
         "chosen grey": [pictures.shrunk(read_grey(project.grey / grey), _MATCHED) for grey in greys],
@@ -260,7 +273,7 @@ def _pair(project: Project, names: tuple[str, str], greys: tuple[str, str], watc
     drawn, counts = [], []
     for words, (one, other) in looks.items():
         with quiet():
-            first, second = features_of([one, other], watch, first_octave=0)
+            first, second = features_of([one, other], progress, first_octave=0)
         pairs = match(first, second)
         ones, others = first.places[pairs[:, 0]], second.places[pairs[:, 1]]
         kept = verified(ones, others, (one.shape[1], one.shape[0]), (other.shape[1], other.shape[0]))

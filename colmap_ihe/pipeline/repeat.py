@@ -23,7 +23,7 @@ _MACHINE = ("system", "libc", "instructions", "linear algebra", "cuda devices") 
 
 
 @dataclass(frozen=True)
-class Noted:
+class RunRecord:
     """What a run noted. `photographs` and `masks`: by name the digest of the content; calibration frames are among
     the photographs. `weights`: the digest of the file that was given, empty for none. `machine` and `variables` of the
     environment as in `surroundings`, empty in records of before they were noted."""
@@ -38,7 +38,7 @@ class Noted:
     variables: Mapping[str, str] = field(default_factory=dict)
 
 
-def note_run(place: Project, options: Options, digests: Mapping[str, Sequence[Any]]) -> None:
+def write_run_record(place: Project, options: Options, digests: Mapping[str, Sequence[Any]]) -> None:
     """Where work runs is left out, as it affects no result and says whose machines they are."""
     settings = options.as_yaml()
     del settings["cluster"]
@@ -59,7 +59,7 @@ def note_run(place: Project, options: Options, digests: Mapping[str, Sequence[An
     )
 
 
-def read_run(path: Path, assignments: Sequence[str] = ()) -> Noted:
+def read_run(path: Path, assignments: Sequence[str] = ()) -> RunRecord:
     """Of a project, or of the file itself, its options changed by `stage.option=value` each. A weights file is that
     of the project. Raises `OptionError`."""
     file = path / "records" / "run.json" if path.is_dir() else path
@@ -79,7 +79,7 @@ def read_run(path: Path, assignments: Sequence[str] = ()) -> Noted:
         settings = settings.model_copy(update={"fit": settings.fit.model_copy(update={"weights": weights})})
     more = {name: found.get(name) for name in ("masks", "machine")}
     more["variables"] = found.get("environment")
-    return Noted(
+    return RunRecord(
         settings,
         versions,
         photographs,
@@ -89,7 +89,9 @@ def read_run(path: Path, assignments: Sequence[str] = ()) -> Noted:
     )
 
 
-def unlike(noted: Noted, place: Project, options: Options, digests: Mapping[str, Sequence[Any]]) -> list[str]:
+def differences_from(
+    noted: RunRecord, place: Project, options: Options, digests: Mapping[str, Sequence[Any]]
+) -> list[str]:
     """In sentences, what is not as it was when the run was noted."""
     said = _unlike_software(noted)
     said += _unlike_files("photographs", noted.photographs, {name: f[-1] for name, f in digests.items()})
@@ -105,7 +107,7 @@ def unlike(noted: Noted, place: Project, options: Options, digests: Mapping[str,
     return said
 
 
-def _unlike_software(noted: Noted) -> list[str]:
+def _unlike_software(noted: RunRecord) -> list[str]:
     was, now = dict(noted.versions), surroundings.versions()
     if noted.machine:
         here, variables = surroundings.machine(), surroundings.variables()

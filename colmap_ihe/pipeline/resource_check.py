@@ -10,7 +10,7 @@ from colmap_ihe.machine import memory
 from colmap_ihe.machine.executor import local_workers
 from colmap_ihe.machine.memory import in_bytes
 from colmap_ihe.pipeline import outputs
-from colmap_ihe.pipeline.resource_needs import Demand
+from colmap_ihe.pipeline.resource_needs import StageNeeds
 from colmap_ihe.project.folder import Project
 
 _CERTAIN = 0.65
@@ -29,13 +29,13 @@ _INSTEAD = {
 }
 
 
-def disk_left(project: Project, demands: Sequence[Demand], stages: Collection[str]) -> dict[str, int]:
+def disk_left(project: Project, demands: Sequence[StageNeeds], stages: Collection[str]) -> dict[str, int]:
     """Bytes that each of these stages will write besides what it left before, which is kept or goes first."""
     wanted = [demand for demand in demands if demand.stage in stages]
     return {one.stage: max(0, one.disk_bytes - outputs.bytes_of(one.stage, project)) for one in wanted}
 
 
-def disk_warnings(project: Project, demands: Sequence[Demand], stages: Collection[str]) -> list[str]:
+def disk_warnings(project: Project, demands: Sequence[StageNeeds], stages: Collection[str]) -> list[str]:
     """What its owner should know. Raises `DiskFullError` where the disk is certainly too small."""
     left = disk_left(project, demands, stages)
     need, free = sum(left.values()), shutil.disk_usage(project.root).free
@@ -50,7 +50,7 @@ def disk_warnings(project: Project, demands: Sequence[Demand], stages: Collectio
     return [f"{said}: it may become full; the same command goes on then"]
 
 
-def memory_warnings(demand: Demand) -> list[str]:
+def memory_warnings(demand: StageNeeds) -> list[str]:
     """What its owner should know where even one worker of a stage may find too little. It is tried all the same: the
     estimate is for the worst."""
     free, here = memory.available(), memory.taken("self")[0]
@@ -63,7 +63,7 @@ def memory_warnings(demand: Demand) -> list[str]:
     ]
 
 
-def in_words(demand: Demand) -> str:
+def in_words(demand: StageNeeds) -> str:
     """Of memory as many workers take as there are cores, or as there is room for."""
     workers = memory.most_at_once(demand.one_bytes, memory.available(), local_workers())
     words = [

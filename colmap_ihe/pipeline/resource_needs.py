@@ -41,7 +41,7 @@ _GREY_AND_COLOUR = {
 
 
 @dataclass(frozen=True)
-class Set:
+class PhotoSetSize:
     """A set of photographs. `largest` of them in pixels; `one_bytes` of memory that one takes while it is decoded."""
 
     images: int
@@ -52,13 +52,13 @@ class Set:
     one_bytes: int
 
     @classmethod
-    def of(cls, record: dict[str, Any], captures: Sequence[Capture]) -> Set:
+    def of(cls, record: dict[str, Any], captures: Sequence[Capture]) -> PhotoSetSize:
         """From the record of `captures`, and the photographs that it holds."""
         names = ("images", "pixels", "largest", "raw", "with_gps")
         return cls(**{name: int(record[name]) for name in names}, one_bytes=memory.needed(captures))
 
     @classmethod
-    def of_survey(cls, surveyed: Sequence[Surveyed]) -> Set:
+    def of_survey(cls, surveyed: Sequence[Surveyed]) -> PhotoSetSize:
         captures = [replace(one.capture, pixels=one.width * one.height) for one in surveyed]
         return cls(
             images=len(captures),
@@ -71,7 +71,7 @@ class Set:
 
 
 @dataclass(frozen=True)
-class Demand:
+class StageNeeds:
     """Of a stage. `base_bytes` of memory and `one_bytes` for each of its workers; `disk_bytes` that it writes.
     `more_bytes` of memory it takes besides where there are so many."""
 
@@ -85,7 +85,7 @@ class Demand:
         return self.base_bytes + self.one_bytes * workers
 
 
-def demands_of(options: Options, photographs: Set) -> list[Demand]:
+def needs_of(options: Options, photographs: PhotoSetSize) -> list[StageNeeds]:
     """Of every stage that is not switched off, in their order, and of the page."""
     images, pixels = photographs.images, photographs.pixels
     share_raw = photographs.raw / max(1, images)
@@ -95,34 +95,36 @@ def demands_of(options: Options, photographs: Set) -> list[Demand]:
     features = _features_of(options, pixels / max(1, images))
     pairs = pairs_of(choose_strategy(options.matches.strategy, images, images), images)
     found = [
-        Demand("captures", _BASE, photographs.one_bytes, 0),
-        Demand(
+        StageNeeds("captures", _BASE, photographs.one_bytes, 0),
+        StageNeeds(
             "fit", _BASE + _TABLE, photographs.one_bytes, min(_MOST_HISTOGRAM, round(_HISTOGRAM * pixels))
         ),
-        Demand(
+        StageNeeds(
             "convert",
             _BASE,
             photographs.one_bytes,
             round(pixels * (of_format[True] * share_raw + of_format[False] * (1 - share_raw))),
         ),
-        Demand(
+        StageNeeds(
             "features",
             _BASE,
             features_bytes([largest], options.features, 1),
             round(images * features * _KEYPOINT),
         ),
-        Demand(
+        StageNeeds(
             "matches",
             _BASE + 10_000 * images,
             matches_bytes(round(features), images),
             round(min(pairs, _PARTNERS * images) * features * _MATCH),
         ),
-        Demand("sparse", _BASE + round(400 * features * images), 0, round(images * features * _MODEL)),
+        StageNeeds("sparse", _BASE + round(400 * features * images), 0, round(images * features * _MODEL)),
     ]
     if options.dense.enabled:
         found += _dense(options, largest, photographs)
     points = _POINTS_A_PIXEL * _seen(options, photographs) if options.dense.enabled else 0.0
-    found.append(Demand("page", _BASE + round(_SHOWN * points), round(_DRAWN * photographs.largest), _PAGE))
+    found.append(
+        StageNeeds("page", _BASE + round(_SHOWN * points), round(_DRAWN * photographs.largest), _PAGE)
+    )
     return found
 
 
@@ -132,21 +134,21 @@ def _features_of(options: Options, pixels: float) -> float:
     return min(_FEATURES * most, _FEATURES_A_PIXEL * pixels)
 
 
-def _dense(options: Options, largest: tuple[int, int], photographs: Set) -> list[Demand]:
+def _dense(options: Options, largest: tuple[int, int], photographs: PhotoSetSize) -> list[StageNeeds]:
     size, backend = options.dense.max_image_size, pick_backend(options.dense.backend)
     one = dense_cost([largest], size, backend, 1, 0)
     seen = _seen(options, photographs)
     every = dense_cost([(round((seen * ASPECT) ** 0.5), round((seen / ASPECT) ** 0.5))], 10**9, backend, 1, 0)
-    found = [Demand("dense", _BASE, one.memory_bytes, every.disk_bytes, every.fusion_bytes)]
+    found = [StageNeeds("dense", _BASE, one.memory_bytes, every.disk_bytes, every.fusion_bytes)]
     if options.meshed:
         points = _POINTS_A_PIXEL * seen
         faces = min(options.mesh.faces, 1.5 * points)
         found.append(
-            Demand("mesh", _BASE + round(_MESHED * points + _FACED * faces), 0, round(faces * _FACE))
+            StageNeeds("mesh", _BASE + round(_MESHED * points + _FACED * faces), 0, round(faces * _FACE))
         )
     return found
 
 
-def _seen(options: Options, photographs: Set) -> float:
+def _seen(options: Options, photographs: PhotoSetSize) -> float:
     """Pixels that dense stereo looks at."""
     return pixels_within(options.dense.max_image_size, photographs.images, photographs.pixels)

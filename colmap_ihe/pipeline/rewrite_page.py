@@ -8,24 +8,27 @@ from pathlib import Path
 from colmap_ihe.errors import ProjectError
 from colmap_ihe.machine.executor import local_executor
 from colmap_ihe.machine.files import read_json
-from colmap_ihe.machine.progress import SILENT, Audience
+from colmap_ihe.machine.progress import SILENT, RunProgress
 from colmap_ihe.photographs.discover import discover
 from colmap_ihe.pipeline.page import write_page
-from colmap_ihe.pipeline.run_state import Record, Run
-from colmap_ihe.pipeline.stage_list import ROAD, switched_off
+from colmap_ihe.pipeline.run_context import Record, RunContext
+from colmap_ihe.pipeline.stage_list import STAGES, switched_off
 from colmap_ihe.project.folder import Project
 from colmap_ihe.project.options_file import project_options
 from colmap_ihe.report.summary import summarise
 
 
 def report(
-    project: Path, assignments: Sequence[str] = (), images: Path | None = None, audience: Audience = SILENT
+    project: Path,
+    assignments: Sequence[str] = (),
+    images: Path | None = None,
+    progress: RunProgress = SILENT,
 ) -> Path:
     """Writes report/index.html of a project again, from what its stages left, and returns it. Raises
     `KnownError`s; `ProjectError` where nothing is converted yet."""
     options, place = project_options(project, list(assignments)), Project.at(project, images)
     records: dict[str, Record] = {}
-    for stage in ROAD:
+    for stage in STAGES:
         record = None if switched_off(stage.name, options) else place.read_record(stage.name)
         if record is None:
             break
@@ -39,6 +42,6 @@ def report(
     truth = (read_json(place.summary_file) or {}).get("truth")  # of this very model, else it were gone
     if isinstance(truth, dict) and all(type(value) in (int, float) for value in truth.values()):
         summary["truth"] = truth
-    with place.locked(), local_executor() as executor, audience.stage("page") as watch:
-        run = Run(place, options, discover(place.images), executor, records)
-        return write_page(run, summary, watch)
+    with place.locked(), local_executor() as executor, progress.stage("page") as stage_progress:
+        run = RunContext(place, options, discover(place.images), executor, records)
+        return write_page(run, summary, stage_progress)

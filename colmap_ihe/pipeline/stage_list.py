@@ -16,11 +16,11 @@ from colmap_ihe.dense import textured_mesh as textured
 from colmap_ihe.dense.backend import pick_backend
 from colmap_ihe.machine.files import digest_file, fingerprint_of
 from colmap_ihe.machine.libraries import __version__, library_versions
-from colmap_ihe.machine.progress import Watch
+from colmap_ihe.machine.progress import Progress
 from colmap_ihe.photographs.discover import Discovery
 from colmap_ihe.pipeline import outputs, stages
 from colmap_ihe.pipeline.input_digests import FRAMES, masks_in
-from colmap_ihe.pipeline.run_state import Record, Run
+from colmap_ihe.pipeline.run_context import Record, RunContext
 from colmap_ihe.project.folder import Project
 from colmap_ihe.project.options import Options
 
@@ -30,13 +30,13 @@ class Stage:
     """One stop on the road. `options` names the sections, `libraries` the modules, that affect its result."""
 
     name: str
-    run: Callable[[Run, Watch], Record]
+    run: Callable[[RunContext, Progress], Record]
     options: tuple[str, ...] = ()
     libraries: tuple[str, ...] = ()
 
 
 _DECODERS = ("rawpy", "libraw", "pillow", "simplejpeg", "tifffile")
-ROAD = (
+STAGES = (
     Stage("captures", stages.captures, ("develop", "cameras"), ("rawpy", "libraw")),
     Stage("fit", stages.fit, ("fit",), (*_DECODERS, "numpy")),
     Stage("convert", stages.convert, ("convert",)),
@@ -46,7 +46,7 @@ ROAD = (
     Stage("dense", stages.dense, ("dense",), ("opencv", "numpy")),
     Stage("mesh", stages.mesh, ("mesh",)),
 )
-NAMES = tuple(stage.name for stage in ROAD)
+STAGE_NAMES = tuple(stage.name for stage in STAGES)
 INPUT_CHANGED = "what it reads changed"
 Inputs = Mapping[str, Mapping[str, str]]
 """Of a stage, the user's files by kind and name, with what tells their content."""
@@ -122,7 +122,7 @@ def fingerprints(options: Options, inputs: Mapping[str, Inputs]) -> dict[str, st
     """What the record of each stage would have to carry to be true now."""
     before = ""
     prints: dict[str, str] = {}
-    for stage in ROAD:
+    for stage in STAGES:
         chosen, read = options_of_stage(options, stage), inputs.get(stage.name, {})
         before = fingerprint_of(stage.name, chosen, versions_of(stage), read, before)
         prints[stage.name] = before

@@ -22,28 +22,28 @@ from colmap_ihe.errors import MappingError
 from colmap_ihe.fit import given_weights as misfit
 from colmap_ihe.fit import weights_file
 from colmap_ihe.fit.fit_set import Fit, Trial, fit_captures
-from colmap_ihe.fit.histogram_file import Stored, write_stored
+from colmap_ihe.fit.histogram_file import StoredCounts, write_stored
 from colmap_ihe.grey.weights import Weights, grey_from_dict
 from colmap_ihe.machine import decoder_pool as decoders
 from colmap_ihe.machine.executor import threads_of
 from colmap_ihe.machine.files import require_room
-from colmap_ihe.machine.progress import Watch
+from colmap_ihe.machine.progress import Progress
 from colmap_ihe.photographs.each import refused
 from colmap_ihe.photographs.recipes import recipe_notes, with_recipes
 from colmap_ihe.photographs.survey import survey
 from colmap_ihe.pipeline import outputs
 from colmap_ihe.pipeline.convert import convert_captures, write_masks
-from colmap_ihe.pipeline.run_state import Record, Run
+from colmap_ihe.pipeline.run_context import Record, RunContext
 from colmap_ihe.pipeline.warnings import model as doubts
 from colmap_ihe.pipeline.warnings import photographs as oddities
 from colmap_ihe.project.options import Options
 
 
-def captures(run: Run, watch: Watch) -> Record:
+def captures(run: RunContext, progress: Progress) -> Record:
     cameras, project = run.options.cameras, run.project
     refused_files = refused(run.discovery, run.strict)
     surveyed, left_out = survey(
-        run.discovery.captures, run.executor, watch, strict=run.strict, cameras=cameras
+        run.discovery.captures, run.executor, progress, strict=run.strict, cameras=cameras
     )
     found = with_recipes(
         surveyed,
@@ -51,7 +51,7 @@ def captures(run: Run, watch: Watch) -> Record:
         project.calibration,
         project.masters,
         run.executor,
-        watch,
+        progress,
         strict=run.strict,
     )
     left_out = refused_files | left_out
@@ -82,15 +82,15 @@ def captures(run: Run, watch: Watch) -> Record:
     }
 
 
-def fit(run: Run, watch: Watch) -> Record:
+def fit(run: RunContext, progress: Progress) -> Record:
     options = run.options.fit
     trial = trial_of(run.options) if options.measure or options.method == "auto" else None
     given = None if options.weights is None else weights_file.read_weights(run.project.root / options.weights)
     found = fit_captures(
-        run.captures(), options, run.executor, watch, strict=run.strict, trial=trial, given=given
+        run.captures(), options, run.executor, progress, strict=run.strict, trial=trial, given=given
     )
     develop = run.options.develop.model_dump(mode="json")
-    write_stored(run.project.histogram_file, Stored(found.gathered, options.sample, develop))
+    write_stored(run.project.histogram_file, StoredCounts(found.gathered, options.sample, develop))
     warnings = []
     if len(found.weights) > 1:
         counts = " and ".join(f"{w.images} {encoding}" for encoding, w in found.weights.items())
@@ -115,7 +115,7 @@ def trial_of(options: Options) -> Trial:
     return Trial(options.convert.tone) if size is None else Trial(options.convert.tone, size)
 
 
-def convert(run: Run, watch: Watch) -> Record:
+def convert(run: RunContext, progress: Progress) -> Record:
     project = run.project
     for half_written in (*project.grey.rglob(".*.tmp"), *project.colour.rglob(".*.tmp")):
         half_written.unlink()
@@ -124,7 +124,7 @@ def convert(run: Run, watch: Watch) -> Record:
     surveyed = run.surveyed
     if not surveyed:
         cameras = run.options.cameras
-        surveyed, _ = survey(run.captures(), run.executor, watch, strict=run.strict, cameras=cameras)
+        surveyed, _ = survey(run.captures(), run.executor, progress, strict=run.strict, cameras=cameras)
     grey, left_out = convert_captures(
         [s for s in surveyed if s.capture.name in captures_left],
         found,
@@ -132,17 +132,17 @@ def convert(run: Run, watch: Watch) -> Record:
         project.grey,
         project.colour,
         run.executor,
-        watch,
+        progress,
         strict=run.strict,
         keep_finished=run.resumed,
     )
     warnings = oddities.fit_warnings(run.captures(), found.weights.values())
     warnings += oddities.wallis_warnings(run.options.convert.wallis)
-    decoders.rest()  # COLMAP, which comes next, has a use for their memory
+    decoders.end_idle()  # COLMAP, which comes next, has a use for their memory
     return {"grey": grey, "left_out": left_out, "warnings": warnings}
 
 
-def features(run: Run, watch: Watch) -> Record:
+def features(run: RunContext, progress: Progress) -> Record:
     project = run.project
     oddities.require_two([c.name for c in run.captures()], run.contents)
     if not database_is_sound(project.database):
@@ -159,7 +159,7 @@ def features(run: Run, watch: Watch) -> Record:
         run.records["captures"]["shared_by"],
         project.workspace,
         run.executor,
-        watch,
+        progress,
     )
     by_grey = _by_grey(run)
     left_out = {
@@ -180,7 +180,7 @@ def features(run: Run, watch: Watch) -> Record:
     }
 
 
-def matches(run: Run, watch: Watch) -> Record:
+def matches(run: RunContext, progress: Progress) -> Record:
     project = run.project
     images = run.records["features"]["images"]
     try:
@@ -191,7 +191,7 @@ def matches(run: Run, watch: Watch) -> Record:
             images,
             run.records["captures"]["with_gps"],
             run.executor,
-            watch,
+            progress,
         )
     except MappingError as error:
         said, hint = doubts.why_no_match(project.database, _by_grey(run), images)
@@ -202,11 +202,13 @@ def matches(run: Run, watch: Watch) -> Record:
     }
 
 
-def sparse(run: Run, watch: Watch) -> Record:
+def sparse(run: RunContext, progress: Progress) -> Record:
     project, by_grey = run.project, _by_grey(run)
     images = run.records["features"]["images"]
     try:
-        models = map_images(project.database, project.grey, project.sparse, run.options.sparse, images, watch)
+        models = map_images(
+            project.database, project.grey, project.sparse, run.options.sparse, images, progress
+        )
     except MappingError as error:
         said, hint = doubts.why_no_model(project.database, images)
         raise MappingError(said, hint) from error
@@ -215,12 +217,12 @@ def sparse(run: Run, watch: Watch) -> Record:
     return {"models": [asdict(m) for m in models], "unregistered": missing, "warnings": warnings}
 
 
-def _by_grey(run: Run) -> dict[str, str]:
+def _by_grey(run: RunContext) -> dict[str, str]:
     """Photographs by the names of their grey images."""
     return {grey: name for name, grey in run.records["convert"]["grey"].items()}
 
 
-def dense(run: Run, watch: Watch) -> Record:
+def dense(run: RunContext, progress: Progress) -> Record:
     project = run.project
     there = outputs.bytes_of("dense", project)
     return dense_cloud(
@@ -231,16 +233,20 @@ def dense(run: Run, watch: Watch) -> Record:
         project.dense,
         run.options.dense,
         run.executor,
-        watch,
+        progress,
         lambda wanted: require_room(project.root, wanted - there),
     )
 
 
-def mesh(run: Run, watch: Watch) -> Record:
+def mesh(run: RunContext, progress: Progress) -> Record:
     project, options = run.project, run.options.mesh
     try:
         made = surface.reconstruct_surface(
-            project.dense / "fused.ply", project.mesh, options.faces, options=options.colmap, watch=watch
+            project.dense / "fused.ply",
+            project.mesh,
+            options.faces,
+            options=options.colmap,
+            progress=progress,
         )
     except MappingError as error:  # the cloud is there all the same
         return {"files": [], "warnings": [f"no mesh was made: {error}"]}
@@ -252,12 +258,12 @@ def mesh(run: Run, watch: Watch) -> Record:
         return {**record, "warnings": [note]}
     with threads_of(run.executor) as threads:  # each looks at all of the mesh
         texture = textured.texture_mesh(
-            project.dense, project.mesh, options.texture_size, executor=threads, watch=watch
+            project.dense, project.mesh, options.texture_size, executor=threads, progress=progress
         )
     return {**record, "texture": asdict(texture), "files": [project.mesh.name, *textured.FILES]}
 
 
-def _masks(run: Run) -> tuple[Path | None, list[str]]:
+def _masks(run: RunContext) -> tuple[Path | None, list[str]]:
     """COLMAP's mask folder for the grey images, made of the user's masks; None if there are none."""
     project, made = run.project, run.project.made_masks
     shutil.rmtree(made, ignore_errors=True)
@@ -279,6 +285,6 @@ def fit_of(record: Record) -> Fit:
     return Fit({w.encoding: w for w in weights}, record["colour_white"])
 
 
-def write_weights(run: Run) -> None:
+def write_weights(run: RunContext) -> None:
     """report/weights.yaml, which `convert --weights` reads."""
     weights_file.write_weights(run.project.weights_file, fit_of(run.records["fit"]).main)

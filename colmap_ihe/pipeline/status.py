@@ -11,10 +11,10 @@ from colmap_ihe.photographs.discover import Discovery, discover
 from colmap_ihe.pipeline.explain import what_changed
 from colmap_ihe.pipeline.input_digests import digests_of
 from colmap_ihe.pipeline.resource_check import in_words
-from colmap_ihe.pipeline.resource_needs import Set, demands_of
+from colmap_ihe.pipeline.resource_needs import PhotoSetSize, needs_of
 from colmap_ihe.pipeline.stage_list import (
     INPUT_CHANGED,
-    ROAD,
+    STAGES,
     fingerprints,
     inputs_of,
     switched_off,
@@ -48,7 +48,7 @@ def status(
     prints = fingerprints(options, inputs)
     states: list[StageState] = []
     stale_before = ""
-    for stage in ROAD:
+    for stage in STAGES:
         record = place.read_record(stage.name)
         if switch := switched_off(stage.name, options):
             states.append(StageState(stage.name, "off", f"{switch}.enabled is false", None))
@@ -77,5 +77,5 @@ def _with_demands(
     if first is None:
         return states
     captures = [replace(c, pixels=int(first["largest"])) for c in discovery.captures]
-    takes = {one.stage: in_words(one) for one in demands_of(options, Set.of(first, captures))}
+    takes = {one.stage: in_words(one) for one in needs_of(options, PhotoSetSize.of(first, captures))}
     return [replace(s, takes=takes.get(s.name, "")) if s.state in ("stale", "to do") else s for s in states]

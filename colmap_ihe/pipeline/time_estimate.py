@@ -57,7 +57,7 @@ class Known:
         )
 
 
-def expected(options: Options, known: Known, until: str) -> list[Part]:
+def stage_parts(options: Options, known: Known, until: str) -> list[Part]:
     """The parts after `captures` up to the end of the stage `until`, in order, with those of the page, which follows
     where there is a model."""
     images, megapixels = known.images, known.pixels / 1e6

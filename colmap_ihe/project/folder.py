@@ -15,7 +15,7 @@ from typing import Any
 from colmap_ihe.errors import BusyError, ProjectError
 from colmap_ihe.machine import locks as ours
 from colmap_ihe.machine.files import leads_out, odd_below, read_json, room_on_disk, write_json
-from colmap_ihe.project.record_models import is_whole
+from colmap_ihe.project.record_models import is_valid
 
 
 @dataclass(frozen=True)
@@ -54,9 +54,9 @@ class Project:
     def claim(self) -> None:
         """Marks the workspace as ours. Raises `ProjectError` where somebody else made one of our folders: a
         workspace without our mark is somebody's work, and not ours to write into."""
-        if not ours.is_ours(self.workspace):
+        if not ours.is_marked(self.workspace):
             for folder in self.made_folders:
-                ours.refuse_others(folder, "move it away, or use another project folder with --images")
+                ours.refuse_unmarked(folder, "move it away, or use another project folder with --images")
             ours.make(self.workspace)
 
     def refuse_links(self) -> None:
@@ -204,7 +204,7 @@ class Project:
         record = read_json(self.record_file(stage))
         if record is None or not {"fingerprint", "seconds"} <= set(record):
             return None
-        return record if is_whole(stage, record) else None
+        return record if is_valid(stage, record) else None
 
     def write_record(self, stage: str, record: dict[str, Any]) -> None:
         write_json(self.record_file(stage), record)
@@ -231,7 +231,7 @@ class Project:
     def locked(self) -> Iterator[None]:
         """One run at a time; the lock goes with the process, however that ends. Raises `BusyError`."""
         with room_on_disk(self.root):
-            lock = ours.take_lock(self.records / "lock")
+            lock = ours.acquire_lock(self.records / "lock")
         if lock is None:
             raise BusyError(
                 f"{self.root}: another run is working on this project", hint="wait for it, or stop it"

@@ -20,7 +20,7 @@ class Recipe:
 
     `dark`, `flat` and `bad_pixels` are files of `calibration`, empty for none; `dark_scale` multiplies what a
     dark frame has above `bias`. `gains` multiply red, green and blue, linear of RAW and as coded of the others;
-    `denoise` is the strength of the denoising in standard deviations of the noise, 0 for none. `kept_in`: a folder
+    `denoise` is the strength of the denoising in standard deviations of the noise, 0 for none. `cache_folder`: a folder
     where the developed pixels are kept for the next reading; empty for none.
     """
 
@@ -33,10 +33,10 @@ class Recipe:
     bad_pixels: str = ""
     gains: tuple[float, float, float] = (1.0, 1.0, 1.0)
     denoise: float = 0.0
-    kept_in: str = ""
+    cache_folder: str = ""
 
     def identity(self) -> dict[str, Any]:
-        """As `as_dict`, files without the folder they lie in: their names tell their content. Without `kept_in`,
+        """As `as_dict`, files without the folder they lie in: their names tell their content. Without `cache_folder`,
         which changes nothing."""
         plain = {k: Path(v).name if k in FILES else v for k, v in self.as_dict().items()}
         plain.pop("kept_in", None)

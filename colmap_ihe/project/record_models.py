@@ -33,7 +33,7 @@ def _plain(name: str) -> str:
 def _recipe(values: dict[str, Any]) -> dict[str, Any]:
     """As `Recipe.identity` writes it: its files are named without a folder, and it says not where pixels are kept."""
     recipe = recipe_from_dict(values)
-    if recipe.kept_in or not all(
+    if recipe.cache_folder or not all(
         isinstance(v, str | bool | int | float | tuple) for v in vars(recipe).values()
     ):
         raise ValueError("is no recipe of a record")
@@ -165,7 +165,7 @@ _SHAPES: Mapping[str, type[_Record]] = {
 }
 
 
-def is_whole(stage: str, record: Mapping[str, Any]) -> bool:
+def is_valid(stage: str, record: Mapping[str, Any]) -> bool:
     """Whether `record` is one that `stage` could have left, or of a stage that is not on the road."""
     shape = _SHAPES.get(stage)
     if shape is None:

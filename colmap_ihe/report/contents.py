@@ -44,7 +44,7 @@ class Cloud:
 
 
 @dataclass(frozen=True)
-class Camera:
+class CameraPose:
     """A registered photograph in the frame of the cloud: `centre` (3,), `corners` (4, 3) of its picture at a depth that
     looks well, from the top left clockwise."""
 
@@ -54,7 +54,7 @@ class Camera:
 
 
 @dataclass(frozen=True)
-class Photograph:
+class PhotographEntry:
     """One of the set. `points`: of the sparse model that it sees; `error_px` their mean reprojection error; `coverage`
     the share of its area that they lie in. `left_out`: why, if it is not in the model."""
 
@@ -168,9 +168,9 @@ class Contents:
     result: str
     rows: Sequence[tuple[str, str]]
     grey: Grey | None
-    photographs: Sequence[Photograph]
+    photographs: Sequence[PhotographEntry]
     cloud: Cloud | None = None
-    cameras: Sequence[Camera] = ()
+    cameras: Sequence[CameraPose] = ()
     sliders: Sequence[Slider] = ()
     pairs: Sequence[Pair] = ()
     track_lengths: Mapping[int, int] = field(default_factory=dict)

@@ -10,7 +10,7 @@ import numpy as np
 from markupsafe import Markup
 from numpy.typing import NDArray
 
-from colmap_ihe.report.contents import Camera, Cloud, Picture
+from colmap_ihe.report.contents import CameraPose, Cloud, Picture
 
 _FAR_OUT = (
     30  # times the median distance from the middle: beyond are stray points, which would coarsen all others
@@ -23,7 +23,7 @@ def data_uri(picture: Picture) -> str:
     return "data:image/jpeg;base64," + base64.b64encode(picture.jpeg).decode("ascii")
 
 
-def cloud_data(cloud: Cloud, cameras: Sequence[Camera]) -> Markup:
+def cloud_data(cloud: Cloud, cameras: Sequence[CameraPose]) -> Markup:
     """What the viewer reads, as JSON that may stand in a script element.
 
     `positions`: little-endian uint16 (N, 3), 0 at `low` and 65535 at `low` + `extent`, so within 1/131070 of the

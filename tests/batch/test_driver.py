@@ -23,7 +23,7 @@ from colmap_ihe.batch import driver
 from colmap_ihe.batch.driver import batch
 from colmap_ihe.batch.entry import Entry, remaining_of, share_of
 from colmap_ihe.batch.folder import BatchFolder, contents_of
-from colmap_ihe.batch.preview import BASE_BYTES, Look, look_at, need_of
+from colmap_ihe.batch.preview import BASE_BYTES, ProjectPreview, look_at, need_of
 from colmap_ihe.batch.state import BatchState
 from colmap_ihe.cli import main
 from colmap_ihe.commandline.arguments import parser_of
@@ -36,7 +36,7 @@ from colmap_ihe.machine.files import read_json, write_json
 from colmap_ihe.photographs.discover import Capture
 from colmap_ihe.photographs.exif.metadata import Metadata
 from colmap_ihe.photographs.survey import Surveyed
-from colmap_ihe.pipeline.job import Job, Outcome, Progress
+from colmap_ihe.pipeline.job import Outcome, ProjectJob, StageProgress
 from colmap_ihe.project.folder import Project
 from colmap_ihe.project.options_file import load_options
 
@@ -80,23 +80,23 @@ Endings = dict[str, list[Outcome]]
 
 class Pretended(NamedTuple):
     endings: Endings
-    jobs: list[Job]
+    jobs: list[ProjectJob]
 
 
 @pytest.fixture
 def pretended(monkeypatch: pytest.MonkeyPatch) -> Pretended:
     """Runs that take a moment and end as told, by name of the project, or else well; and the jobs that were run."""
     endings: Endings = {}
-    jobs: list[Job] = []
+    jobs: list[ProjectJob] = []
 
-    def run(job: Job, _follow: Callable[[Progress], None] | None = None) -> Outcome:
+    def run(job: ProjectJob, _follow: Callable[[StageProgress], None] | None = None) -> Outcome:
         jobs.append(job)
         time.sleep(0.05)
         left = endings.get(Path(job.root).name)
         return left.pop(0) if left else Outcome("done", 0.05)
 
     monkeypatch.setattr(driver, "run_job", run)
-    monkeypatch.setattr(driver, "look_at", lambda *_: Look(8, 10**6, GB))
+    monkeypatch.setattr(driver, "look_at", lambda *_: ProjectPreview(8, 10**6, GB))
     monkeypatch.setattr(driver, "_TICK_SECONDS", 0.02)
     monkeypatch.setattr(memory, "available", lambda: 100 * GB)
     return Pretended(endings, jobs)
@@ -136,13 +136,13 @@ def test_a_project_is_no_root_and_a_folder_of_somebody_else_is_not_written_to(tm
     (root / "batch").mkdir()
     (root / "batch/notes.txt").touch()
     with pytest.raises(ProjectError, match="was not made by colmap-ihe"):
-        batch(root, audience=Listener())
+        batch(root, progress=Listener())
     assert [p.name for p in (root / "batch").iterdir()] == ["notes.txt"]
 
 
 def test_a_slip_is_refused_before_any_work(tmp_path: Path) -> None:
     with pytest.raises(OptionError, match="unknown option"):
-        batch(projects(tmp_path, "a"), assignments=["fit.steps=1"], audience=Listener())
+        batch(projects(tmp_path, "a"), assignments=["fit.steps=1"], progress=Listener())
     assert not (tmp_path / "batch").exists()
 
 
@@ -168,11 +168,11 @@ def test_lengths_of_time_have_units() -> None:
 
 
 def entry(need: int = 0, **more: Any) -> Entry:
-    return Entry(Path("p"), look=Look(10, 8 * 10**6, need), **more)
+    return Entry(Path("p"), look=ProjectPreview(10, 8 * 10**6, need), **more)
 
 
 def test_as_many_at_a_time_as_memory_has_room_for() -> None:
-    held = entry(4 * GB, progress=Progress(bytes=GB))
+    held = entry(4 * GB, progress=StageProgress(bytes=GB))
     assert share_of(entry(2 * GB), [], 10 * GB) == 2 * GB
     assert share_of(entry(2 * GB), [held], 6 * GB) == 2 * GB  # 3 GB are still to be taken
     assert share_of(entry(4 * GB), [held], 6 * GB) is None
@@ -253,7 +253,7 @@ def test_memory_that_ran_out_beside_others_is_tried_again_alone(
     held = threading.Event()
     pretended_run: Callable[..., Outcome] = getattr(driver, "run_job")  # noqa: B009  of the fixture
 
-    def run(job: Job, follow: Callable[[Progress], None] | None = None) -> Outcome:
+    def run(job: ProjectJob, follow: Callable[[StageProgress], None] | None = None) -> Outcome:
         if Path(job.root).name == "b":
             held.wait(20)
         return pretended_run(job, follow)
@@ -266,7 +266,7 @@ def test_memory_that_ran_out_beside_others_is_tried_again_alone(
                 held.set()
             super().show(state)
 
-    done = batch(projects(tmp_path, "a", "b", "c"), jobs=2, audience=Freeing())
+    done = batch(projects(tmp_path, "a", "b", "c"), jobs=2, progress=Freeing())
     assert set(states(done).values()) == {"done"}
     (last,) = [job for job in jobs[2:] if Path(job.root).name == "a"]
     assert last.memory_bytes == int(100 * GB * 0.9)  # all there is
@@ -279,7 +279,7 @@ def test_with_a_gpu_one_at_a_time(
     def most_at_once() -> int:
         follower = Listener()
         root = projects(tmp_path / str(len(pretended.jobs)), "a", "b", "c", "d")
-        assert batch(root, audience=follower).succeeded
+        assert batch(root, progress=follower).succeeded
         return max(list(states(state).values()).count("running") for state in follower.states)
 
     monkeypatch.setattr(driver, "local_workers", lambda: 3)
@@ -291,20 +291,20 @@ def test_with_a_gpu_one_at_a_time(
 def test_memory_that_ran_out_alone_is_a_failure(tmp_path: Path, pretended: Pretended) -> None:
     endings, jobs = pretended
     endings["a"] = [Outcome("out_of_memory", 1.0, reason="memory ran out", hint="fewer")]
-    done = batch(projects(tmp_path, "a"), audience=Listener())
+    done = batch(projects(tmp_path, "a"), progress=Listener())
     assert states(done) == {"a": "out_of_memory"} and not done.succeeded and len(jobs) == 1
 
 
 def test_what_another_batch_has_is_left_to_it(tmp_path: Path, pretended: Pretended) -> None:
     root = projects(tmp_path, "a", "b")
-    lock = ours.take_lock(root / "a/records/batch.lock")
+    lock = ours.acquire_lock(root / "a/records/batch.lock")
     assert lock is not None
     with lock:
-        done = batch(root, audience=Listener())
+        done = batch(root, progress=Listener())
     assert states(done) == {"a": "busy", "b": "done"}
     assert done.projects[0].reason == "another batch works on it" and not done.succeeded
     assert [Path(job.root).name for job in pretended[1]] == ["b"]
-    assert states(batch(root, audience=Listener())) == {"a": "done", "b": "done"}
+    assert states(batch(root, progress=Listener())) == {"a": "done", "b": "done"}
 
 
 @pytest.mark.parametrize(("with_options", "state"), [(["fit.step=0.1"], "crashed"), ([], "done")])
@@ -319,14 +319,14 @@ def test_what_another_batch_made_of_it_meanwhile_counts(
     root = projects(tmp_path, "a")
     theirs = {"state": "crashed", "set": with_options, "reason": "crashed in sparse", "hint": "h"}
 
-    def look(project: Path, _assignments: object) -> Look:
-        seen = Look(8, 10**6, GB)
+    def look(project: Path, _assignments: object) -> ProjectPreview:
+        seen = ProjectPreview(8, 10**6, GB)
         time.sleep(0.05)  # the other batch ends it now
         write_json(project / "records/batch.json", theirs)
         return seen
 
     monkeypatch.setattr(driver, "look_at", look)
-    done = batch(root, assignments=["fit.step=0.1"], audience=Listener())
+    done = batch(root, assignments=["fit.step=0.1"], progress=Listener())
     assert states(done) == {"a": state}
     assert len(pretended.jobs) == (state == "done")
     if state == "crashed":
@@ -340,23 +340,24 @@ def test_a_run_of_no_batch_is_waited_for_a_while_and_left(
     endings, jobs = pretended
     busy = Outcome("busy", 0.1, reason="another run is working on this project")
     endings["a"], endings["b"] = [busy] * 3, [busy] * 99
-    done = batch(projects(tmp_path, "a", "b"), audience=Listener())
+    done = batch(projects(tmp_path, "a", "b"), progress=Listener())
     assert states(done) == {"a": "done", "b": "busy"}
     assert len([job for job in jobs if job.root.endswith("b")]) == 6
 
 
 @pytest.mark.parametrize(
-    ("look", "state"), [(Look(8, 0, 0, up_to_date=True), "done"), (Look(reason="no photograph"), "failed")]
+    ("look", "state"),
+    [(ProjectPreview(8, 0, 0, up_to_date=True), "done"), (ProjectPreview(reason="no photograph"), "failed")],
 )
 def test_nothing_is_started_for_what_needs_none(
     tmp_path: Path,
     pretended: Pretended,
     monkeypatch: pytest.MonkeyPatch,
-    look: Look,
+    look: ProjectPreview,
     state: str,
 ) -> None:
     monkeypatch.setattr(driver, "look_at", lambda *_: look)
-    assert states(batch(projects(tmp_path, "a"), audience=Listener())) == {"a": state}
+    assert states(batch(projects(tmp_path, "a"), progress=Listener())) == {"a": state}
     assert not pretended[1]
 
 
@@ -364,13 +365,13 @@ def test_nothing_is_started_for_what_needs_none(
 def test_a_fault_of_ours_in_one_project_does_not_stop_the_others(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def look(project: Path, _assignments: object) -> Look:
+    def look(project: Path, _assignments: object) -> ProjectPreview:
         if project.name == "a":
             raise TypeError("odd")
-        return Look(8, 10**6, GB)
+        return ProjectPreview(8, 10**6, GB)
 
     monkeypatch.setattr(driver, "look_at", look)
-    done = batch(projects(tmp_path, "a", "b"), audience=Listener())
+    done = batch(projects(tmp_path, "a", "b"), progress=Listener())
     assert states(done) == {"a": "failed", "b": "done"}
     assert "TypeError: odd" in done.projects[0].reason
 
@@ -393,7 +394,7 @@ def test_an_executor_may_run_projects_elsewhere(tmp_path: Path) -> None:
             return future
 
     lossy = Lossy()
-    done = batch(projects(tmp_path, "a", "b", "c"), executor=lossy, audience=Listener())
+    done = batch(projects(tmp_path, "a", "b", "c"), executor=lossy, progress=Listener())
     assert states(done) == {"a": "done", "b": "crashed", "c": "done"}
     assert "the worker is gone" in done.projects[1].reason
     assert [len(given) for given in lossy.given] == [1, 1, 1]  # plain values alone
@@ -404,7 +405,7 @@ def test_an_executor_may_run_projects_elsewhere(tmp_path: Path) -> None:
 def test_stopped_by_hand_it_says_so_and_ends_its_runs(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def run(job: Job, _follow: Callable[[Progress], None] | None = None) -> Outcome:
+    def run(job: ProjectJob, _follow: Callable[[StageProgress], None] | None = None) -> Outcome:
         end = time.monotonic() + 20
         while not Path(job.stop_file).exists():
             assert time.monotonic() < end
@@ -414,7 +415,7 @@ def test_stopped_by_hand_it_says_so_and_ends_its_runs(
     monkeypatch.setattr(driver, "run_job", run)
     root = projects(tmp_path, "a", "b")
     with pytest.raises(Cancelled):
-        batch(root, jobs=1, audience=Listener(lambda state: "running" in states(state).values()))
+        batch(root, jobs=1, progress=Listener(lambda state: "running" in states(state).values()))
     found = json.loads((root / "batch/batch.json").read_text())
     assert found["state"] == "stopped"
     assert [p["state"] for p in found["projects"]] == ["stopped", "stopped"]
@@ -451,7 +452,7 @@ def test_new_projects_run_once_their_files_are_still(
     jobs = pretended[1]
     listener = Copying(over)
     with pytest.raises(Cancelled):
-        batch(root, watch=True, settle_s=0.3, audience=listener)
+        batch(root, watch=True, settle_s=0.3, progress=listener)
     assert [Path(job.root).name for job in jobs] == ["a", "b", "a"]
     while_copied = [states(s)["b"] for s in listener.states if "b" in states(s)]
     assert while_copied[0] == "copying" and "running" in while_copied
@@ -637,7 +638,10 @@ def test_projects_run_on_any_executor(new_project: Callable[..., Path]) -> None:
     root = make_root(new_project, "a", "b")
     with ThreadPoolExecutor(1) as executor:
         done = batch(
-            root, assignments=[*QUICK, "dense.enabled=false"], executor=executor, audience=Listener(most=300)
+            root,
+            assignments=[*QUICK, "dense.enabled=false"],
+            executor=executor,
+            progress=Listener(most=300),
         )
     assert done.succeeded and len(done.projects) == 2
     assert all(p.figures["registered_images"] == 8 for p in done.projects)

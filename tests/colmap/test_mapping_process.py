@@ -13,7 +13,7 @@ import pytest
 from colmap_ihe.colmap import mapping_process as mapping_apart
 from colmap_ihe.colmap.mapping_process import map_apart, pipeline_options
 from colmap_ihe.errors import Cancelled, NativeError, OptionError
-from colmap_ihe.machine.progress import SILENT, Silent, Watch
+from colmap_ihe.machine.progress import SILENT, Progress, Silent
 
 
 def children() -> list[int]:
@@ -50,7 +50,7 @@ class Kills(After):
             os.kill(pid, signal.SIGKILL)
 
 
-def sleep(_request: object, _watch: Watch) -> None:
+def sleep(_request: object, _progress: Progress) -> None:
     time.sleep(60)
 
 

@@ -202,9 +202,9 @@ def test_what_was_matched_is_kept_when_it_is_stopped(
         kept = matched(database)
         assert 0 < len(kept) < 22  # of blocks of 16 and of 6 that were begun
         assert not (tmp_path / "parts").exists()
-        watch = Follows(29)
-        match_features(database, tmp_path, MatchesOptions(), 8, 0, here, watch)
-    assert (watch.done, watch.total) == (28, 28)
+        progress = Follows(29)
+        match_features(database, tmp_path, MatchesOptions(), 8, 0, here, progress)
+    assert (progress.done, progress.total) == (28, 28)
     assert kept.items() <= matched(database).items()
 
 

@@ -14,41 +14,41 @@ from typing import Any
 import pytest
 
 from colmap_ihe.colmap.native import logged_to, pycolmap
-from colmap_ihe.colmap.process import Apart
+from colmap_ihe.colmap.process import ColmapProcesses
 from colmap_ihe.errors import Cancelled, NativeError, OptionError
 from colmap_ihe.machine import threads
-from colmap_ihe.machine.progress import SILENT, Silent, Watch
+from colmap_ihe.machine.progress import SILENT, Progress, Silent
 
 
-def about(what: str, _watch: Watch) -> Any:
+def about(what: str, _progress: Progress) -> Any:
     pycolmap.logging.info(f"asked for {what}")
     return {"pid": os.getpid(), "threads": threads.limit()}[what]
 
 
-def count(most: int, watch: Watch) -> str:
+def count(most: int, progress: Progress) -> str:
     for _ in range(most):
-        watch.advance(2)
+        progress.advance(2)
         time.sleep(0.01)
     return "counted"
 
 
-def keep(file: Path, watch: Watch) -> None:
+def keep(file: Path, progress: Progress) -> None:
     file.with_suffix(".begun").touch()
     try:
         while True:
-            watch.check()
+            progress.check()
             time.sleep(0.01)
     finally:
         file.write_text("kept")
 
 
-def never(file: Path, _watch: Watch) -> None:
+def never(file: Path, _progress: Progress) -> None:
     file.touch()
     while True:
         time.sleep(1)
 
 
-def fail(how: str, _watch: Watch) -> None:
+def fail(how: str, _progress: Progress) -> None:
     if how == "known":
         raise OptionError("not an option", hint="leave it out")
     if how == "signal":
@@ -57,7 +57,7 @@ def fail(how: str, _watch: Watch) -> None:
     os._exit(7)
 
 
-def unspeakable(_argument: None, _watch: Watch) -> Any:
+def unspeakable(_argument: None, _progress: Progress) -> Any:
     return lambda: None
 
 
@@ -85,7 +85,7 @@ def alive(pid: int) -> bool:
 
 
 def test_a_process_is_kept_for_the_next_call_and_ends_with_the_last() -> None:
-    with Apart() as apart:
+    with ColmapProcesses() as apart:
         first = apart.call(about, "pid", SILENT)
         assert first != os.getpid()
         assert apart.call(about, "pid", SILENT) == first
@@ -94,21 +94,21 @@ def test_a_process_is_kept_for_the_next_call_and_ends_with_the_last() -> None:
 
 
 def test_one_for_each_call_at_a_time() -> None:
-    with Apart() as apart, ThreadPoolExecutor(2) as two:
+    with ColmapProcesses() as apart, ThreadPoolExecutor(2) as two:
         watches = [Counts(), Counts()]
-        assert [*two.map(lambda watch: apart.call(count, 20, watch), watches)] == ["counted"] * 2
-        assert [watch.done for watch in watches] == [40, 40]
+        assert [*two.map(lambda progress: apart.call(count, 20, progress), watches)] == ["counted"] * 2
+        assert [progress.done for progress in watches] == [40, 40]
         assert len({*two.map(lambda _: apart.call(about, "pid", SILENT), range(2))}) <= 2
 
 
 @pytest.mark.parametrize(("asked", "limit", "found"), [(1, None, 1), (None, 3, 3), (None, None, None)])
 def test_threads_of_its_own(asked: int | None, limit: int | None, found: int | None) -> None:
-    with threads.limited(limit), Apart(asked) as apart:
+    with threads.limited(limit), ColmapProcesses(asked) as apart:
         assert apart.call(about, "threads", SILENT) == found
 
 
 def test_the_log_is_beside_ours(tmp_path: Path) -> None:
-    with logged_to(tmp_path / "colmap.log"), Apart() as apart:
+    with logged_to(tmp_path / "colmap.log"), ColmapProcesses() as apart:
         process = apart.call(about, "pid", SILENT)
     (log,) = tmp_path.glob(f"colmap.log.*{process}")
     assert "asked for pid" in log.read_text()
@@ -116,24 +116,24 @@ def test_the_log_is_beside_ours(tmp_path: Path) -> None:
 
 def test_stopped_at_once_without_grace(tmp_path: Path) -> None:
     began = time.monotonic()
-    with Apart() as apart, pytest.raises(Cancelled):
+    with ColmapProcesses() as apart, pytest.raises(Cancelled):
         apart.call(never, tmp_path / "begun", Until(tmp_path / "begun"))
     assert time.monotonic() - began < 20
 
 
 def test_what_was_begun_is_finished_within_its_grace(tmp_path: Path) -> None:
-    with Apart() as apart, pytest.raises(Cancelled):
+    with ColmapProcesses() as apart, pytest.raises(Cancelled):
         apart.call(keep, tmp_path / "a.txt", Until(tmp_path / "a.begun"), grace_seconds=60)
     assert (tmp_path / "a.txt").read_text() == "kept"
 
 
 def test_ended_after_its_grace(tmp_path: Path) -> None:
-    with Apart() as apart, pytest.raises(Cancelled):
+    with ColmapProcesses() as apart, pytest.raises(Cancelled):
         apart.call(never, tmp_path / "begun", Until(tmp_path / "begun"), grace_seconds=0.5)
 
 
 def test_what_it_raises_is_raised_here() -> None:
-    with Apart() as apart:
+    with ColmapProcesses() as apart:
         with pytest.raises(OptionError, match="not an option") as raised:
             apart.call(fail, "known", SILENT)
         assert raised.value.hint == "leave it out"
@@ -143,14 +143,14 @@ def test_what_it_raises_is_raised_here() -> None:
     ("how", "words"), [("signal", "COLMAP died .SIGSEGV."), ("exit", "COLMAP failed: the last words")]
 )
 def test_one_that_dies_is_told_of_and_another_takes_its_place(how: str, words: str) -> None:
-    with Apart() as apart:
+    with ColmapProcesses() as apart:
         with pytest.raises(NativeError, match=words):
             apart.call(fail, how, SILENT)
         assert apart.call(count, 1, SILENT) == "counted"
 
 
 def test_what_cannot_be_sent_is_an_error_here() -> None:
-    with Apart() as apart, pytest.raises(Exception, match=r"pickle|local object"):
+    with ColmapProcesses() as apart, pytest.raises(Exception, match=r"pickle|local object"):
         apart.call(unspeakable, None, SILENT)
 
 

@@ -23,7 +23,7 @@ from colmap_ihe.colmap.native import pycolmap
 from colmap_ihe.commandline import commands
 from colmap_ihe.commandline.bars import Bars, left_in_words, print_table
 from colmap_ihe.machine.libraries import __version__
-from colmap_ihe.pipeline.stage_list import NAMES
+from colmap_ihe.pipeline.stage_list import STAGE_NAMES
 
 Make = Callable[..., Path]
 Captured = pytest.CaptureFixture[str]
@@ -337,7 +337,7 @@ def test_progress_goes_to_stderr_and_can_be_left_out(capsys: Captured, new_proje
     main(["reconstruct", str(project), "--until", "convert", "--json", *SETTINGS])
     captured = capsys.readouterr()
     json.loads(captured.out)
-    for stage in NAMES[:3]:
+    for stage in STAGE_NAMES[:3]:
         assert f"{stage}  " in captured.err
     main(["reconstruct", str(project), "--until", "convert", "-q", "--from", "fit", *SETTINGS])
     assert capsys.readouterr().err == ""
@@ -350,7 +350,7 @@ def test_a_run_as_lines_of_json(capsys: Captured, new_project: Make) -> None:
     captured = capsys.readouterr()
     assert captured.err == ""
     events = [json.loads(line) for line in captured.out.splitlines()]
-    assert [e["stage"] for e in events if e["event"] == "done"] == ["content", *NAMES[:3]]
+    assert [e["stage"] for e in events if e["event"] == "done"] == ["content", *STAGE_NAMES[:3]]
     last = [e for e in events if e["event"] == "progress" and e["stage"] == "convert"][-1]
     assert (last["done"], last["total"], last["unit"]) == (2, 2, "images")
     assert last["run_seconds_left"] >= last["stage_seconds_left"] >= 0
@@ -387,7 +387,7 @@ def test_what_remains_in_words(stage: float | None, whole: float | None, words: 
 
 def test_status_as_table_and_json(capsys: Captured, finished: Path) -> None:
     states = json_of(capsys, "status", finished, *SETTINGS)
-    assert [(s["name"], s["state"]) for s in states] == [(name, "done") for name in NAMES]
+    assert [(s["name"], s["state"]) for s in states] == [(name, "done") for name in STAGE_NAMES]
     states = json_of(capsys, "status", finished, *SETTINGS, "--set", "sparse.seed=3")
     assert [s["state"] for s in states] == ["done"] * 5 + ["stale"] * 3
     text = output_of(capsys, "status", finished, *SETTINGS, "--set", "sparse.seed=3")

@@ -131,7 +131,7 @@ def test_cancelled_depth_maps_leave_whole_files_only(project: Path, counts: Dept
     for path in contents:
         path.unlink()
     with pytest.raises(Cancelled), ThreadPoolExecutor(1) as executor:
-        sgm_depth_maps(project / "dense", executor=executor, watch=_StopsAfter())
+        sgm_depth_maps(project / "dense", executor=executor, progress=_StopsAfter())
     left = [path for path in folder.rglob("*") if path.is_file() and path.suffix != ".cfg"]
     assert 0 < len(left) < len(contents)
     assert all(path.read_bytes() == contents[path] for path in left)
@@ -166,7 +166,7 @@ def test_a_map_under_way_is_told_to_stop(project: Path, monkeypatch: pytest.Monk
     missing.unlink()
     monkeypatch.setattr(depth_maps, "depth_and_normals", endless)
     with pytest.raises(Cancelled), ThreadPoolExecutor(1) as executor:
-        sgm_depth_maps(project / "dense", executor=executor, watch=CancelledWhileRunning())
+        sgm_depth_maps(project / "dense", executor=executor, progress=CancelledWhileRunning())
     assert len(told) == 1
     assert not (project / "dense" / "stereo" / ".stop").exists()
     missing.write_bytes(content)
@@ -189,13 +189,13 @@ def test_a_missing_colour_twin_is_named(project: Path, tmp_path: Path) -> None:
 
 
 def test_cancelling_is_heard(project: Path, tmp_path: Path) -> None:
-    watch = Silent()
-    watch.cancelled = True
+    progress = Silent()
+    progress.cancelled = True
     folders = (project / "sparse", project / "grey", project / "colour", tmp_path / "dense")
     calls: list[Callable[[], object]] = [
-        lambda: undistort(*folders, watch=watch),
-        lambda: sgm_depth_maps(project / "dense", watch=watch),
-        lambda: fuse(project / "dense", watch=watch),
+        lambda: undistort(*folders, progress=progress),
+        lambda: sgm_depth_maps(project / "dense", progress=progress),
+        lambda: fuse(project / "dense", progress=progress),
     ]
     for call in calls:
         with pytest.raises(Cancelled):

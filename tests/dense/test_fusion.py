@@ -13,7 +13,7 @@ from plane import SIZE, K, make_project
 from colmap_ihe.colmap.native import pycolmap
 from colmap_ihe.dense import fusion
 from colmap_ihe.dense.depth_maps import depth_file, read_depth, sgm_depth_maps
-from colmap_ihe.dense.fusion_cells import Price, Seen, cells_of
+from colmap_ihe.dense.fusion_cells import PixelCoverage, Price, cells_of
 from colmap_ihe.dense.ply import read_ply
 from colmap_ihe.dense.undistort import mask_of, read_mask, undistort
 from colmap_ihe.errors import Cancelled
@@ -46,7 +46,7 @@ def test_cells_give_the_cloud_that_one_fusion_gives(strip: Path) -> None:
     count = fusion.fuse(strip)
     whole = positions(strip)
     runs = Silent()
-    assert fusion.fuse(strip, most_bytes=4 * A_MAP, watch=runs) == pytest.approx(count, rel=0.02)
+    assert fusion.fuse(strip, most_bytes=4 * A_MAP, progress=runs) == pytest.approx(count, rel=0.02)
     parts = positions(strip)
     assert not list(strip.glob("fused.part*"))
     assert not (strip / "stereo" / ".cell").exists()
@@ -84,16 +84,16 @@ def test_cells_can_be_cancelled_and_leave_nothing(strip: Path) -> None:
 
     before = positions(strip)
     with pytest.raises(Cancelled):
-        fusion.fuse(strip, most_bytes=4 * A_MAP, watch=AfterOne())
+        fusion.fuse(strip, most_bytes=4 * A_MAP, progress=AfterOne())
     assert not list(strip.glob("fused.part*"))
     assert not (strip / "stereo" / ".cell").exists()
     assert np.array_equal(positions(strip), before)
 
 
-def shown(points: NDArray[np.float64], image: NDArray[np.int64]) -> Seen:
+def shown(points: NDArray[np.float64], image: NDArray[np.int64]) -> PixelCoverage:
     """As ever so many pixels of images of 40 by 40, that look along z."""
     column = np.clip((points[:, :2] - np.floor(points[:, :2])) * 40, 0, 39).astype(np.int64)
-    return Seen(points, image, column, np.full(len(points), 3.0), np.ones(len(points), np.int64))
+    return PixelCoverage(points, image, column, np.full(len(points), 3.0), np.ones(len(points), np.int64))
 
 
 def test_space_is_cut_until_what_is_held_is_little_enough() -> None:
@@ -126,7 +126,7 @@ def test_what_cannot_be_cut_stays_one_cell() -> None:
     one_place = shown(np.full((100, 3), 0.5), np.repeat(np.arange(20), 5))
     assert len(cells_of(one_place, Price(map=1, point=1), most=1)) == 1
     nothing = np.empty(0, np.int64)
-    nowhere = Seen(np.empty((0, 3)), nothing, np.empty((0, 2), np.int64), np.empty(0), nothing)
+    nowhere = PixelCoverage(np.empty((0, 3)), nothing, np.empty((0, 2), np.int64), np.empty(0), nothing)
     assert len(cells_of(nowhere, Price(map=1, point=1), most=1)) == 1
 
 

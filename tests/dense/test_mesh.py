@@ -14,7 +14,7 @@ from colmap_ihe.dense import mesh as surface
 from colmap_ihe.dense.ply import Rows, read_mesh, read_ply, write_mesh, write_rows
 from colmap_ihe.dense.texture.mesh import Mesh, face_normals
 from colmap_ihe.errors import Cancelled, MappingError, NativeError, OptionError, ProjectError
-from colmap_ihe.machine.progress import Silent, Watch
+from colmap_ihe.machine.progress import Progress, Silent
 
 _FIELDS = [
     *((n, "<f4") for n in ("x", "y", "z", "nx", "ny", "nz")),
@@ -90,11 +90,11 @@ def test_a_trim_that_leaves_nothing(tmp_path: Path) -> None:
         )
 
 
-def abort(_job: object, _watch: Watch) -> None:
+def abort(_job: object, _progress: Progress) -> None:
     os.abort()
 
 
-def sleep(_job: object, _watch: Watch) -> None:
+def sleep(_job: object, _progress: Progress) -> None:
     time.sleep(60)
 
 
@@ -110,10 +110,10 @@ def test_colmap_may_abort(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> No
 def test_it_stops_when_asked_to(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     write_rows(tmp_path / "cloud.ply", sphere())
     monkeypatch.setattr(surface, "_meshed", sleep)
-    watch = Silent()
-    threading.Timer(0.5, lambda: setattr(watch, "cancelled", True)).start()
+    progress = Silent()
+    threading.Timer(0.5, lambda: setattr(progress, "cancelled", True)).start()
     with pytest.raises(Cancelled):
-        surface.reconstruct_surface(tmp_path / "cloud.ply", tmp_path / "mesh.ply", 1000, watch=watch)
+        surface.reconstruct_surface(tmp_path / "cloud.ply", tmp_path / "mesh.ply", 1000, progress=progress)
     assert [p.name for p in tmp_path.iterdir()] == ["cloud.ply"]
 
 

@@ -20,7 +20,7 @@ from colmap_ihe.errors import Cancelled, MappingError, OptionError
 from colmap_ihe.evaluation import compare as driver
 from colmap_ihe.evaluation.compare import compare
 from colmap_ihe.evaluation.parallel import match_together
-from colmap_ihe.evaluation.tables import Compared, sentences, tables_of
+from colmap_ihe.evaluation.tables import MethodResult, sentences, tables_of
 from colmap_ihe.machine.progress import Silent
 from colmap_ihe.project.folder import Project
 from colmap_ihe.project.options import Options
@@ -43,7 +43,7 @@ def test_methods_side_by_side_and_resumed(
     watching = type(
         "Watching", (Silent,), {"foresee": lambda _, parts: foreseen.append([p.stage for p in parts])}
     )()
-    found = compare(project, quick_options(), methods=["ihe", "rec709"], seeds=2, audience=watching, jobs=2)
+    found = compare(project, quick_options(), methods=["ihe", "rec709"], seeds=2, progress=watching, jobs=2)
     road = ["fit", "convert", "features", "matches"]
     runs = ["rec709, run 0", "rec709, run 1", "rec709, run 2", *["rec709, dense"] * 3]
     assert len(foreseen) == 10  # after each of five stages, of two methods
@@ -134,10 +134,10 @@ def test_a_method_without_a_model_is_told_and_does_not_end_the_others(
         compare(project, options, methods=["green", "rec709"], seeds=0)
 
 
-def compared(method: str, points: list[float], truth: bool = False) -> Compared:
+def compared(method: str, points: list[float], truth: bool = False) -> MethodResult:
     counts = {"pairs": 1, "putative": 100, "inliers": 50, "efficiency_percent": 50.0}
     none = dict.fromkeys(counts, 0)
-    return Compared(
+    return MethodResult(
         method,
         (0.2, 0.7, 0.1),
         {"all": counts, "parallel": counts, "rotated": none, "tilted": none},

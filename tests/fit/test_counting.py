@@ -20,14 +20,14 @@ from PIL import Image
 
 from colmap_ihe.errors import Cancelled, PhotographError, ProjectError
 from colmap_ihe.fit import counting as gathering
-from colmap_ihe.fit.counting import Counted, Counting, Gathered, chunks, count, gather
+from colmap_ihe.fit.counting import ChunkCounts, CountOptions, SetCounts, chunks, count, gather
 from colmap_ihe.grey.contrast import Contrast
 from colmap_ihe.grey.histogram import Histogram
 from colmap_ihe.grey.sums import Weighting
 from colmap_ihe.machine import decoder_pool as decoders
-from colmap_ihe.machine.decoder_pool import Kept
+from colmap_ihe.machine.decoder_pool import LentDecoder
 from colmap_ihe.machine.progress import SILENT, Silent
-from colmap_ihe.photographs.colour_counts import Tally
+from colmap_ihe.photographs.colour_counts import ColourCounter
 from colmap_ihe.photographs.decode import message_of, read_photograph
 from colmap_ihe.photographs.discover import Capture
 
@@ -46,13 +46,13 @@ def counting(
     weighting: Weighting = "pixel",
     sample: float = 1.0,
     strict: bool = False,
-) -> Counting:
-    return Counting(method, weighting, sample, contrast=True, strict=strict)
+) -> CountOptions:
+    return CountOptions(method, weighting, sample, contrast=True, strict=strict)
 
 
-def expected(captures: Sequence[Capture], how: Counting) -> tuple[Histogram, Contrast]:
+def expected(captures: Sequence[Capture], how: CountOptions) -> tuple[Histogram, Contrast]:
     """From pixels, in this process."""
-    tally, contrast = Tally("coded", how.weighting, how.sample), Contrast("coded")
+    tally, contrast = ColourCounter("coded", how.weighting, how.sample), Contrast("coded")
     for capture in captures:
         contrast += tally.add(read_photograph(capture).rgb, True) or Contrast("linear")
     histogram = Histogram("coded", how.weighting)
@@ -60,12 +60,12 @@ def expected(captures: Sequence[Capture], how: Counting) -> tuple[Histogram, Con
     return histogram, contrast
 
 
-def counted(captures: Sequence[Capture], how: Counting) -> Counted:
+def counted(captures: Sequence[Capture], how: CountOptions) -> ChunkCounts:
     return count(how, frozenset(c.name for c in captures), captures)
 
 
-def pooled(*found: Counted, weighting: Weighting = "pixel") -> tuple[Histogram, Contrast]:
-    total = Gathered(Histogram("coded", weighting))
+def pooled(*found: ChunkCounts, weighting: Weighting = "pixel") -> tuple[Histogram, Contrast]:
+    total = SetCounts(Histogram("coded", weighting))
     for one in found:
         total.add(one)
     return total.histogram, reduce(add, (c for one in found for c in one.contrasts.values()))
@@ -178,10 +178,10 @@ def test_a_chunk_ends_soon_after_it_is_cancelled(tmp_path: Path) -> None:
             if time.monotonic() > began + 1:
                 raise Cancelled
 
-    watch = Impatient()
+    progress = Impatient()
     began = time.monotonic()
     with ThreadPoolExecutor(1) as threads, pytest.raises(Cancelled):
-        gather(captures, counting(), threads, watch, {})
+        gather(captures, counting(), threads, progress, {})
     assert time.monotonic() - began < 8
 
 
@@ -190,14 +190,14 @@ def test_a_decoder_counts_one_chunk_after_another(tmp_path: Path, weighting: Wei
     """Whatever came before: a chunk handed over, one given up, one sampled, a photograph read."""
     captures = [photograph(tmp_path, number) for number in range(3)]
     how, sampled = counting(weighting=weighting), counting(weighting=weighting, sample=0.5)
-    decoders.rest()
+    decoders.end_idle()
 
-    def as_expected(some: Sequence[Capture], how: Counting) -> bool:
+    def as_expected(some: Sequence[Capture], how: CountOptions) -> bool:
         return same(pooled(counted(some, how), weighting=weighting), expected(some, how))
 
     for some in (captures, captures[:1], captures[1:]):
         assert as_expected(some, how)
-    with decoders.kept() as decoder:
+    with decoders.one_decoder() as decoder:
         asked: dict[str, Any] = {"capture": message_of(captures[0]), "contrast": False, "returned": False}
         decoder.ask("count", "0", first=True, encoding="coded", weighting=weighting, sample=1.0, **asked)
     assert as_expected(captures[1:], how)
@@ -211,14 +211,14 @@ def test_a_decoder_counts_one_chunk_after_another(tmp_path: Path, weighting: Wei
 )
 def test_what_a_decoder_says_is_checked(tmp_path: Path, lie: dict[str, Any]) -> None:
     capture = photograph(tmp_path, 1)
-    real = Kept.ask
+    real = LentDecoder.ask
 
-    def lies(self: Kept, task: str, *more: Any, **named: Any) -> tuple[Any, Any]:
+    def lies(self: LentDecoder, task: str, *more: Any, **named: Any) -> tuple[Any, Any]:
         answer, array = real(self, task, *more, **named)
         return (answer | lie if task == "tally" else answer), array
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(Kept, "ask", lies)
+        patch.setattr(LentDecoder, "ask", lies)
         found = counted([capture], counting())
     assert not found.sums
     assert "the decoder lost its way on it" in str(found.errors[capture.name])

@@ -17,7 +17,7 @@ from colmap_ihe.errors import NativeError
 from colmap_ihe.fit import counting as gathering
 from colmap_ihe.fit import fit_set as fitting
 from colmap_ihe.fit.fit_set import Fit, Trial, fit_captures
-from colmap_ihe.fit.trial_result import Candidate, Measured
+from colmap_ihe.fit.trial_result import Candidate, TrialResult
 from colmap_ihe.grey.ihe import fit_weights
 from colmap_ihe.grey.weights import Formula, Weights
 from colmap_ihe.machine.progress import SILENT
@@ -126,7 +126,7 @@ def test_contrast_of_a_large_set_is_measured_in_some_photographs(
 def test_a_measurement_that_fails_does_not_end_the_run(
     photographs: Path, monkeypatch: pytest.MonkeyPatch, method: str
 ) -> None:
-    def fails(*_: object, **__: object) -> Measured:
+    def fails(*_: object, **__: object) -> TrialResult:
         raise NativeError("no features today")
 
     monkeypatch.setattr(fitting, "measure", fails)
@@ -140,7 +140,7 @@ def test_a_triplet_of_the_grid_is_as_complete_as_any(
     photographs: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     candidate = Candidate(0, 0, 0, (0,), 0, 0)
-    monkeypatch.setattr(fitting, "measure", lambda *_, **__: Measured(candidates=(("rec709", candidate),)))
+    monkeypatch.setattr(fitting, "measure", lambda *_, **__: TrialResult(candidates=(("rec709", candidate),)))
     monkeypatch.setattr(fitting, "choose", lambda _: "0 0.75 0.25")
     found = fitted(photographs, FitOptions(method="auto")).main
     assert isinstance(found, Weights)

@@ -18,12 +18,12 @@ from colmap_ihe.fit.trial import coarse_grid, measure
 from colmap_ihe.fit.trial_result import (
     Candidate,
     Counts,
-    Measured,
+    TrialResult,
     choose,
     gain_of,
     in_words,
-    measured_from_dict,
     summed_up,
+    trial_result_from_dict,
 )
 from colmap_ihe.grey.weights import FIXED, Formula, Grey, Weights
 from colmap_ihe.machine.executor import local_executor
@@ -88,7 +88,7 @@ def executor() -> Iterator[Executor]:
         yield workers
 
 
-def of(measured: Measured, name: str) -> Candidate:
+def of(measured: TrialResult, name: str) -> Candidate:
     found = measured.of(name)
     assert found is not None, f"{name=} {measured=}"
     return found
@@ -113,7 +113,7 @@ def test_pairs_are_found_among_decoys_and_every_grey_measured_on_them(
         assert abs(found.gain) < 0.3
     assert of(measured, "rec709").gain == of(measured, "rec709").error == 0
     assert 0 < of(measured, "mean").error < 0.1
-    assert measured_from_dict(json.loads(json.dumps(measured.as_dict()))) == measured
+    assert trial_result_from_dict(json.loads(json.dumps(measured.as_dict()))) == measured
 
 
 def test_where_luma_sees_nothing_another_grey_wins(tmp_path: Path, executor: Executor) -> None:
@@ -174,7 +174,7 @@ def test_raw_photographs(small_demo: Path, executor: Executor) -> None:
     assert all(name.endswith(".dng") for pair in measured.pairs for name in pair)
     assert of(measured, "mean").inliers > 100
     coded = measure(captures, GREYS, executor, SILENT, tone="sqrt")
-    assert coded == Measured(reason="a pair takes two photographs, and there are 0 of this kind")
+    assert coded == TrialResult(reason="a pair takes two photographs, and there are 0 of this kind")
 
 
 class Counting(Silent):
@@ -190,9 +190,9 @@ def test_of_a_large_set_few_photographs_are_looked_at(tmp_path: Path, executor: 
     plane = colourful(9)
     views = photographs(tmp_path, {f"{n}.jpg": view(plane, n) for n in range(3)})
     many = [replace(views[n % 3], name=f"{n:04}.jpg") for n in range(1000)]
-    watch = Counting()
-    measured = measure(many, {"rec709": GREYS["rec709"]}, executor, watch, tone="sqrt")
-    assert watch.totals == {"photographs looked at": LOOKED_AT, "greys": 1}
+    progress = Counting()
+    measured = measure(many, {"rec709": GREYS["rec709"]}, executor, progress, tone="sqrt")
+    assert progress.totals == {"photographs looked at": LOOKED_AT, "greys": 1}
     assert len(measured.pairs) == 3
     assert int(measured.pairs[-1][0][:4]) - int(measured.pairs[0][0][:4]) > 500
 
@@ -215,7 +215,7 @@ def test_without_a_pair_there_is_a_reason(tmp_path: Path, executor: Executor, na
     assert measured.reason
     assert choose(measured) == "rec709"
     assert in_words(measured, "mean").endswith(measured.reason)
-    assert measured_from_dict(json.loads(json.dumps(measured.as_dict()))) == measured
+    assert trial_result_from_dict(json.loads(json.dumps(measured.as_dict()))) == measured
 
 
 def test_the_same_photograph_twice_is_no_pair(tmp_path: Path, executor: Executor) -> None:
@@ -241,7 +241,7 @@ def test_the_standard_error_is_the_spread_of_gains() -> None:
     assert np.std(gains) < np.mean(errors) < 1.25 * np.std(gains)
 
 
-def sums(*inliers: int) -> Measured:
+def sums(*inliers: int) -> TrialResult:
     """Of rec709 and ihe, spread evenly over 16 cells but for one match in ten."""
     counts = [
         Counts(9000, 2 * n, tuple(n // 16 + (n // 160 if cell % 2 else -(n // 160)) for cell in range(16)))

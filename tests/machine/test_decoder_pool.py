@@ -153,13 +153,13 @@ def test_many_crashes_leave_nothing_behind(tmp_path: Path) -> None:
     gc.collect()
     assert open_files() == files
     assert len(children()) == processes
-    decoders.rest()
+    decoders.end_idle()
     assert open_files() < files
 
 
 def test_an_idle_decoder_that_was_killed_is_no_photographs_fault(tmp_path: Path) -> None:
     capture = png(tmp_path)
-    decoders.rest()
+    decoders.end_idle()
     before = set(children())
     read_photograph(capture)
     (decoder,) = set(children()) - before
@@ -210,16 +210,16 @@ def test_a_larger_photograph_after_a_smaller_one(tmp_path: Path) -> None:
 def test_memory_given_back_is_used_again(tmp_path: Path) -> None:
     capture = png(tmp_path)
     held = read_photograph(capture).rgb
-    decoders.relax()
+    decoders.release_memory()
     np.testing.assert_array_equal(held, colours())  # not while somebody looks at it
     del held
-    decoders.relax()
+    decoders.release_memory()
     np.testing.assert_array_equal(read_photograph(capture).rgb, colours())
 
 
 def test_threads_have_a_decoder_each(tmp_path: Path) -> None:
     captures = [png(tmp_path, seed) for seed in range(4)]
-    decoders.rest()
+    decoders.end_idle()
     before = len(children())
     with ThreadPoolExecutor(3) as executor:
         found = list(executor.map(lambda n: read_photograph(captures[n % 4]).rgb, range(60)))
@@ -254,7 +254,7 @@ def test_a_run_that_stops_does_not_wait_for_a_slow_decoder(tmp_path: Path) -> No
 
 
 def test_where_no_decoder_can_be_started(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    decoders.rest()
+    decoders.end_idle()
     for executable, reason in (("/bin/false", "exit status 1"), ("/no/such/python", "No such file")):
         monkeypatch.setattr(sys, "executable", executable)
         with pytest.raises(CapabilityError, match=reason):
@@ -265,7 +265,7 @@ def test_where_no_decoder_can_be_started(tmp_path: Path, monkeypatch: pytest.Mon
 
 def test_where_no_more_files_can_be_opened(tmp_path: Path) -> None:
     capture = png(tmp_path)
-    decoders.rest()
+    decoders.end_idle()
     files, (soft, hard) = open_files(), resource.getrlimit(resource.RLIMIT_NOFILE)
     free = [n for n in range(soft) if not Path(f"/proc/self/fd/{n}").exists()]
     for most in free[:5]:
@@ -423,7 +423,7 @@ def test_a_message_that_claims_to_be_huge_is_refused() -> None:
     ],
 )
 def test_an_array_that_is_not_what_its_message_says_is_refused(about: wire.Message) -> None:
-    room, window = wire.Room(), wire.Window()
+    room, window = wire.SharedArrayWriter(), wire.SharedArrayReader()
     _, fd = room.put(np.zeros((8, 8, 3), np.uint8))
     assert fd is not None
     with pytest.raises((ValueError, KeyError)):

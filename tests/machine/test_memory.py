@@ -148,10 +148,10 @@ def test_the_user_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> No
         tmp_path / "a.png"
     )
     listener = Listener()
-    fit_files([tmp_path], audience=listener)
+    fit_files([tmp_path], progress=listener)
     assert not any("at a time" in text for text in listener.said)
     monkeypatch.setattr(memory, "available", lambda: 100 * 10**6)
-    fit_files([tmp_path], audience=listener)
+    fit_files([tmp_path], progress=listener)
     assert [text for text in listener.said if "photographs at a time" in text and "there are 4 cores" in text]
 
 

@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from colmap_ihe.machine.remaining_time import Forecast, Part
-from colmap_ihe.pipeline.time_estimate import Known, expected
+from colmap_ihe.pipeline.time_estimate import Known, stage_parts
 from colmap_ihe.project.options import Options
 
 CAPTURES = {"images": 11, "pixels": 66_000_000, "raw": 0, "with_gps": 0, "of_one_camera": 10}
@@ -32,7 +32,7 @@ def clock() -> Clock:
 @pytest.fixture
 def forecast(clock: Clock) -> Forecast:
     made = Forecast(clock)
-    made.foresee(ROAD)
+    made.expect(ROAD)
     return made
 
 
@@ -93,7 +93,7 @@ def test_what_is_kept_or_left_out_is_not_waited_for(forecast: Forecast) -> None:
 
 
 def stages(until: str, **options: Any) -> list[str]:
-    parts = expected(Options.model_validate(options), SET, until)
+    parts = stage_parts(Options.model_validate(options), SET, until)
     return list(dict.fromkeys(part.stage for part in parts))
 
 
@@ -104,13 +104,13 @@ def test_the_road_has_the_parts_that_the_options_leave() -> None:
     assert stages("sparse") == [*road[:5], "page"]
     assert stages("matches") == road[:4]
     assert stages("captures") == []
-    plain = expected(Options.model_validate({"mesh": {"texture": False}}), SET, "mesh")
+    plain = stage_parts(Options.model_validate({"mesh": {"texture": False}}), SET, "mesh")
     assert [part.unit for part in plain if part.stage == "mesh"] == ["parts of the surface"]
 
 
 def test_photographs_that_see_little_of_one_another_take_less() -> None:
     def dense(inliers: int) -> float:
-        parts = expected(Options(), replace(SET, inliers=inliers), "mesh")
+        parts = stage_parts(Options(), replace(SET, inliers=inliers), "mesh")
         return sum(part.seconds for part in parts if part.stage in ("dense", "mesh"))
 
     assert dense(SET.features // 20) < 0.7 * dense(SET.features // 2)

@@ -19,7 +19,7 @@ from colmap_ihe.colmap.matching import native_options
 from colmap_ihe.colmap.native import fill, pycolmap
 from colmap_ihe.machine import threads
 from colmap_ihe.machine.executor import local_executor, local_workers, width_of
-from colmap_ihe.machine.threads import limited, limited_here
+from colmap_ihe.machine.threads import limit_openmp_of_this_thread, limited
 from colmap_ihe.project.options import MatchesOptions, SparseOptions
 
 Make = Callable[..., Path]
@@ -46,7 +46,7 @@ def test_a_limit_reaches_everything_and_ends() -> None:
         assert (local_workers(), cv2.getNumThreads(), pools("blas")) == (1, 1, {1})
         with local_executor() as executor:
             assert width_of(executor) == 1
-        with limited_here():
+        with limit_openmp_of_this_thread():
             assert pools("openmp") == {1}
         assert threads.environment() == {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
     assert (local_workers(), threads.environment()) == (4, {})

@@ -15,7 +15,7 @@ from colmap_ihe.evaluation.demo.dng import write_dng
 from colmap_ihe.evaluation.demo.exif import PhotoExif
 from colmap_ihe.machine.progress import SILENT
 from colmap_ihe.photographs.colour_balance import Gains, balance_gains
-from colmap_ihe.photographs.decode import Photograph, read_photograph
+from colmap_ihe.photographs.decode import DecodedPhotograph, read_photograph
 from colmap_ihe.photographs.discover import Capture, discover
 from colmap_ihe.project.recipe import Recipe
 
@@ -102,7 +102,7 @@ def test_denoising_is_not_done_for_it(tmp_path: Path, monkeypatch: pytest.Monkey
     noisy = tuple(replace(c, recipe=Recipe(denoise=1.0)) for c in captures)
     seen: list[float] = []
 
-    def watched(capture: Capture) -> Photograph:
+    def watched(capture: Capture) -> DecodedPhotograph:
         seen.append(capture.recipe.denoise)
         return read_photograph(capture)
 

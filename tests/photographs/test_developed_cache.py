@@ -21,7 +21,7 @@ def capture(small_demo: Path, tmp_path: Path) -> Capture:
     (tmp_path / "images").mkdir()
     shutil.copy2(small_demo / "images/portico_01.dng", tmp_path / "images")
     (found,) = discover(tmp_path / "images").captures
-    return replace(found, pixels=10**6, recipe=Recipe(kept_in=str(tmp_path / "kept")))
+    return replace(found, pixels=10**6, recipe=Recipe(cache_folder=str(tmp_path / "kept")))
 
 
 def test_the_second_reading_is_of_what_was_kept(capture: Capture, tmp_path: Path) -> None:

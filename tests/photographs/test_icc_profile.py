@@ -12,7 +12,7 @@ from icc import grey_profile, red_cyan_profile, rgb_profile
 from PIL import Image, ImageCms
 
 from colmap_ihe.errors import PhotographError
-from colmap_ihe.photographs.decode import Photograph, read_photograph
+from colmap_ihe.photographs.decode import DecodedPhotograph, read_photograph
 from colmap_ihe.photographs.discover import discover
 from colmap_ihe.photographs.encode import SUFFIXES, Format, encode_image
 from colmap_ihe.photographs.exif.metadata import read_metadata
@@ -21,7 +21,7 @@ ADOBE = rgb_profile("Adobe RGB (1998)")
 PINK = np.full((70, 80, 3), (200, 100, 120), np.uint8)
 
 
-def read(file: Path) -> Photograph:
+def read(file: Path) -> DecodedPhotograph:
     (capture,) = [c for c in discover(file.parent).captures if c.path == file]
     return read_photograph(capture)
 

@@ -171,7 +171,7 @@ def photographs(folder: Path, *names: str, metadata: Metadata | None = None) -> 
 
 def convert(images: Path, out: Path, known: CamerasOptions, **options: Any) -> list[str]:
     told = Told()
-    convert_folder(images, out, weights=GREEN, cameras=known, audience=told, **options)
+    convert_folder(images, out, weights=GREEN, cameras=known, progress=told, **options)
     return told.warnings
 
 

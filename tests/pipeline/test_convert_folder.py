@@ -88,7 +88,7 @@ def test_only_what_a_changed_photograph_makes_stale_is_written_again(photos: Pat
     for file in photos.rglob("*.*"):
         os.utime(file, (1, 1))  # a copy, or a checkout: the content is the same
     told = Told()
-    convert_folder(photos, out, weights=GREEN, audience=told)
+    convert_folder(photos, out, weights=GREEN, progress=told)
     assert (rewritten(before, out), told.up_to_date) == (set(), ["convert"])
     draw(photos / "b.jpg", 7)
     draw(photos / "d.png", 8)
@@ -119,7 +119,7 @@ def test_tone_makes_raw_stale_and_nothing_else(small_demo: Path, tmp_path: Path)
     shutil.copy(small_demo / "images/portico_01.dng", tmp_path / "photos/raw.dng")
     shutil.copy(small_demo / "images/portico_02.jpg", tmp_path / "photos/coded.jpg")
     out, told = tmp_path / "grey", Told()
-    convert_folder(tmp_path / "photos", out, fit=QUICK, audience=told)
+    convert_folder(tmp_path / "photos", out, fit=QUICK, progress=told)
     assert any("mixes RAW and gamma-coded" in text for text in told.warnings)
     before = noted(out)
     convert_folder(tmp_path / "photos", out, fit=QUICK, options=ConvertOptions(tone="linear"))
@@ -138,7 +138,7 @@ def test_raw_is_equalised_and_another_campaign_reuses_the_curve(small_demo: Path
     assert np.sort(counts)[26:-26].min() > 0.4 * counts.mean()
     assert np.sort(counts)[26:-26].max() < 2.5 * counts.mean()
     told = Told()
-    convert_folder(tmp_path / "first", tmp_path / "grey", weights=fitted, options=even, audience=told)
+    convert_folder(tmp_path / "first", tmp_path / "grey", weights=fitted, options=even, progress=told)
     assert told.up_to_date == ["convert"]
     _, others, _ = convert_folder(tmp_path / "second", tmp_path / "others", weights=fitted, options=even)
     rgb = read_photograph(discover(tmp_path / "second").captures[0]).rgb
@@ -167,18 +167,18 @@ def test_a_curve_that_is_not_used_makes_nothing_stale(small_demo: Path, tmp_path
     fitted, _, _ = convert_folder(tmp_path / "photos", out, fit=FitOptions(method="mean"))
     assert isinstance(fitted, Weights)
     assert len(fitted.curve) == 255
-    convert_folder(tmp_path / "photos", out, weights=replace(fitted, curve=()), audience=told)
+    convert_folder(tmp_path / "photos", out, weights=replace(fitted, curve=()), progress=told)
     assert told.up_to_date == ["convert"]
 
 
 def test_wallis_makes_all_stale_and_warns(photos: Path, tmp_path: Path) -> None:
     out, told = tmp_path / "grey", Told()
-    convert_folder(photos, out, weights=GREEN, audience=told)
+    convert_folder(photos, out, weights=GREEN, progress=told)
     assert not told.warnings
     before = noted(out)
     with Image.open(out / "a.png") as image:
         plain = np.asarray(image)
-    convert_folder(photos, out, weights=GREEN, options=ConvertOptions(wallis=True), audience=told)
+    convert_folder(photos, out, weights=GREEN, options=ConvertOptions(wallis=True), progress=told)
     assert rewritten(before, out) == {"a.png", "b.png", "north/c.png"}
     assert ["Wallis" in text and "another grey" in text for text in told.warnings] == [True]
     with Image.open(out / "a.png") as image:
@@ -188,16 +188,16 @@ def test_wallis_makes_all_stale_and_warns(photos: Path, tmp_path: Path) -> None:
 def test_the_fit_is_kept_while_the_set_and_its_options_are_the_same(photos: Path, tmp_path: Path) -> None:
     out, told = tmp_path / "grey", Told()
     first, _, _ = convert_folder(photos, out, fit=QUICK)
-    again, _, _ = convert_folder(photos, out, fit=QUICK, audience=told)
+    again, _, _ = convert_folder(photos, out, fit=QUICK, progress=told)
     assert again == first
     assert told.up_to_date == ["fit", "convert"]
     draw(photos / "b.jpg", 7)
     told = Told()
-    other, _, _ = convert_folder(photos, out, fit=QUICK, audience=told)
+    other, _, _ = convert_folder(photos, out, fit=QUICK, progress=told)
     assert told.up_to_date == []
     assert other.images == 3
     told = Told()
-    convert_folder(photos, out, fit=FitOptions(step=0.2), audience=told)
+    convert_folder(photos, out, fit=FitOptions(step=0.2), progress=told)
     assert "fit" not in told.up_to_date
 
 
@@ -255,7 +255,7 @@ def test_a_file_that_somebody_changed_is_kept_and_never_written_over(photos: Pat
     out, told = tmp_path / "grey", Told()
     convert_folder(photos, out, weights=GREEN)
     (out / "a.png").write_bytes(b"retouched")
-    convert_folder(photos, out, weights=GREEN, audience=told)
+    convert_folder(photos, out, weights=GREEN, progress=told)
     assert any("a.png was changed since" in text for text in told.warnings)
     with pytest.raises(ProjectError, match=r"a\.png: is to be written again and was changed since"):
         convert_folder(photos, out, weights=BLUE)
@@ -388,7 +388,7 @@ def test_colour_twins_have_the_names_pixels_exif_and_profile_of_their_photograph
     Image.fromarray(pixels).save(photos / "a.png", icc_profile=adobe, exif=exif)
     told = Told()
     _, grey, _ = convert_folder(
-        photos, tmp_path / "grey", colour=tmp_path / "colour", weights=GREEN, audience=told
+        photos, tmp_path / "grey", colour=tmp_path / "colour", weights=GREEN, progress=told
     )
     assert set(noted(tmp_path / "colour")) == set(noted(tmp_path / "grey")) == set(grey.values())
     with Image.open(tmp_path / "colour/a.png") as twin, Image.open(tmp_path / "grey/a.png") as image:

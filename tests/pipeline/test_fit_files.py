@@ -19,10 +19,10 @@ from PIL import Image
 from colmap_ihe.cli import main
 from colmap_ihe.errors import KnownError, OptionError, WeightsError
 from colmap_ihe.fit import counting as gathering
-from colmap_ihe.fit.counting import Gathered, key_of
+from colmap_ihe.fit.counting import SetCounts, key_of
 from colmap_ihe.fit.fit_set import fit_captures
 from colmap_ihe.fit.given_weights import misfit, warnings_of
-from colmap_ihe.fit.histogram_file import Stored, digest_of, read_stored, stored_of, write_stored
+from colmap_ihe.fit.histogram_file import StoredCounts, digest_of, read_stored, stored_of, write_stored
 from colmap_ihe.fit.weights_file import read_weights
 from colmap_ihe.grey.contrast import Contrast
 from colmap_ihe.grey.histogram import Histogram
@@ -54,10 +54,10 @@ def scene(number: int, linear: bool = False) -> np.ndarray:
     return values.astype(np.uint16) * 150 if linear else values
 
 
-def counted(numbers: Sequence[int], linear: bool, weighting: Weighting = "pixel") -> Stored:
+def counted(numbers: Sequence[int], linear: bool, weighting: Weighting = "pixel") -> StoredCounts:
     """As `gather` would count them."""
     encoding: Encoding = "linear" if linear else "coded"
-    one = Gathered(Histogram(encoding, weighting))
+    one = SetCounts(Histogram(encoding, weighting))
     for number in numbers:
         one.histogram.add(scene(number, linear))
         contrast = Contrast(encoding)
@@ -66,10 +66,10 @@ def counted(numbers: Sequence[int], linear: bool, weighting: Weighting = "pixel"
         one.measured.append((one.keys[-1], contrast))
     one.keys.sort()
     one.measured = gathering._least(one.measured)
-    return Stored({encoding: one}, 1.0, {})
+    return StoredCounts({encoding: one}, 1.0, {})
 
 
-def fitted(stored: Sequence[Stored], options: FitOptions) -> dict[str, object]:
+def fitted(stored: Sequence[StoredCounts], options: FitOptions) -> dict[str, object]:
     with ThreadPoolExecutor(1) as threads:
         found = fit_captures([], options, threads, SILENT, strict=True, stored=stored)
     return found.main.as_dict()
@@ -140,7 +140,7 @@ class Told(Silent):
 def test_a_photograph_that_is_in_two_campaigns_is_told_of(tmp_path: Path) -> None:
     first, second = folder_of(tmp_path / "a", [1, 2]), folder_of(tmp_path / "b", [2, 3])
     told = Told()
-    fit_files([first, second], audience=told)
+    fit_files([first, second], progress=told)
     assert [w for w in told.words if "1 photographs are in the set more than once" in w]
 
 
@@ -236,7 +236,7 @@ def test_weights_of_another_campaign_and_whether_they_fit() -> None:
     detail = rng.normal(0, 14, (240, 320, 1)) * (np.arange(320) > 120)[:, None]
     rgb = 110 + detail * (1.0, 0.8, 0.6) + rng.normal(0, 1, (240, 320, 3)) * (1.5, 1.5, 45)
     pixels = np.clip(np.rint(rgb), 0, 255).astype(np.uint8)
-    one = Gathered(Histogram(), ["1"], [("1", Contrast())])
+    one = SetCounts(Histogram(), ["1"], [("1", Contrast())])
     one.histogram.add(pixels)
     one.measured[0][1].add(pixels)
     own = fit_cells(one.histogram, one.contrast.admitted(triplets()))
@@ -287,7 +287,7 @@ def test_a_project_keeps_its_histogram_and_takes_weights(
         load_options(None, ["fit.weights=a.yaml", "fit.method=snr"])
     shutil.copy(first / "images/portico_01.jpg", first / "images/portico_09.jpg")
     told = Told()
-    fit_files([first], FitOptions(step=0.1), audience=told)
+    fit_files([first], FitOptions(step=0.1), progress=told)
     assert any("so its photographs are read" in w for w in told.words)
 
 

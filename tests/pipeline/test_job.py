@@ -16,7 +16,7 @@ import pytest
 
 from colmap_ihe.errors import BusyError, Cancelled, KnownError, MappingError, NativeError
 from colmap_ihe.pipeline import job, job_main
-from colmap_ihe.pipeline.job import Job, Outcome, Progress, run_job
+from colmap_ihe.pipeline.job import Outcome, ProjectJob, StageProgress, run_job
 from colmap_ihe.project.folder import Project
 
 TELL = "import json, os, sys, time\ndef tell(**v):\n    print(json.dumps(v), flush=True)\n"
@@ -41,13 +41,13 @@ def child(monkeypatch: pytest.MonkeyPatch) -> Callable[[str], None]:
 
 
 def ending(project: Path, **more: object) -> Outcome:
-    return run_job(Job(str(project), **more))  # type: ignore[arg-type]
+    return run_job(ProjectJob(str(project), **more))  # type: ignore[arg-type]
 
 
 def test_job_and_outcome_go_to_other_machines() -> None:
-    sent = Job("/p", ("fit.step=0.1",), 5.0, 10, "/p/stop")
+    sent = ProjectJob("/p", ("fit.step=0.1",), 5.0, 10, "/p/stop")
     assert pickle.loads(pickle.dumps(sent)) == sent
-    assert Job(**{**json.loads(json.dumps(asdict(sent))), "assignments": sent.assignments}) == sent
+    assert ProjectJob(**{**json.loads(json.dumps(asdict(sent))), "assignments": sent.assignments}) == sent
     assert pickle.loads(pickle.dumps(Outcome("done", 1.0))) == Outcome("done", 1.0)
     assert pickle.loads(pickle.dumps(run_job)) is run_job
 
@@ -56,8 +56,8 @@ def test_it_is_followed_and_what_is_printed_goes_to_the_log(
     project: Path, child: Callable[[str], None]
 ) -> None:
     child(IN_MATCHES + "print('words', file=sys.stderr); time.sleep(0.6)\n" + ENDED)
-    seen: list[Progress] = []
-    outcome = run_job(Job(str(project)), seen.append)
+    seen: list[StageProgress] = []
+    outcome = run_job(ProjectJob(str(project)), seen.append)
     assert (outcome.state, outcome.stage, outcome.reason) == ("done", "", "")
     assert 0.5 < outcome.seconds < 30
     assert 5_000_000 < outcome.peak_bytes < 500_000_000
@@ -170,7 +170,7 @@ def test_errors_of_a_run_are_told(
     monkeypatch.setattr(job_main, "reconstruct", fail)
     teller = job_main._Teller(os.dup(1))
     try:
-        found = job_main._run(asdict(Job(str(project))), teller)
+        found = job_main._run(asdict(ProjectJob(str(project))), teller)
     finally:
         teller._out.close()
     assert found[0] == state
@@ -183,15 +183,15 @@ def test_errors_of_a_run_are_told(
 def test_without_its_parent_it_stops(new_project: Callable[..., Path]) -> None:
     """As a killed batch leaves it: stdin closes, and the run ends by itself and says where."""
     project = new_project()
-    seen: list[Progress] = []
+    seen: list[StageProgress] = []
 
-    def follow(progress: Progress) -> None:
+    def follow(progress: StageProgress) -> None:
         seen.append(progress)
         if progress.stage in ("fit", "convert", "features") and not stopped.exists():
             stopped.touch()
 
     stopped = project / "stop"
-    outcome = run_job(Job(str(project), stop_file=str(stopped)), follow)
+    outcome = run_job(ProjectJob(str(project), stop_file=str(stopped)), follow)
     assert outcome.state == "stopped"
     assert outcome.stage and outcome.stage != "page"
     with Project.at(project).locked():  # nobody has it any more

@@ -14,10 +14,10 @@ from PIL import Image
 
 from colmap_ihe.colmap.native import pycolmap
 from colmap_ihe.errors import Cancelled, OptionError, PhotographError, ProjectError
-from colmap_ihe.machine.progress import Silent, Watch
+from colmap_ihe.machine.progress import Progress, Silent
 from colmap_ihe.pipeline import outputs
 from colmap_ihe.pipeline.reconstruct import reconstruct
-from colmap_ihe.pipeline.stage_list import NAMES
+from colmap_ihe.pipeline.stage_list import STAGE_NAMES
 from colmap_ihe.pipeline.status import status
 from colmap_ihe.project.folder import Project
 from colmap_ihe.project.options import Options
@@ -60,11 +60,11 @@ def test_cameras_are_the_same_after_a_kill_amid_features(finished: Path, quick_o
         def start(self, total: int, unit: str = "images") -> None:
             self.cancelled = True
 
-        def stage(self, name: str) -> AbstractContextManager[Watch]:
+        def stage(self, name: str) -> AbstractContextManager[Progress]:
             return nullcontext(self if name == "features" else Silent())
 
     with pytest.raises(Cancelled):
-        reconstruct(finished, options, start="features", until="features", audience=StopsAtOnce())
+        reconstruct(finished, options, start="features", until="features", progress=StopsAtOnce())
     done = reconstruct(finished, options, until="features")
     assert (cameras_in(finished), done.summary["cameras"]) == (1, 1)
 
@@ -149,7 +149,7 @@ def test_from_and_until_that_cannot_be(
 
 def test_every_stage_of_the_road_is_known_to_outputs(finished: Path) -> None:
     place = Project.at(finished)
-    for stage in NAMES:
+    for stage in STAGE_NAMES:
         record = place.read_record(stage)
         assert record is not None
         assert outputs.missing(stage, place, record) == []

@@ -12,7 +12,7 @@ from small_demo import QUICK
 from colmap_ihe.cli import main
 from colmap_ihe.errors import OptionError
 from colmap_ihe.machine.executor import local_workers
-from colmap_ihe.pipeline.repeat import read_run, unlike
+from colmap_ihe.pipeline.repeat import differences_from, read_run
 from colmap_ihe.project.folder import Project
 from colmap_ihe.project.options_file import load_options
 
@@ -62,7 +62,7 @@ def test_what_is_unlike_is_counted(new_project: Make) -> None:
     (project / "masks/new.jpg.png").write_bytes(b"a mask")
     (project / "weights.yaml").write_text("of another campaign")
     given = load_options(None, ["fit.weights=weights.yaml"])
-    said = unlike(noted, place, given, {names[0]: [1, 2, "another"], "new.jpg": [1, 2, "x"]})
+    said = differences_from(noted, place, given, {names[0]: [1, 2, "another"], "new.jpg": [1, 2, "x"]})
     assert [text.split(":")[0] for text in said] == [
         "1 photographs of the record are not here",
         "1 photographs are not in the record",

@@ -12,7 +12,7 @@ from batch_contents import contents
 from html_elements import HOSTILE, Elements
 
 from colmap_ihe.batch.folder import BatchFolder
-from colmap_ihe.batch.state import Batched, BatchState, Phase, batched, facts_of, publish
+from colmap_ihe.batch.state import BatchState, Phase, ProjectState, facts_of, project_state, publish
 from colmap_ihe.machine.files import write_json
 from colmap_ihe.project.folder import Project
 from colmap_ihe.report.page import render_batch
@@ -42,7 +42,7 @@ def folder(tmp_path: Path) -> BatchFolder:
 
 
 def state(folder: BatchFolder, phase: Phase = "finished") -> BatchState:
-    shown = [batched(folder, Project.at(root), "done") for root in folder.projects(pytest.fail)]
+    shown = [project_state(folder, Project.at(root), "done") for root in folder.projects(pytest.fail)]
     return BatchState(
         str(folder.root), phase, shown, "2026-01-01T00:00:00+00:00", 90.0, "colmap-ihe batch root"
     )
@@ -86,7 +86,7 @@ def test_a_batch_of_nothing_says_so() -> None:
 
 
 def test_figures_are_as_a_person_reads_them() -> None:
-    one = Batched("a", "done", figures=FIGURES, left_out=1, stages={"fit": 60.0, "dense": 90.0})
+    one = ProjectState("a", "done", figures=FIGURES, left_out=1, stages={"fit": 60.0, "dense": 90.0})
     assert facts_of(one) == [
         ("registered images", "8 of 9"),
         ("mean reprojection error", "0.46 px"),
@@ -95,8 +95,8 @@ def test_figures_are_as_a_person_reads_them() -> None:
         ("left out", "1"),
         ("time", "2 min 30 s"),
     ]
-    assert facts_of(Batched("a", "waiting", photographs=7)) == [("photographs", "7")]
-    assert facts_of(Batched("a", "waiting")) == []
+    assert facts_of(ProjectState("a", "waiting", photographs=7)) == [("photographs", "7")]
+    assert facts_of(ProjectState("a", "waiting")) == []
 
 
 def test_json_has_what_the_records_say(folder: BatchFolder) -> None:

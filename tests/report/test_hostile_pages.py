@@ -15,7 +15,7 @@ from html_elements import Elements
 from synthetic import synthetic_contents
 
 from colmap_ihe.batch.folder import BatchFolder
-from colmap_ihe.batch.state import BatchState, batched, publish
+from colmap_ihe.batch.state import BatchState, project_state, publish
 from colmap_ihe.project.folder import Project
 from colmap_ihe.report import pictures
 from colmap_ihe.report.contents import Comparison, MethodFigures, Picture
@@ -136,7 +136,8 @@ def test_addresses_in_the_page_of_a_batch_stay_within(tmp_path: Path) -> None:
     folder = BatchFolder.at(root)
     folder.make()
     rows = [
-        batched(folder, Project.at(place), "crashed", reason="why") for place in folder.projects(pytest.fail)
+        project_state(folder, Project.at(place), "crashed", reason="why")
+        for place in folder.projects(pytest.fail)
     ]
     publish(folder, BatchState(str(root), "finished", rows, "now"), {})
     links = [a["href"] or "" for tag, a in Elements(folder.page_file.read_text()).tags if tag == "a"]

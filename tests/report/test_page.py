@@ -15,7 +15,7 @@ from html_elements import HOSTILE, Elements
 from synthetic import facade_cloud, synthetic_contents
 
 from colmap_ihe.report import charts
-from colmap_ihe.report.contents import Cloud, Contents, Photograph
+from colmap_ihe.report.contents import Cloud, Contents, PhotographEntry
 from colmap_ihe.report.embed import cloud_data
 from colmap_ihe.report.page import render_page
 
@@ -55,7 +55,7 @@ def test_names_reach_the_viewer_unchanged(hostile: str) -> None:
 
 
 def test_name_that_is_not_utf8_can_be_written() -> None:
-    photograph = Photograph("caf\udce9.jpg", None, left_out="cannot be read")
+    photograph = PhotographEntry("caf\udce9.jpg", None, left_out="cannot be read")
     page = render_page(dataclasses.replace(nothing_but(), photographs=[photograph]))
     assert b"caf\\udce9.jpg" in page.encode()
 

@@ -23,19 +23,19 @@ from colmap_ihe.pipeline import outputs
 from colmap_ihe.pipeline import reconstruct as pipeline
 from colmap_ihe.pipeline import stage_list as road
 from colmap_ihe.pipeline.reconstruct import reconstruct
-from colmap_ihe.pipeline.run_state import Record, Run
-from colmap_ihe.pipeline.stage_list import NAMES, Stage
+from colmap_ihe.pipeline.run_context import Record, RunContext
+from colmap_ihe.pipeline.stage_list import STAGE_NAMES, Stage
 from colmap_ihe.pipeline.status import status
 from colmap_ihe.project.folder import Project
 from colmap_ihe.project.options import Options
 from colmap_ihe.project.options_file import load_options
 
 MakeOptions = Callable[..., Options]
-ALL = NAMES
+ALL = STAGE_NAMES
 
 
 def since(stage: str) -> tuple[str, ...]:
-    return NAMES[NAMES.index(stage) :]
+    return STAGE_NAMES[STAGE_NAMES.index(stage) :]
 
 
 @pytest.fixture
@@ -62,8 +62,8 @@ def settled(_settled: Path, tmp_path: Path) -> Path:
 
 def _quicken(whole: Project, monkeypatch: pytest.MonkeyPatch) -> None:
 
-    def as_before(name: str) -> Callable[[Run, Any], Record]:
-        def stage(run: Run, _watch: object) -> Record:
+    def as_before(name: str) -> Callable[[RunContext, Any], Record]:
+        def stage(run: RunContext, _progress: object) -> Record:
             record = whole.read_record(name)
             assert record is not None
             for file in outputs.files_of(name, whole, record):
@@ -75,7 +75,7 @@ def _quicken(whole: Project, monkeypatch: pytest.MonkeyPatch) -> None:
 
         return stage
 
-    stages = tuple(replace(stage, run=as_before(stage.name)) for stage in road.ROAD)
+    stages = tuple(replace(stage, run=as_before(stage.name)) for stage in road.STAGES)
     monkeypatch.setattr(pipeline, "ROAD", stages)
     monkeypatch.setattr(pipeline, "page_of", lambda *_: None)
 
@@ -305,7 +305,7 @@ def test_a_library_that_was_upgraded(
         monkeypatch.setattr(road, "library_versions", upgraded)
     options = load_options(settled / "project.yaml")
     states = {s.name: s for s in status(settled, options)}
-    assert [name for name in NAMES if states[name].state == "stale"] == list(since(stage))
+    assert [name for name in STAGE_NAMES if states[name].state == "stale"] == list(since(stage))
     assert states[stage].why == f"a library changed: {library} from {now} to 99.1"
     assert reconstruct(settled, options).stages_run == since(stage)
 
@@ -357,6 +357,6 @@ def test_a_mask_runs_the_real_road_again_from_features(finished: Path, quick_opt
 
 
 def test_stages_are_all_in_the_table() -> None:
-    options = {name for stage in road.ROAD for name in stage.options}
+    options = {name for stage in road.STAGES for name in stage.options}
     assert options - {"camera"} <= set(CASES)
-    assert all(isinstance(stage, Stage) for stage in road.ROAD)
+    assert all(isinstance(stage, Stage) for stage in road.STAGES)

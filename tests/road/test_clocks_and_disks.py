@@ -15,13 +15,20 @@ import pytest
 
 from colmap_ihe.errors import KnownError, ProjectError
 from colmap_ihe.machine.executor import local_executor
-from colmap_ihe.machine.files import digest_file, holding, room_on_disk, stamp_of, write_bytes, write_json
-from colmap_ihe.machine.progress import SILENT, Watch
+from colmap_ihe.machine.files import (
+    digest_file,
+    file_stamp,
+    guard_folder,
+    room_on_disk,
+    write_bytes,
+    write_json,
+)
+from colmap_ihe.machine.progress import SILENT, Progress
 from colmap_ihe.photographs.discover import discover
 from colmap_ihe.pipeline.input_digests import digests_of
 from colmap_ihe.pipeline.reconstruct import reconstruct
-from colmap_ihe.pipeline.run_state import Record, Run
-from colmap_ihe.pipeline.stage_list import ROAD
+from colmap_ihe.pipeline.run_context import Record, RunContext
+from colmap_ihe.pipeline.stage_list import STAGES
 from colmap_ihe.project.folder import Project
 from colmap_ihe.project.options import Options
 
@@ -104,13 +111,13 @@ def test_digests_of_an_earlier_version_are_read_again(
 
 def test_one_writing_of_a_file_is_told_from_the_next_without_a_clock(tmp_path: Path) -> None:
     file = tmp_path / "batch.json"
-    assert stamp_of(file) == ()
+    assert file_stamp(file) == ()
     write_json(file, {"state": "done"})
-    first = stamp_of(file)
-    assert first == stamp_of(file) != ()
+    first = file_stamp(file)
+    assert first == file_stamp(file) != ()
     write_json(file, {"state": "done"})
     os.utime(file, ns=(first[2], first[2]))
-    assert stamp_of(file) != first
+    assert file_stamp(file) != first
 
 
 # Disks
@@ -119,17 +126,20 @@ def test_one_writing_of_a_file_is_told_from_the_next_without_a_clock(tmp_path: P
 def test_nothing_is_written_below_a_mount_point_whose_disk_went(tmp_path: Path) -> None:
     project = tmp_path / "project"
     project.mkdir()
-    with pytest.raises(ProjectError, match="the folder is gone") as caught, holding(project):
+    with pytest.raises(ProjectError, match="the folder is gone") as caught, guard_folder(project):
         write_bytes(project / "records/a.json", b"{}")
         project.rename(tmp_path / "elsewhere")
         write_bytes(project / "records/b.json", b"{}")
     assert not project.exists()
     assert "the same command goes on" in caught.value.hint
-    with pytest.raises(ProjectError, match="another one is in its place"), holding(tmp_path / "elsewhere"):
+    with (
+        pytest.raises(ProjectError, match="another one is in its place"),
+        guard_folder(tmp_path / "elsewhere"),
+    ):
         shutil.move(tmp_path / "elsewhere", project)
         (tmp_path / "elsewhere").mkdir()
         raise KeyError("what came of it")
-    with holding(project):
+    with guard_folder(project):
         write_bytes(project / "records/b.json", b"{}")
 
 
@@ -145,17 +155,17 @@ def test_a_disk_that_does_not_answer(tmp_path: Path, monkeypatch: pytest.MonkeyP
     assert not list(tmp_path.iterdir())
 
 
-def _after(monkeypatch: pytest.MonkeyPatch, stage: str, do: Callable[[Run], object]) -> None:
+def _after(monkeypatch: pytest.MonkeyPatch, stage: str, do: Callable[[RunContext], object]) -> None:
     """Does something in the middle of a stage, once."""
-    whole, did = next(one.run for one in ROAD if one.name == stage), [False]
+    whole, did = next(one.run for one in STAGES if one.name == stage), [False]
 
-    def and_then(run: Run, watch: Watch) -> Record:
+    def and_then(run: RunContext, progress: Progress) -> Record:
         if not did[0]:
             did[0] = True
             do(run)
-        return whole(run, watch)
+        return whole(run, progress)
 
-    road = tuple(replace(one, run=and_then) if one.name == stage else one for one in ROAD)
+    road = tuple(replace(one, run=and_then) if one.name == stage else one for one in STAGES)
     monkeypatch.setattr("colmap_ihe.pipeline.reconstruct.ROAD", road)
 
 

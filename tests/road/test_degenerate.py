@@ -12,7 +12,7 @@ import pytest
 
 from colmap_ihe.cli import main
 from colmap_ihe.colmap.checks.camera_motion import TURNED_DEGREES, parallax_of
-from colmap_ihe.colmap.checks.plausibility import Shape, Taken, thickness
+from colmap_ihe.colmap.checks.plausibility import Shape, SolvedCamera, thickness
 from colmap_ihe.colmap.checks.repeated_structure import Conflicts
 from colmap_ihe.colmap.native import pycolmap
 from colmap_ihe.errors import MappingError
@@ -235,14 +235,14 @@ def test_the_sentences_about_a_model() -> None:
     assert "(80 matches) show the same place" in folded(0, 10, 3, 10)
 
     def cameras(prior: float | None, focal: float, aspect: float) -> str:
-        return "".join(camera_warnings([Taken(("a.png", "b.png"), prior, focal, aspect)], GREYS))
+        return "".join(camera_warnings([SolvedCamera(("a.png", "b.png"), prior, focal, aspect)], GREYS))
 
     assert cameras(1000, 1100, 1.02) == cameras(None, 3000, 0.99) == ""
     assert "1.20 times what they say (1200 px, not 1000)" in cameras(1000, 1200, 1)
     assert "by a factor of 1.25 across and down" in cameras(1000, 1000, 0.8)
     assert "give the focal length" in cameras(None, 1000, 1.3)
 
-    known = [Taken(("a.png",), 1000, 1000, 1)]
+    known = [SolvedCamera(("a.png",), 1000, 1000, 1)]
     assert flat_warnings(Shape(0.02, 10), known) == flat_warnings(Shape(0.001, 60), known) == []
     assert "within 0.1 % of one plane" in flat_warnings(Shape(0.0001, 10), known)[0]
     assert match_warnings(0.3) == []

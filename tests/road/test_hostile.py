@@ -19,7 +19,7 @@ from fuzz_targets import TARGETS
 from PIL import Image
 
 from colmap_ihe.batch.folder import BatchFolder
-from colmap_ihe.batch.state import BatchState, batched, publish
+from colmap_ihe.batch.state import BatchState, project_state, publish
 from colmap_ihe.dense.ply import read_mesh, write_mesh
 from colmap_ihe.dense.texture.mesh import Mesh
 from colmap_ihe.errors import OptionError, PhotographError, ProjectError
@@ -31,7 +31,7 @@ from colmap_ihe.photographs.discover import Capture
 from colmap_ihe.photographs.exif.metadata import read_metadata
 from colmap_ihe.project.folder import Project
 from colmap_ihe.project.options_file import load_options
-from colmap_ihe.project.record_models import is_whole
+from colmap_ihe.project.record_models import is_valid
 from colmap_ihe.project.safe_yaml import parse_yaml
 
 EXECUTIONS = 25  # of each parser: benchmarks/fuzz.py is for more
@@ -149,7 +149,7 @@ def test_a_record_that_no_stage_left_counts_for_none(
     tmp_path: Path, stage: str, change: dict[str, object]
 ) -> None:
     sound = records()[stage]
-    assert is_whole(stage, sound)
+    assert is_valid(stage, sound)
     (tmp_path / "images").mkdir()
     place = Project.at(tmp_path)
     place.write_record(stage, sound)
@@ -166,7 +166,7 @@ def test_words_where_a_run_leaves_numbers_do_not_stop_the_page_of_a_batch(tmp_pa
         (tmp_path / "root/a" / file).write_text(json.dumps(words | {"seconds": "many", "began": 5}))
     folder = BatchFolder.at(tmp_path / "root")
     folder.make()
-    row = batched(folder, Project.at(tmp_path / "root/a"), "done")
+    row = project_state(folder, Project.at(tmp_path / "root/a"), "done")
     publish(folder, BatchState(str(folder.root), "finished", [row], "now"), {})
     assert row.figures["mean_reprojection_error_px"] is None and row.stages == {}
 

@@ -17,7 +17,7 @@ import pytest
 from running import LONG, wait_until_begun
 from small_demo import QUICK, ROOT
 
-from colmap_ihe.pipeline.stage_list import NAMES
+from colmap_ihe.pipeline.stage_list import STAGE_NAMES
 
 
 @contextmanager
@@ -53,7 +53,7 @@ def kill_in(project: Path, stage: str, delay: float, number: int = signal.SIGKIL
 
 def assert_goes_on(project: Path, stage: str) -> None:
     """The same command ends well; the stages before `stage` are those of the run that was interrupted."""
-    before = NAMES[: NAMES.index(stage)]
+    before = STAGE_NAMES[: STAGE_NAMES.index(stage)]
     times = {name: (project / "records" / f"{name}.json").stat().st_mtime_ns for name in before}
     with command(project) as process:
         output, errors = process.communicate(timeout=LONG)
@@ -77,7 +77,7 @@ def test_killed_in_a_stage(new_project: Callable[..., Path]) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("stage", NAMES)
+@pytest.mark.parametrize("stage", STAGE_NAMES)
 @pytest.mark.parametrize("seed", [1, 2])
 def test_killed_in_every_stage(new_project: Callable[..., Path], stage: str, seed: int) -> None:
     project = new_project()

@@ -26,14 +26,16 @@ from colmap_ihe.pipeline import outputs
 from colmap_ihe.pipeline.output_folder import opened
 from colmap_ihe.pipeline.reconstruct import reconstruct
 from colmap_ihe.pipeline.resource_check import disk_left, disk_warnings, memory_warnings
-from colmap_ihe.pipeline.resource_needs import Demand, Set, demands_of
+from colmap_ihe.pipeline.resource_needs import PhotoSetSize, StageNeeds, needs_of
 from colmap_ihe.project.folder import Project
 from colmap_ihe.project.options import Options
 
 GB = 10**9
 Make = Callable[..., Path]
 MakeOptions = Callable[..., Options]
-SET = Set(images=100, pixels=2_000_000_000, largest=20_000_000, raw=0, with_gps=0, one_bytes=600_000_000)
+SET = PhotoSetSize(
+    images=100, pixels=2_000_000_000, largest=20_000_000, raw=0, with_gps=0, one_bytes=600_000_000
+)
 
 # Memory
 
@@ -95,7 +97,7 @@ def test_memory_that_ran_out_is_one_line(error: Exception) -> None:
 
 
 def test_one_worker_that_may_find_too_little_is_told_before(monkeypatch: pytest.MonkeyPatch) -> None:
-    features = next(one for one in demands_of(Options(), SET) if one.stage == "features")
+    features = next(one for one in needs_of(Options(), SET) if one.stage == "features")
     assert features.one_bytes > GB
     monkeypatch.setattr(memory, "available", lambda: 20 * GB)
     assert memory_warnings(features) == []
@@ -103,7 +105,7 @@ def test_one_worker_that_may_find_too_little_is_told_before(monkeypatch: pytest.
     (said,) = memory_warnings(features)
     assert said.startswith("features takes up to ")
     assert "features.max_image_size" in said
-    smaller = demands_of(Options.model_validate({"features": {"max_image_size": 500}}), SET)
+    smaller = needs_of(Options.model_validate({"features": {"max_image_size": 500}}), SET)
     assert memory_warnings(next(one for one in smaller if one.stage == "features")) == []
 
 
@@ -166,21 +168,21 @@ def disk(monkeypatch: pytest.MonkeyPatch) -> Disk:
     ],
 )
 def test_larger_sets_want_more(change: dict[str, int], grows: Sequence[str]) -> None:
-    few, many = demands_of(Options(), SET), demands_of(Options(), replace(SET, **change))
+    few, many = needs_of(Options(), SET), needs_of(Options(), replace(SET, **change))
     assert [
         one.stage for one, other in zip(few, many, strict=True) if other.disk_bytes > one.disk_bytes
     ] == list(grows)
 
 
 def test_what_is_switched_off_wants_nothing() -> None:
-    names = [one.stage for one in demands_of(Options.model_validate({"dense": {"enabled": False}}), SET)]
+    names = [one.stage for one in needs_of(Options.model_validate({"dense": {"enabled": False}}), SET)]
     assert names == ["captures", "fit", "convert", "features", "matches", "sparse", "page"]
 
 
 def test_a_project_takes_what_was_estimated(finished: Path, quick_options: MakeOptions) -> None:
     """Within a factor, stage by stage; the small demo is all noise and edges, and its page as large as any."""
     place, record = Project.at(finished), json.loads((finished / "records/captures.json").read_text())
-    found = {one.stage: one for one in demands_of(quick_options(), Set.of(record, []))}
+    found = {one.stage: one for one in needs_of(quick_options(), PhotoSetSize.of(record, []))}
     taken = {stage: outputs.bytes_of(stage, place) for stage in found}
     assert taken["convert"] < found["convert"].disk_bytes < 2 * taken["convert"]
     assert taken["dense"] < found["dense"].disk_bytes < 2 * taken["dense"]
@@ -191,14 +193,14 @@ def test_what_is_there_already_is_not_wanted_again(finished: Path) -> None:
     place = Project.at(finished)
     there = outputs.bytes_of("dense", place)
     assert there > 10**6
-    wanted = [Demand("convert", 0, 0, 1), Demand("dense", 0, 0, there + 1000)]
+    wanted = [StageNeeds("convert", 0, 0, 1), StageNeeds("dense", 0, 0, there + 1000)]
     assert disk_left(place, wanted, ["convert", "dense", "mesh"]) == {"convert": 0, "dense": 1000}
     assert disk_left(place, wanted, ["mesh"]) == {}
 
 
 def test_a_disk_that_is_close_or_too_small(tmp_path: Path, disk: Disk) -> None:
     (tmp_path / "images").mkdir()
-    place, wanted = Project.at(tmp_path), [Demand("convert", 0, 0, GB), Demand("dense", 0, 0, 4 * GB)]
+    place, wanted = Project.at(tmp_path), [StageNeeds("convert", 0, 0, GB), StageNeeds("dense", 0, 0, 4 * GB)]
     stages = ["convert", "dense"]
     assert disk_warnings(place, wanted, stages) == []
     disk.free = 5 * GB

@@ -25,7 +25,7 @@ from colmap_ihe.machine.progress import Silent
 from colmap_ihe.photographs.discover import discover
 from colmap_ihe.pipeline import stages
 from colmap_ihe.pipeline.reconstruct import reconstruct
-from colmap_ihe.pipeline.stage_list import NAMES
+from colmap_ihe.pipeline.stage_list import STAGE_NAMES
 from colmap_ihe.pipeline.status import status
 from colmap_ihe.project.options import Options
 
@@ -87,7 +87,7 @@ def test_every_view_registers_and_the_cloud_is_there(
     assert 0.05 < finished_summary["mean_reprojection_error_px"] < 1
     assert finished_summary["dense_backend"] in ("sgm", "patchmatch")
     assert finished_summary["dense_points"] > 15_000
-    assert list(finished_summary["stages"]) == list(NAMES)
+    assert list(finished_summary["stages"]) == list(STAGE_NAMES)
     assert all(seconds >= 0 for seconds in finished_summary["stages"].values())
     assert finished_summary["warnings"] == []
     assert json.loads((finished / "report/summary.json").read_text()) == finished_summary
@@ -116,7 +116,7 @@ def test_what_is_left_is_a_plain_colmap_workspace(finished: Path, finished_summa
 
 
 def test_records_say_how_each_stage_came_about(finished: Path) -> None:
-    for stage in NAMES:
+    for stage in STAGE_NAMES:
         found = record(finished, stage)
         assert found["stage"] == stage
         assert len(found["fingerprint"]) == 24
@@ -130,7 +130,7 @@ def test_records_say_how_each_stage_came_about(finished: Path) -> None:
     assert record(finished, "features")["options"]["features"]["colmap"] == {"sift": {"first_octave": 0}}
     assert record(finished, "fit")["options"]["fit"]["step"] == 0.1
     assert record(finished, "captures")["images"] == 8
-    assert len({record(finished, stage)["fingerprint"] for stage in NAMES}) == len(NAMES)
+    assert len({record(finished, stage)["fingerprint"] for stage in STAGE_NAMES}) == len(STAGE_NAMES)
 
 
 def test_the_weights_file_is_that_of_the_fit(finished: Path, finished_summary: dict[str, Any]) -> None:
@@ -155,9 +155,9 @@ def test_a_second_call_runs_nothing_and_changes_no_file(finished: Path, quick_op
     before = {p: p.stat().st_mtime_ns for p in (finished / "workspace").rglob("*") if p.is_file()}
     summary = (finished / "report/summary.json").read_text()
     listener = Listener()
-    done = reconstruct(finished, quick_options(), audience=listener)
+    done = reconstruct(finished, quick_options(), progress=listener)
     assert done.stages_run == ()
-    assert listener.was_kept == list(NAMES)
+    assert listener.was_kept == list(STAGE_NAMES)
     assert {p: p.stat().st_mtime_ns for p in (finished / "workspace").rglob("*") if p.is_file()} == before
     assert (finished / "report/summary.json").read_text() == summary
 
@@ -200,9 +200,9 @@ def test_a_changed_option_runs_what_depends_on_it_and_no_more(
     done = reconstruct(finished, options, until=until)
     assert done.stages_run == expected
     if expected:
-        assert stale == set(NAMES[NAMES.index(expected[0]) :])
+        assert stale == set(STAGE_NAMES[STAGE_NAMES.index(expected[0]) :])
         # What comes later is no longer true, and is not left to look as if it were.
-        for later in NAMES[NAMES.index(until) + 1 :]:
+        for later in STAGE_NAMES[STAGE_NAMES.index(until) + 1 :]:
             assert not (finished / "records" / f"{later}.json").exists()
 
 
@@ -308,7 +308,7 @@ def test_status_says_what_is_stale_and_why(
 ) -> None:
     before = digest_of(finished)
     assert [(s.name, s.state, s.why) for s in status(finished, quick_options())] == [
-        (n, "done", "") for n in NAMES
+        (n, "done", "") for n in STAGE_NAMES
     ]
     states = status(finished, quick_options("features.max_image_size=200"))
     assert [(s.state, s.why) for s in states] == [
@@ -318,7 +318,7 @@ def test_status_says_what_is_stale_and_why(
     ]
     assert digest_of(finished) == before
     project = new_project()
-    assert [(s.state, s.why, s.seconds) for s in status(project)] == [("to do", "", None)] * len(NAMES)
+    assert [(s.state, s.why, s.seconds) for s in status(project)] == [("to do", "", None)] * len(STAGE_NAMES)
     assert sorted(p.name for p in project.iterdir()) == ["images"]
 
 
@@ -379,12 +379,14 @@ def test_cancelled_in_a_stage_the_same_call_goes_on_from_there(
                 self.cancelled = name == stage
                 yield self
 
-    number = NAMES.index(stage)
+    number = STAGE_NAMES.index(stage)
     options = quick_options("dense.enabled=false")
     with pytest.raises(Cancelled):
-        reconstruct(finished, options, start=stage, audience=Impatient())
+        reconstruct(finished, options, start=stage, progress=Impatient())
     states = {s.name: s for s in status(finished, options)}
-    assert [states[n].state for n in NAMES] == ["done"] * number + ["to do"] * (len(NAMES) - number - 2) + [
+    assert [states[n].state for n in STAGE_NAMES] == ["done"] * number + ["to do"] * (
+        len(STAGE_NAMES) - number - 2
+    ) + [
         "off",
         "off",
     ]
@@ -435,7 +437,7 @@ def test_a_broken_photograph_is_left_out_and_named(new_project: Make, quick_opti
     (images / "broken.dng").write_bytes(b"no RAW" * 900)
     Image.new("RGB", (30, 30)).save(images / "small.png")
     listener = Listener()
-    done = reconstruct(project, quick_options(), until="features", audience=listener)
+    done = reconstruct(project, quick_options(), until="features", progress=listener)
     assert set(done.summary["left_out"]) == {"truncated.jpg", "text.jpg", "broken.dng", "small.png"}
     assert done.summary["images"] == 8
     for name, reason in done.summary["left_out"].items():
@@ -581,7 +583,7 @@ def test_an_option_that_pycolmap_does_not_know_is_refused_before_anything_is_run
 ) -> None:
     listener = Listener()
     with pytest.raises(OptionError):
-        reconstruct(finished, quick_options(assignment), audience=listener)
+        reconstruct(finished, quick_options(assignment), progress=listener)
     assert {s.state for s in status(finished, quick_options())} == {"done"}
     assert set(listener.begun) <= {"content"}
 

@@ -22,7 +22,7 @@ from colmap_ihe.evaluation.demo.colour import coded
 from colmap_ihe.evaluation.demo.exif import PhotoExif, jpeg_exif
 from colmap_ihe.evaluation.demo.raycast import Surface, render
 from colmap_ihe.evaluation.demo.shapes import Rect
-from colmap_ihe.evaluation.demo.views import View, looking
+from colmap_ihe.evaluation.demo.views import DemoView, looking
 
 F32 = NDArray[np.float32]
 F64 = NDArray[np.float64]
@@ -34,12 +34,12 @@ _TEXEL_M = 0.012
 _LOW, _HIGH = (-7.0, 0.0), (7.0, 6.0)
 
 
-def view(centre: Sequence[float], target: Sequence[float], focal_px: float = FOCAL_PX) -> View:
+def view(centre: Sequence[float], target: Sequence[float], focal_px: float = FOCAL_PX) -> DemoView:
     pose = looking(np.array(centre, float), np.array(target, float), roll=0.0)
-    return View("", *SIZE, focal_px, pose, Fraction(1, 125))
+    return DemoView("", *SIZE, focal_px, pose, Fraction(1, 125))
 
 
-def row_of_views(count: int, *, width: float = 6.0, distance: float = 7.0) -> list[View]:
+def row_of_views(count: int, *, width: float = 6.0, distance: float = 7.0) -> list[DemoView]:
     """Side by side along the wall, each turned a little towards its middle."""
     return [
         view((x, -distance, 2.6 + 0.5 * math.sin(3 * x)), (0.5 * x, 0, 3))
@@ -89,7 +89,7 @@ def relief(seed: int = 1) -> tuple[Surface, ...]:
 
 def photograph(
     scene: Sequence[Surface],
-    seen: View,
+    seen: DemoView,
     file: Path,
     *,
     focal_35mm: int | None = FOCAL_35MM,
@@ -113,7 +113,7 @@ def save(pixels: NDArray[np.uint8], file: Path, exif: PhotoExif | None = None) -
     file.write_bytes(jpeg.getvalue())
 
 
-def shoot(scene: Sequence[Surface], views: Sequence[View], images: Path, name: str = "shot") -> None:
+def shoot(scene: Sequence[Surface], views: Sequence[DemoView], images: Path, name: str = "shot") -> None:
     for number, seen in enumerate(views, start=1):
         photograph(scene, seen, images / f"{name}_{number:02}.jpg")
 

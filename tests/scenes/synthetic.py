@@ -6,7 +6,16 @@ import cv2
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from colmap_ihe.report.contents import Camera, Cloud, Contents, Grey, Pair, Photograph, Picture, Slider
+from colmap_ihe.report.contents import (
+    CameraPose,
+    Cloud,
+    Contents,
+    Grey,
+    Pair,
+    PhotographEntry,
+    Picture,
+    Slider,
+)
 
 _WEIGHTS = (0.61, 0.34, 0.05)
 _REC709 = (0.2126, 0.7152, 0.0722)
@@ -72,7 +81,7 @@ def facade_cloud(points: int) -> Cloud:
     return Cloud(positions, colours, grey_of(colours, _WEIGHTS), "dense", 4 * points)
 
 
-def facade_cameras(names: list[str]) -> list[Camera]:
+def facade_cameras(names: list[str]) -> list[CameraPose]:
     cameras = []
     for i, name in enumerate(names):
         x = -6 + 12 * i / max(len(names) - 1, 1)
@@ -80,7 +89,7 @@ def facade_cameras(names: list[str]) -> list[Camera]:
         corners = centre + np.array(
             [[-0.6, 0.4, -1], [0.6, 0.4, -1], [0.6, -0.4, -1], [-0.6, -0.4, -1]], np.float32
         )
-        cameras.append(Camera(name, centre, corners))
+        cameras.append(CameraPose(name, centre, corners))
     return cameras
 
 
@@ -88,7 +97,7 @@ def synthetic_contents(points: int = 20_000, photographs: int = 24, hostile: str
     """A whole page. `hostile` stands in every text that a user gives."""
     names = [f"{hostile}DSC_{4100 + i}.NEF" for i in range(photographs)]
     set_of = [
-        Photograph(
+        PhotographEntry(
             name,
             coded(facade_picture(180, 120, 0.05 * i), f"{name}"),
             *(

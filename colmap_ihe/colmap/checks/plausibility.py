@@ -18,7 +18,7 @@ _LEAST_POINTS = 30
 
 
 @dataclass(frozen=True)
-class Taken:
+class SolvedCamera:
     """One camera of a model. `images`: the names of its grey images that have a place. `prior`: the focal length that
     the photographs said, None if they did not; `focal`: that which was found, `aspect`: that across over that down;
     in pixels."""
@@ -29,7 +29,7 @@ class Taken:
     aspect: float
 
 
-def cameras_of(folder: Path, database: Path) -> list[Taken]:
+def cameras_of(folder: Path, database: Path) -> list[SolvedCamera]:
     """The cameras of the model in `folder`, that of most images first."""
     model = pycolmap.Reconstruction(folder)
     with pycolmap.Database.open(database) as opened:
@@ -41,7 +41,7 @@ def cameras_of(folder: Path, database: Path) -> list[Taken]:
     for number, some in sorted(names.items(), key=lambda n: (-len(n[1]), n[0])):
         camera, was = model.cameras[number], before[number]
         found.append(
-            Taken(
+            SolvedCamera(
                 tuple(sorted(some)),
                 was.mean_focal_length() if was.has_prior_focal_length else None,
                 camera.mean_focal_length(),

@@ -13,7 +13,7 @@ from colmap_ihe.dense.stereo.merge import filled, merge, without_speckles
 from colmap_ihe.dense.stereo.normals import normals_from_inverse_depth
 from colmap_ihe.dense.stereo.rectify import PairLeftOutError, RectifiedPair, rectify
 from colmap_ihe.dense.stereo.refine import compare, prepared, refined
-from colmap_ihe.dense.stereo.views import Float32, Float64, UInt8, View, sizes_coarse_to_fine
+from colmap_ihe.dense.stereo.views import Float32, Float64, StereoView, UInt8, sizes_coarse_to_fine
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -55,8 +55,8 @@ class DepthResult:
 
 
 def depth_and_normals(
-    reference: View,
-    sources: Sequence[View],
+    reference: StereoView,
+    sources: Sequence[StereoView],
     points_world: Float64,
     options: StereoOptions | None = None,
     check: Callable[[], None] = lambda: None,
@@ -90,7 +90,10 @@ def depth_and_normals(
 
 
 def _rectified(
-    reference: View, sources: Sequence[View], sizes: Sequence[tuple[int, int]], points_world: Float64
+    reference: StereoView,
+    sources: Sequence[StereoView],
+    sizes: Sequence[tuple[int, int]],
+    points_world: Float64,
 ) -> tuple[dict[int, list[RectifiedPair]], dict[int, str]]:
     """The common frames of each usable source at every size, and the reasons of the others, by place in
     `sources`.
@@ -113,8 +116,8 @@ def _rectified(
 
 
 def _match_at_size(
-    reference: View,
-    sources: Sequence[View],
+    reference: StereoView,
+    sources: Sequence[StereoView],
     pairs: Sequence[RectifiedPair],
     known: Float32 | None,
     options: StereoOptions,
@@ -148,8 +151,8 @@ def _match_at_size(
 
 
 def _confirmed(
-    view: View,
-    sources: Sequence[View],
+    view: StereoView,
+    sources: Sequence[StereoView],
     inverse: Float32,
     merged: UInt8,
     one_pixel: float,
@@ -177,7 +180,7 @@ def _confirmed(
     return np.where(keep, moved, 0).astype(np.float32), np.where(keep, support, 0).astype(np.uint8)
 
 
-def _scaled(source: View, size: tuple[int, int], reference: View) -> tuple[int, int]:
+def _scaled(source: StereoView, size: tuple[int, int], reference: StereoView) -> tuple[int, int]:
     """The size of `source` when `reference` has `size`."""
     scale = size[0] / reference.size[0]
     return max(1, round(source.size[0] * scale)), max(1, round(source.size[1] * scale))

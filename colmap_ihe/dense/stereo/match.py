@@ -13,14 +13,14 @@ import cv2
 import numpy as np
 
 from colmap_ihe.dense.stereo.rectify import RectifiedPair, inside
-from colmap_ihe.dense.stereo.views import Bool, Float32, UInt8, View
+from colmap_ihe.dense.stereo.views import Bool, Float32, StereoView, UInt8
 
 SUBPIXELS = 16
 LEFT_RIGHT_TOLERANCE_PX = 1.0
 RESIDUAL_RANGE_PX = 32
 
 
-def match_whole_range(pair: RectifiedPair, reference: View, source: View) -> Float32:
+def match_whole_range(pair: RectifiedPair, reference: StereoView, source: StereoView) -> Float32:
     """Inverse depth in the reference (H, W) float32, 0 for none, from the pair's whole range of disparities.
 
     Matched from both sides; kept where the two agree within `LEFT_RIGHT_TOLERANCE_PX`.
@@ -38,7 +38,7 @@ def match_whole_range(pair: RectifiedPair, reference: View, source: View) -> Flo
     return _inverse_depth(pair, reference, source, disparity, agree[:, count:-count])
 
 
-def match_around(pair: RectifiedPair, reference: View, source: View, known: Float32) -> Float32:
+def match_around(pair: RectifiedPair, reference: StereoView, source: StereoView, known: Float32) -> Float32:
     """Inverse depth in the reference (H, W) float32, 0 for none, within some pixels of `known` (H, W),
     which is > 0.
     """
@@ -75,7 +75,7 @@ def _semi_global(left: UInt8, right: UInt8, first: int, count: int) -> Float32:
 
 
 def _inverse_depth(
-    pair: RectifiedPair, reference: View, source: View, disparity: Float32, found: Bool
+    pair: RectifiedPair, reference: StereoView, source: StereoView, disparity: Float32, found: Bool
 ) -> Float32:
     """Disparities in the frame, where `found` and seen by the source, to inverse depth in the reference's
     pixels.

@@ -14,7 +14,15 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from colmap_ihe.dense.stereo.views import Array, Bool, Camera, Float32, Float64, View, cv_homography
+from colmap_ihe.dense.stereo.views import (
+    Array,
+    Bool,
+    Float32,
+    Float64,
+    StereoCamera,
+    StereoView,
+    cv_homography,
+)
 
 MIN_AXIS_ANGLE_DEG = 30.0
 MAX_AREA_RATIO = 3.0
@@ -92,7 +100,7 @@ class RectifiedPair:
         return np.where(weight > 0.5, total / np.maximum(weight, 0.5), 0).astype(np.float32)
 
 
-def rectify(reference: Camera, source: Camera, points_world: Float64) -> RectifiedPair:
+def rectify(reference: StereoCamera, source: StereoCamera, points_world: Float64) -> RectifiedPair:
     """The common frame of two views that both see `points_world` (N, 3), N >= 1.
 
     Raises PairLeftOutError, with the reason, where no plane suits both views: the baseline is within
@@ -121,7 +129,7 @@ def rectify(reference: Camera, source: Camera, points_world: Float64) -> Rectifi
     )
 
 
-def inside(x: Float32, y: Float32, view: View) -> Bool:
+def inside(x: Float32, y: Float32, view: StereoView) -> Bool:
     """Whether OpenCV pixel positions lie on the view's image and not on its mask."""
     width, height = view.size
     held = (x >= 0) & (x <= width - 1) & (y >= 0) & (y <= height - 1)
@@ -130,7 +138,7 @@ def inside(x: Float32, y: Float32, view: View) -> Bool:
     return np.asarray(held)
 
 
-def _rotation(reference: Camera, source: Camera) -> tuple[float, Float64]:
+def _rotation(reference: StereoCamera, source: StereoCamera) -> tuple[float, Float64]:
     """Length of the baseline, and the rotation from the reference's camera to the rectified frame."""
     offset = reference.rotation @ (source.centre - reference.centre)
     baseline = float(np.linalg.norm(offset))
@@ -151,7 +159,7 @@ def _rotation(reference: Camera, source: Camera) -> tuple[float, Float64]:
     return baseline, np.array([x, np.cross(z, x), z])
 
 
-def _scale_at_centre(plane_from_pixels: Float64, view: Camera) -> float:
+def _scale_at_centre(plane_from_pixels: Float64, view: StereoCamera) -> float:
     """Square root of the area that the view's central pixel covers on the plane z = 1."""
     width, height = view.size
     centre = np.array([width / 2, height / 2, 1.0])
@@ -169,8 +177,8 @@ def _robust_range(disparity: Float64) -> tuple[float, float]:
 
 
 def _overlap(
-    reference: Camera,
-    source: Camera,
+    reference: StereoCamera,
+    source: StereoCamera,
     from_reference: Float64,
     from_source: Float64,
     disparities: tuple[float, float],

@@ -16,7 +16,7 @@ import cv2
 import numpy as np
 
 from colmap_ihe.dense.stereo.rectify import inside
-from colmap_ihe.dense.stereo.views import Bool, Float32, Float64, View
+from colmap_ihe.dense.stereo.views import Bool, Float32, Float64, StereoView
 
 WINDOW_PX = 7
 NOISE_VARIANCE = 4.0
@@ -26,7 +26,7 @@ NOISE_VARIANCE = 4.0
 class Reference:
     """The reference's grey values with the local statistics that every comparison needs."""
 
-    view: View
+    view: StereoView
     grey: Float32
     mean: Float32
     variance: Float32
@@ -47,14 +47,14 @@ class Comparison:
     denominator: Float32
 
 
-def prepared(view: View) -> Reference:
+def prepared(view: StereoView) -> Reference:
     """`view` with its local means and variances."""
     grey = view.grey_u8.astype(np.float32)
     mean = _window_mean(grey)
     return Reference(view, grey, mean, np.maximum(_window_mean(grey * grey) - mean * mean, 0))
 
 
-def compare(reference: Reference, source: View, inverse_depth: Float32) -> Comparison:
+def compare(reference: Reference, source: StereoView, inverse_depth: Float32) -> Comparison:
     """How a source supports `inverse_depth` (H, W) float32, > 0, of the reference."""
     x, y, dx, dy, seen = _project(reference.view, source, inverse_depth)
     # One pixel along the epipolar line, for the derivative by central difference.
@@ -81,7 +81,7 @@ def compare(reference: Reference, source: View, inverse_depth: Float32) -> Compa
 
 def refined(
     reference: Reference,
-    sources: Sequence[View],
+    sources: Sequence[StereoView],
     inverse_depth: Float32,
     one_pixel: float,
     iterations: int,
@@ -104,7 +104,7 @@ def refined(
 
 
 def _project(
-    reference: View, source: View, inverse_depth: Float32
+    reference: StereoView, source: StereoView, inverse_depth: Float32
 ) -> tuple[Float32, Float32, Float32, Float32, Bool]:
     """OpenCV position in the source, its derivative by inverse depth, and whether the source sees it."""
     rotation = source.rotation @ reference.rotation.T
@@ -127,7 +127,7 @@ def _project(
     return x, y, dx, dy, in_front & inside(x, y, source)
 
 
-def _sample(view: View, x: Float32, y: Float32) -> Float32:
+def _sample(view: StereoView, x: Float32, y: Float32) -> Float32:
     sampled = cv2.remap(view.grey_u8, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
     return np.asarray(sampled, np.float32)
 

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from colmap_ihe.dense.stereo.rectify import PairLeftOutError, rectify
-from colmap_ihe.dense.stereo.views import Camera, Float64
+from colmap_ihe.dense.stereo.views import Float64, StereoCamera
 
 # A shared point counts by the angle between its rays: too narrow is imprecise, too wide looks different.
 ANGLES_DEG = (1.5, 3.0, 20.0, 35.0)
@@ -26,7 +26,7 @@ class Sources:
 
 def choose_sources(
     reference: int,
-    cameras: Mapping[int, Camera],
+    cameras: Mapping[int, StereoCamera],
     points_world: Float64,
     seen_point: npt.NDArray[np.int64],
     seen_by: npt.NDArray[np.int64],

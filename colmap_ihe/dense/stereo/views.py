@@ -23,7 +23,7 @@ Bool: TypeAlias = npt.NDArray[np.bool_]
 
 
 @dataclass(frozen=True)
-class Camera:
+class StereoCamera:
     """A pinhole camera at its place: all that is needed to decide whether two photographs can be matched.
 
     `K` (3, 3) float64 in pixels; `cam_from_world` (3, 4) float64; `size` width and height in pixels.
@@ -48,10 +48,10 @@ class Camera:
         """(3,): the projection centre in the world."""
         return np.asarray(-self.rotation.T @ self.cam_from_world[:, 3])
 
-    def camera_resized(self, size: tuple[int, int]) -> Camera:
+    def camera_resized(self, size: tuple[int, int]) -> StereoCamera:
         """The same camera with its image at another size."""
         scale = np.diag([size[0] / self.size[0], size[1] / self.size[1], 1.0])
-        return Camera(scale @ self.K, self.cam_from_world, size)
+        return StereoCamera(scale @ self.K, self.cam_from_world, size)
 
     def corners(self) -> Float64:
         """(4, 3): the outer corners of the image in homogeneous pixels."""
@@ -60,7 +60,7 @@ class Camera:
 
 
 @dataclass(frozen=True)
-class View(Camera):
+class StereoView(StereoCamera):
     """A photograph with its camera.
 
     `grey_u8` (H, W) uint8; `mask_u8` (H, W) uint8 or None, 0 where nothing may be matched. Raises
@@ -78,7 +78,7 @@ class View(Camera):
         if self.mask_u8 is not None and self.mask_u8.shape != shape:
             raise ValueError(f"{self.mask_u8.shape=}, expected {shape}")
 
-    def resized(self, size: tuple[int, int]) -> View:
+    def resized(self, size: tuple[int, int]) -> StereoView:
         """The same photograph at a smaller size: each pixel is the average over its area."""
         if size == self.size:
             return self
@@ -87,7 +87,7 @@ class View(Camera):
         mask_u8 = None
         if self.mask_u8 is not None:
             mask_u8 = np.asarray(cv2.resize(self.mask_u8, size, interpolation=cv2.INTER_NEAREST), np.uint8)
-        return View(camera.K, camera.cam_from_world, size, grey_u8, mask_u8)
+        return StereoView(camera.K, camera.cam_from_world, size, grey_u8, mask_u8)
 
 
 def cv_homography(homography: Float64) -> Float64:

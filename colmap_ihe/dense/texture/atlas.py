@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from colmap_ihe.dense.texture.mesh import F64, I32, I64, Mesh, components, face_normals
-from colmap_ihe.dense.texture.raster import View
+from colmap_ihe.dense.texture.raster import TextureView
 from colmap_ihe.errors import CapabilityError
 
 _PADDING = 3  # texels between charts
@@ -45,7 +45,7 @@ class Atlas:
     scale: float
 
 
-def cut(mesh: Mesh, labels: I32, views: Sequence[View], pairs: I64) -> Patches:
+def cut(mesh: Mesh, labels: I32, views: Sequence[TextureView], pairs: I64) -> Patches:
     """`labels` (F,) are rows of `views`, and behind them the sides of a box (see `select.box_labels`)."""
     joined = pairs[labels[pairs[:, 0]] == labels[pairs[:, 1]]]
     patch = components(len(mesh.faces), joined)

@@ -17,7 +17,7 @@ _INSIDE = -1e-6  # of barycentric coordinates, so that no pixel falls between tw
 
 
 @dataclass(frozen=True)
-class View:
+class TextureView:
     """A pinhole camera: `calibration` K (3, 3), `cam_from_world` (3, 4), `size` (width, height)."""
 
     calibration: F64

@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 
 from colmap_ihe.dense.texture.mesh import F32, I32, I64, U8, Bool, Mesh, face_normals
-from colmap_ihe.dense.texture.raster import View, depth_picture
+from colmap_ihe.dense.texture.raster import TextureView, depth_picture
 
 UNSEEN = -1
 _KEPT = 6  # views a face may choose from
@@ -45,7 +45,7 @@ class Candidates:
         self.quality[rows, worst[rows]] = quality[rows]
 
 
-def quality_in(mesh: Mesh, view: View, mask: Callable[[], U8 | None] = lambda: None) -> F32:
+def quality_in(mesh: Mesh, view: TextureView, mask: Callable[[], U8 | None] = lambda: None) -> F32:
     """(F,) float32: how well `view` shows each face, zero where it does not: its area on the picture in pixels,
     times the cosine of the angle at which it is seen. `mask()` (H, W) is 0 where the picture is not to be used."""
     pixels, depths = view.project(mesh.vertices)
@@ -69,7 +69,7 @@ def quality_in(mesh: Mesh, view: View, mask: Callable[[], U8 | None] = lambda: N
     return quality
 
 
-def _seen(corners: F32, view: View, nearest: F32) -> Bool:
+def _seen(corners: F32, view: TextureView, nearest: F32) -> Bool:
     """(F,) whether all of each face is on the picture and nothing stands before it.
 
     A sample is hidden where the farthest surface within a pixel is nearer, since depth changes within a pixel; or

@@ -13,7 +13,7 @@ from colmap_ihe.evaluation.demo.colour import coded
 from colmap_ihe.evaluation.demo.dng import write_dng
 from colmap_ihe.evaluation.demo.exif import PhotoExif, jpeg_exif
 from colmap_ihe.evaluation.demo.grid import F32
-from colmap_ihe.evaluation.demo.views import FOCAL_LENGTH_35MM, View
+from colmap_ihe.evaluation.demo.views import FOCAL_LENGTH_35MM, DemoView
 from colmap_ihe.machine.files import write_bytes
 
 BLACK, WHITE = 512, 16383
@@ -28,7 +28,7 @@ _RGB_FROM_XYZ = np.array(
 )
 
 
-def take_photograph(radiance: F32, view: View, shot: int, folder: Path, seed: int) -> None:
+def take_photograph(radiance: F32, view: DemoView, shot: int, folder: Path, seed: int) -> None:
     """Writes `folder/STEM.dng` and `folder/STEM.jpg`, both (H, W) of `radiance`.
 
     `radiance` is (H, W, 3) linear RGB as rendered; the exposure of `view` is applied here.

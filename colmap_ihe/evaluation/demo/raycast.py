@@ -14,7 +14,7 @@ from colmap_ihe.evaluation.demo.grid import F32, Grid
 from colmap_ihe.evaluation.demo.light import irradiance, skylight, sunlight
 from colmap_ihe.evaluation.demo.scene import Patch
 from colmap_ihe.evaluation.demo.shapes import Shape, Vector
-from colmap_ihe.evaluation.demo.views import View
+from colmap_ihe.evaluation.demo.views import DemoView
 
 _LEVELS = 5  # of each texture, each half as fine as the one before
 _BAND_ROWS = 96  # rays are cast in bands of so many rows, which fit the processor's cache
@@ -56,7 +56,7 @@ def bake(scene: Sequence[Patch], texel_m: float, seed: int, executor: Executor) 
     return list(executor.map(surface, scene, grids, suns, skies))
 
 
-def render(surfaces: Sequence[Surface], view: View) -> Rendering:
+def render(surfaces: Sequence[Surface], view: DemoView) -> Rendering:
     """One view; colour from 2 x 2 rays a pixel, depth from one ray through its centre."""
     radiance = np.empty((view.height, view.width, 3), np.float32)
     depth = np.empty((view.height, view.width), np.float32)
@@ -78,7 +78,7 @@ class _Rays:
     `direction` is three (h, w) arrays in the world with camera z = 1, so that t is the depth.
     """
 
-    def __init__(self, view: View, top: int, bottom: int, samples: int) -> None:
+    def __init__(self, view: DemoView, top: int, bottom: int, samples: int) -> None:
         columns = (np.arange(view.width * samples) + 0.5) / samples
         rows = (np.arange(top * samples, bottom * samples) + 0.5) / samples
         x = (columns - view.width / 2)[None, :] / view.focal_px
@@ -171,7 +171,7 @@ def _bilinear(picture: F32, x: F32, y: F32) -> F32:
     return np.asarray(values.reshape(-1, 3)[: x.size], np.float32)
 
 
-def _pixel_bounds(shape: Shape, view: View) -> tuple[int, int, int, int]:
+def _pixel_bounds(shape: Shape, view: DemoView) -> tuple[int, int, int, int]:
     """(left, top, right, bottom): pixels outside certainly do not see the shape."""
     low, high = shape.box
     corners = np.array(

@@ -30,9 +30,9 @@ from colmap_ihe.evaluation.demo.camera import take_photograph
 from colmap_ihe.evaluation.demo.grid import F32
 from colmap_ihe.evaluation.demo.raycast import Surface, bake, render
 from colmap_ihe.evaluation.demo.scene import portico
-from colmap_ihe.evaluation.demo.views import View, arc_of_views
+from colmap_ihe.evaluation.demo.views import DemoView, arc_of_views
 from colmap_ihe.machine.files import write_bytes, write_json
-from colmap_ihe.machine.progress import SILENT, Watch
+from colmap_ihe.machine.progress import SILENT, Progress
 
 _SCENE_VERSION = 1  # raise it whenever the same parameters give other pictures
 _TEXEL_M = 0.0075  # for pictures 1504 wide: about what a pixel sees of the facade
@@ -45,12 +45,12 @@ def render_demo(
     views: int = 14,
     size: tuple[int, int] = (1504, 1000),
     seed: int = 0,
-    watch: Watch = SILENT,
+    progress: Progress = SILENT,
 ) -> None:
     """Writes the demo to `folder`, unless the same demo is there already and complete.
 
     `size` is (width, height) in pixels, both even. Raises ValueError for what cannot be rendered,
-    `DiskFullError` where the disk is full, `Cancelled` when `watch` asks to stop: then what is
+    `DiskFullError` where the disk is full, `Cancelled` when `progress` asks to stop: then what is
     there is incomplete, and the next call renders again.
     """
     if views < 2 or any(n < 16 or n % 2 for n in size):
@@ -60,20 +60,20 @@ def render_demo(
     asked = {"scene": _SCENE_VERSION, "views": views, "size": list(size), "seed": seed}
     cameras_file = folder / "truth" / "cameras.json"
     arc = arc_of_views(views, size)
-    watch.start(views + 1)
+    progress.start(views + 1)
     if _is_complete(folder, asked, arc):
-        watch.advance(views + 1)
+        progress.advance(views + 1)
         return
     cameras_file.unlink(missing_ok=True)
     with ThreadPoolExecutor(min(_THREADS, os.cpu_count() or 1)) as pool:
         surfaces = bake(portico(), _TEXEL_M * 1504 / max(size), seed, pool)
-        watch.advance()
+        progress.advance()
         jobs = [pool.submit(_shoot, surfaces, view, shot, folder, seed) for shot, view in enumerate(arc)]
         try:
             shots = []
             for job in jobs:
                 shots.append(job.result())
-                watch.advance()
+                progress.advance()
         finally:
             pool.shutdown(wait=True, cancel_futures=True)
     bounds = np.stack([box for _, box in shots])
@@ -83,7 +83,7 @@ def render_demo(
 
 
 def _shoot(
-    surfaces: Sequence[Surface], view: View, shot: int, folder: Path, seed: int
+    surfaces: Sequence[Surface], view: DemoView, shot: int, folder: Path, seed: int
 ) -> tuple[dict[str, Any], F32]:
     """Renders and writes one view. Returns its record in cameras.json and the box (2, 3) it sees."""
     rendering = render(surfaces, view)
@@ -107,7 +107,7 @@ def _shoot(
     return record, _visible_box(rendering.depth, view)
 
 
-def _visible_box(depth: F32, view: View) -> F32:
+def _visible_box(depth: F32, view: DemoView) -> F32:
     """(2, 3): least and greatest world coordinates of what the view sees."""
     row, column = np.nonzero(depth)
     z = depth[row, column]
@@ -117,7 +117,7 @@ def _visible_box(depth: F32, view: View) -> F32:
     return np.stack((world.min(axis=0), world.max(axis=0)))
 
 
-def _is_complete(folder: Path, asked: dict[str, Any], arc: Sequence[View]) -> bool:
+def _is_complete(folder: Path, asked: dict[str, Any], arc: Sequence[DemoView]) -> bool:
     """cameras.json is written last: if it is there and of the same demo, at most files were deleted."""
     try:
         found = json.loads((folder / "truth" / "cameras.json").read_text())["render"]

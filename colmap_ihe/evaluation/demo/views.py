@@ -17,7 +17,7 @@ _NOMINAL_S = 1 / 125
 
 
 @dataclass(frozen=True)
-class View:
+class DemoView:
     """One photograph: a pinhole camera without distortion, principal point in the middle.
 
     Pixels as in COLMAP: the centre of the top left pixel is (0.5, 0.5). `cam_from_world` is
@@ -47,7 +47,7 @@ class View:
         return float(self.exposure_time_s) / _NOMINAL_S
 
 
-def arc_of_views(count: int, size: tuple[int, int]) -> list[View]:
+def arc_of_views(count: int, size: tuple[int, int]) -> list[DemoView]:
     """`count` views on an arc before the portico, at changing heights, the middle ones from nearer.
 
     From one to the next the camera moves mostly sideways, by a tenth of the distance in 14 views.
@@ -63,7 +63,7 @@ def arc_of_views(count: int, size: tuple[int, int]) -> list[View]:
         centre = np.array((distance * math.sin(angle), 1.2 - distance * math.cos(angle), eye_height))
         target = np.array((0.22 * centre[0], 1.2, 3.75 + 0.15 * math.sin(11 * place)))
         views.append(
-            View(
+            DemoView(
                 stem=f"portico_{k + 1:02d}",
                 width=width,
                 height=height,

@@ -17,7 +17,7 @@ from colmap_ihe.errors import CapabilityError, ClusterError, OptionError
 from colmap_ihe.machine.cluster.lease import end_lease, end_old_leases, has_leases, new_lease
 from colmap_ihe.machine.cluster.task import Terms, check_terms, environment
 from colmap_ihe.machine.executor import local_executor
-from colmap_ihe.machine.progress import SILENT, Audience, Watch
+from colmap_ihe.machine.progress import SILENT, Progress, RunProgress
 
 if TYPE_CHECKING:
     from distributed import Client
@@ -32,7 +32,7 @@ _POLL_SECONDS = 0.2
 
 @contextmanager
 def workers_for(
-    options: ClusterOptions, project: Project, needs: Sequence[Path], audience: Audience
+    options: ClusterOptions, project: Project, needs: Sequence[Path], progress: RunProgress
 ) -> Iterator[Executor]:
     """The executor for per-image work: threads here, or the workers of the cluster that `options` names.
 
@@ -41,18 +41,18 @@ def workers_for(
     """
     if options.address is None:
         if has_leases(project.records):
-            with audience.stage("cluster") as watch:
-                end_old_leases(project.records, watch)
+            with progress.stage("cluster") as stage_progress:
+                end_old_leases(project.records, stage_progress)
         with local_executor() as threads:
             yield threads
         return
-    with connected(options, project.records, (project.root, *needs), audience) as executor:
+    with connected(options, project.records, (project.root, *needs), progress) as executor:
         yield executor
 
 
 @contextmanager
 def connected(
-    options: ClusterOptions, records: Path, needs: Sequence[Path], audience: Audience
+    options: ClusterOptions, records: Path, needs: Sequence[Path], progress: RunProgress
 ) -> Iterator[ClusterExecutor]:
     """An executor over a cluster. `records`: a folder that all workers see, for its lease and log. When it is left,
     no task runs any more. Raises as `workers_for`."""
@@ -67,9 +67,9 @@ def connected(
         ) from error
     logging.getLogger("distributed").setLevel(logging.CRITICAL)  # what matters of it we say ourselves
     with ExitStack() as stack:
-        with audience.stage("cluster") as watch:
+        with progress.stage("cluster") as stage_progress:
             records.mkdir(parents=True, exist_ok=True)
-            end_old_leases(records, watch)
+            end_old_leases(records, stage_progress)
             if count:
                 address = stack.enter_context(workers.local_workers(count, records / "workers.log"))
             lease = new_lease(records)
@@ -77,14 +77,14 @@ def connected(
             terms = Terms(lease, tuple(needs), environment())
             connect = partial(_client, address, min(_CONNECT_SECONDS, options.patience))
             try:
-                executor = ClusterExecutor(connect, terms, options.patience, audience.warn)
+                executor = ClusterExecutor(connect, terms, options.patience, progress.warn)
             except (OSError, ValueError, ImportError) as error:
                 raise ClusterError(
                     f"{options.address}: no scheduler answers there ({_first_line(error)})",
                     hint="start one with `dask scheduler`; see docs/cluster.md",
                 ) from error
             stack.callback(executor.shutdown, cancel_futures=True)
-            _await_workers(executor, count or 1, options, watch)
+            _await_workers(executor, count or 1, options, stage_progress)
             _check_workers(executor.client, terms)
         yield executor
 
@@ -113,20 +113,22 @@ def _client(address: str, timeout: float) -> Client:
         return Client(**where, timeout=timeout, set_as_default=False, name="colmap-ihe")
 
 
-def _await_workers(executor: ClusterExecutor, count: int, options: ClusterOptions, watch: Watch) -> None:
+def _await_workers(
+    executor: ClusterExecutor, count: int, options: ClusterOptions, progress: Progress
+) -> None:
     """Until `count` workers are there, or one and patience is at its end."""
-    watch.start(count, "workers")
+    progress.start(count, "workers")
     end, seen = time.monotonic() + options.patience, 0
     while seen < count:
         there = min(count, len(executor.client.nthreads()))
-        watch.advance(max(0, there - seen))
+        progress.advance(max(0, there - seen))
         seen = max(seen, there)
         if seen < count and time.monotonic() > end:
             raise ClusterError(
                 f"{options.address}: {seen} workers came within {options.patience:.0f} s, wanted {count}",
                 hint="start workers with `dask worker ADDRESS`, or give them longer with cluster.patience",
             )
-        watch.check()
+        progress.check()
         time.sleep(_POLL_SECONDS)
 
 

@@ -16,7 +16,7 @@ from pathlib import Path
 
 from colmap_ihe.errors import Cancelled, ClusterError
 from colmap_ihe.machine.files import write_bytes
-from colmap_ihe.machine.progress import Watch
+from colmap_ihe.machine.progress import Progress
 
 _PATTERN = "cluster-*.lease"
 _RUNNING, _OVER = b"running", b"is over"  # of one length: written in place, for the lock is on the file
@@ -33,7 +33,7 @@ def new_lease(records: Path) -> Path:
     return path
 
 
-def end_lease(path: Path, watch: Watch, seconds: float = END_SECONDS) -> None:
+def end_lease(path: Path, progress: Progress, seconds: float = END_SECONDS) -> None:
     """Says that the run is over, waits for its tasks and removes the lease. Raises `ClusterError` if one does not
     end, `Cancelled`; the lease then stays for the next run to wait for."""
     with path.open("r+b") as handle:
@@ -46,7 +46,7 @@ def end_lease(path: Path, watch: Watch, seconds: float = END_SECONDS) -> None:
                 fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
                 break
             except BlockingIOError:
-                watch.check()
+                progress.check()
             if time.monotonic() > end:
                 raise ClusterError(
                     f"{path}: a worker still works on what nobody wants any more",
@@ -61,10 +61,10 @@ def has_leases(records: Path) -> bool:
     return any(records.glob(_PATTERN))
 
 
-def end_old_leases(records: Path, watch: Watch) -> None:
+def end_old_leases(records: Path, progress: Progress) -> None:
     """Ends what runs have left that were killed. Raises as `end_lease`."""
     for path in sorted(records.glob(_PATTERN)):
-        end_lease(path, watch)
+        end_lease(path, progress)
 
 
 class Over:

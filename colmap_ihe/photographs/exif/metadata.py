@@ -52,7 +52,7 @@ from colmap_ihe.photographs.exif.blocks import (
     with_size,
 )
 from colmap_ihe.photographs.icc_profile import name_of_profile
-from colmap_ihe.photographs.raw.develop import Noted, noted_by_libraw, preview_of
+from colmap_ihe.photographs.raw.develop import DevelopmentLog, noted_by_libraw, preview_of
 
 _UNREADABLE = (PhotographError, UnidentifiedImageError, Image.DecompressionBombError, *UNREADABLE)
 # Of the shot, where makers write it into the first directory, as TIFF/EP allows.
@@ -252,7 +252,7 @@ def _raw_block(found: Directories) -> bytes:
     return put_together(photographic(found.image), shot, found.gps)
 
 
-def _with_noted(metadata: Metadata, noted: Noted) -> Metadata:
+def _with_noted(metadata: Metadata, noted: DevelopmentLog) -> Metadata:
     """With what LibRaw found, where the photograph's EXIF does not say it."""
     lengths = {
         EXPOSURE_TIME: noted.exposure_s,

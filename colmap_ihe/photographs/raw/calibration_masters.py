@@ -14,7 +14,7 @@ from colmap_ihe.errors import PhotographError
 from colmap_ihe.machine.executor import in_order
 from colmap_ihe.machine.files import digest_file, fingerprint_of, leads_out, write_array
 from colmap_ihe.machine.libraries import library_versions
-from colmap_ihe.machine.progress import Watch
+from colmap_ihe.machine.progress import Progress
 from colmap_ihe.photographs.discover import RAW_SUFFIXES
 from colmap_ihe.photographs.exif.metadata import read_metadata
 from colmap_ihe.photographs.raw.calibration import (
@@ -45,7 +45,7 @@ def masters_of(
     folder: Path,
     store: Path,
     executor: Executor,
-    watch: Watch,
+    progress: Progress,
     strict: bool,
     say: Callable[[str], None],
 ) -> list[Master]:
@@ -55,7 +55,7 @@ def masters_of(
         files = [
             p for p in sorted((folder / kind).rglob("*")) if p.suffix.lower() in RAW_SUFFIXES and p.is_file()
         ]
-        watch.start(len(files), f"frames in {folder.name}/{kind}")
+        progress.start(len(files), f"frames in {folder.name}/{kind}")
         shots = []
         for file in files:
             try:
@@ -70,7 +70,7 @@ def masters_of(
             names = list(group)
             while names:
                 try:
-                    masters.append(_master(kind, shot, names, masters, store, executor, watch))
+                    masters.append(_master(kind, shot, names, masters, store, executor, progress))
                     break
                 except _BrokenFrame as broken:  # the others begin again: what is kept is named after them
                     if strict:
@@ -102,7 +102,7 @@ def _master(
     before: Sequence[Master],
     store: Path,
     executor: Executor,
-    watch: Watch,
+    progress: Progress,
 ) -> Master:
     dark_of_flat = Recipe()
     if kind == "flats":
@@ -118,7 +118,7 @@ def _master(
             except PhotographError as error:
                 raise _BrokenFrame(name, error) from error
 
-        mean, like = mean_of(_watched(in_order(executor, read, names), watch))
+        mean, like = mean_of(_watched(in_order(executor, read, names), progress))
         pixels: NDArray[np.intp] = np.empty((0, 2), np.intp)
         if kind == "flats":
             mean, pixels = flat_gain(mean, like, frames_of(dark_of_flat).dark)
@@ -127,21 +127,21 @@ def _master(
         write_array(bad, pixels)
         write_array(file, mean)
     else:
-        watch.advance(len(names))
+        progress.advance(len(names))
     return Master(kind, shot, len(names), str(file), str(bad))
 
 
-def _watched(mosaics: Iterable[Mosaic], watch: Watch) -> Iterator[Mosaic]:
+def _watched(mosaics: Iterable[Mosaic], progress: Progress) -> Iterator[Mosaic]:
     for mosaic in mosaics:
-        watch.advance()
+        progress.advance()
         yield mosaic
 
 
-def found_over_the_set(
+def bad_pixels_of_set(
     surveyed: Sequence[Surveyed],
     store: Path,
     executor: Executor,
-    watch: Watch,
+    progress: Progress,
     told: dict[str, list[str]],
 ) -> dict[tuple[str, ...], str]:
     """By camera, the file of the pixels that stand out in nearly all of its photographs."""
@@ -158,13 +158,13 @@ def found_over_the_set(
             told[f"{len(paths)} photographs of one camera are too few to find its bad pixels in"].append("")
             continue
         some = paths[:: -(-len(paths) // _LOOKED_AT)]
-        watch.start(len(some), "images, for bad pixels")
+        progress.start(len(some), "images, for bad pixels")
         candidates = []
-        for pixels in in_order(executor, bad_pixel_candidates, some, watch=watch):
+        for pixels in in_order(executor, bad_pixel_candidates, some, progress=progress):
             candidates.append(pixels)
-            watch.advance()
+            progress.advance()
         places, counts = np.unique(np.concatenate(candidates), axis=0, return_counts=True)
-        found[camera] = kept(store, places[counts >= _CONFIRMED * len(some)])
+        found[camera] = save_bad_pixels(store, places[counts >= _CONFIRMED * len(some)])
     return found
 
 
@@ -173,7 +173,7 @@ def camera_of(one: Surveyed) -> tuple[str, ...]:
     return (said.make, said.model, said.serial, str(one.width), str(one.height))
 
 
-def kept(store: Path, pixels: NDArray[np.intp]) -> str:
+def save_bad_pixels(store: Path, pixels: NDArray[np.intp]) -> str:
     """The file of these bad pixels, named after them."""
     file = store / f"bad-{fingerprint_of(pixels.tolist())}.npy"
     if not file.exists():
@@ -181,8 +181,8 @@ def kept(store: Path, pixels: NDArray[np.intp]) -> str:
     return str(file)
 
 
-def united(files: Sequence[str], store: Path) -> str:
+def union_of(files: Sequence[str], store: Path) -> str:
     """The file of all pixels in `files`, empty if there are none."""
     lists = [np.load(f, allow_pickle=False) for f in sorted({f for f in files if f})]
     lists = [pixels for pixels in lists if len(pixels)]
-    return kept(store, np.unique(np.concatenate(lists), axis=0)) if lists else ""
+    return save_bad_pixels(store, np.unique(np.concatenate(lists), axis=0)) if lists else ""

@@ -128,7 +128,7 @@ def frames_of(recipe: Recipe) -> Frames:
 
 
 @dataclass(frozen=True)
-class Noted:
+class DevelopmentLog:
     """What LibRaw knows of a shot, whatever its maker's format: millimetres, seconds; 0 or empty if nothing."""
 
     focal_mm: float = 0.0
@@ -139,13 +139,13 @@ class Noted:
     lens_make: str = ""
 
 
-def noted_by_libraw(path: Path) -> Noted:
+def noted_by_libraw(path: Path) -> DevelopmentLog:
     """Raises `PhotographError` if LibRaw refuses the file."""
     with _opened(path) as raw:
         if not hasattr(raw, "other"):  # rawpy before 0.26
-            return Noted()
+            return DevelopmentLog()
         shot, lens = raw.other, raw.lens
-        return Noted(
+        return DevelopmentLog(
             shot.focal_length, shot.shutter_speed, shot.aperture, shot.iso_speed, lens.model, lens.make
         )
 

@@ -6,9 +6,9 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from colmap_ihe.colmap.checks.camera_motion import Motion, motions_of
-from colmap_ihe.colmap.checks.plausibility import FLAT, Shape, Taken, cameras_of, shape_of
+from colmap_ihe.colmap.checks.plausibility import FLAT, Shape, SolvedCamera, cameras_of, shape_of
 from colmap_ihe.colmap.checks.repeated_structure import Conflicts, conflicts_of
-from colmap_ihe.colmap.mapping import Model
+from colmap_ihe.colmap.mapping import ModelStatistics
 from colmap_ihe.colmap.measures import putative_and_inliers
 
 FOCAL_FACTOR = 1.15
@@ -85,7 +85,7 @@ def match_warnings(found_again: float) -> list[str]:
 
 
 def model_warnings(
-    models: Sequence[Model],
+    models: Sequence[ModelStatistics],
     folder: Path,
     database: Path,
     by_grey: Mapping[str, str],
@@ -104,7 +104,7 @@ def model_warnings(
     ]
 
 
-def _split(models: Sequence[Model], by_grey: Mapping[str, str]) -> list[str]:
+def _split(models: Sequence[ModelStatistics], by_grey: Mapping[str, str]) -> list[str]:
     if len(models) == 1:
         return []
     placed = set(models[0].image_names)
@@ -121,7 +121,7 @@ def _split(models: Sequence[Model], by_grey: Mapping[str, str]) -> list[str]:
 
 
 def _without_a_place(
-    models: Sequence[Model], database: Path, by_grey: Mapping[str, str], missing: Sequence[str]
+    models: Sequence[ModelStatistics], database: Path, by_grey: Mapping[str, str], missing: Sequence[str]
 ) -> list[str]:
     elsewhere = {by_grey[n] for model in models[1:] for n in model.image_names}
     lost = [name for name in missing if name not in elsewhere]
@@ -174,7 +174,7 @@ def fold_warnings(found: Conflicts, by_grey: Mapping[str, str]) -> list[str]:
     return []
 
 
-def camera_warnings(cameras: Sequence[Taken], by_grey: Mapping[str, str]) -> list[str]:
+def camera_warnings(cameras: Sequence[SolvedCamera], by_grey: Mapping[str, str]) -> list[str]:
     """Where a model has cameras that cannot be, or others than the photographs say."""
     warnings = []
     for camera in cameras:
@@ -196,12 +196,12 @@ def camera_warnings(cameras: Sequence[Taken], by_grey: Mapping[str, str]) -> lis
     return warnings
 
 
-def _hold(camera: Taken) -> str:
+def _hold(camera: SolvedCamera) -> str:
     held = "hold the focal length by `--set sparse.colmap.ba_refine_focal_length=false`"
     return held if camera.prior else f"give the focal length (docs/options.md) and {held}"
 
 
-def flat_warnings(shape: Shape, cameras: Sequence[Taken]) -> list[str]:
+def flat_warnings(shape: Shape, cameras: Sequence[SolvedCamera]) -> list[str]:
     if shape.thickness >= FLAT or shape.turned >= TURNED_TO:
         return []
     unknown = next((camera for camera in cameras if not camera.prior), cameras[0])

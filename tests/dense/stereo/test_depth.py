@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from planes import Plane, camera, plane, render, sparse_points
 
 from colmap_ihe.dense.stereo.depth import DepthResult, StereoOptions, depth_and_normals
-from colmap_ihe.dense.stereo.views import Camera, Float64, View
+from colmap_ihe.dense.stereo.views import Float64, StereoCamera, StereoView
 from colmap_ihe.errors import Cancelled
 
 SLANTED = plane(4.0, 0.3, -0.2, (4.0, 4.0), seed=1)
@@ -18,7 +18,7 @@ REFERENCE = camera([0, 0, 0])
 
 
 def _reconstructed(
-    reference: Camera, sources: list[Camera], planes: list[Plane]
+    reference: StereoCamera, sources: list[StereoCamera], planes: list[Plane]
 ) -> tuple[DepthResult, Float64]:
     view, truth = render(reference, planes)
     views = [render(source, planes)[0] for source in sources]
@@ -47,7 +47,7 @@ def _coverage(result: DepthResult) -> float:
         pytest.param(camera([0.4, 0, -0.3], focal=300), (0.8, 1.0), id="another focal length"),
     ],
 )
-def test_one_source(source: Camera, coverage: tuple[float, float]) -> None:
+def test_one_source(source: StereoCamera, coverage: tuple[float, float]) -> None:
     result, truth = _reconstructed(REFERENCE, [source], [SLANTED])
     errors = _errors(result, truth)
     assert result.pairs_used == (0,)
@@ -130,7 +130,7 @@ def test_masked_pixels_get_no_depth() -> None:
     mask_u8[:, 250:] = 0
     view, truth = render(REFERENCE, [SLANTED])
     source, _ = render(camera([-0.4, 0, 0]), [SLANTED])
-    masked = View(view.K, view.cam_from_world, view.size, view.grey_u8, mask_u8)
+    masked = StereoView(view.K, view.cam_from_world, view.size, view.grey_u8, mask_u8)
     points = sparse_points(REFERENCE, truth)
     depth = depth_and_normals(masked, [source], points).depth
     assert not depth[:, 250:].any()

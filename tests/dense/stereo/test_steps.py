@@ -12,14 +12,14 @@ from colmap_ihe.dense.stereo.normals import normals_from_inverse_depth
 from colmap_ihe.dense.stereo.rectify import PairLeftOutError, rectify
 from colmap_ihe.dense.stereo.refine import prepared, refined
 from colmap_ihe.dense.stereo.sources import choose_sources
-from colmap_ihe.dense.stereo.views import Camera, Float32, Float64, View, sizes_coarse_to_fine
+from colmap_ihe.dense.stereo.views import Float32, Float64, StereoCamera, StereoView, sizes_coarse_to_fine
 
 SLANTED = plane(4.0, 0.3, -0.2, (4.0, 4.0), seed=1)
 REFERENCE = camera([0, 0, 0])
 POINTS = np.random.default_rng(5).uniform([-1, -0.8, 3.5], [1, 0.8, 5.0], (60, 3))
 
 
-def _pixels(points: Float64, seen_by: Camera) -> Float64:
+def _pixels(points: Float64, seen_by: StereoCamera) -> Float64:
     homogeneous = (points @ seen_by.rotation.T + seen_by.cam_from_world[:, 3]) @ seen_by.K.T
     return np.asarray(homogeneous / homogeneous[:, 2:])
 
@@ -28,7 +28,7 @@ def _pixels(points: Float64, seen_by: Camera) -> Float64:
     "source",
     [camera([0.5, 0, 0]), camera([-0.1, 0.6, 0.2], roll_deg=90), camera([1.2, 0.1, 0], yaw_deg=-15)],
 )
-def test_a_point_lies_on_one_row_and_its_disparity_gives_its_depth(source: Camera) -> None:
+def test_a_point_lies_on_one_row_and_its_disparity_gives_its_depth(source: StereoCamera) -> None:
     pair = rectify(REFERENCE, source, POINTS)
     in_reference = _pixels(POINTS, REFERENCE) @ pair.from_reference.T
     in_source = _pixels(POINTS, source) @ pair.from_source.T
@@ -63,7 +63,7 @@ def test_nothing_of_the_reference_is_cropped() -> None:
         (camera([9.0, 0, 0]), "overlap in less than"),
     ],
 )
-def test_pairs_are_left_out_by_rule(source: Camera, reason: str) -> None:
+def test_pairs_are_left_out_by_rule(source: StereoCamera, reason: str) -> None:
     with pytest.raises(PairLeftOutError, match=reason):
         rectify(REFERENCE, source, POINTS)
 
@@ -159,7 +159,7 @@ def test_sizes_double() -> None:
 
 def test_a_view_must_fit_its_camera() -> None:
     with pytest.raises(ValueError, match=r"expected \(300, 400\) uint8"):
-        View(REFERENCE.K, REFERENCE.cam_from_world, (400, 300), np.zeros((400, 300), np.uint8))
+        StereoView(REFERENCE.K, REFERENCE.cam_from_world, (400, 300), np.zeros((400, 300), np.uint8))
 
 
 def test_a_smaller_view_sees_the_same() -> None:
@@ -188,7 +188,7 @@ def test_matching_leaves_out_what_the_source_does_not_see() -> None:
     assert np.median(errors) < 0.01
     mask_u8 = np.full((300, 400), 255, np.uint8)
     mask_u8[:, 200:] = 0
-    masked = View(source.K, source.cam_from_world, source.size, source.grey_u8, mask_u8)
+    masked = StereoView(source.K, source.cam_from_world, source.size, source.grey_u8, mask_u8)
     found = match_whole_range(rectify(REFERENCE, source, points), view, masked)
     assert (found[in_source > 205] > 0).mean() < 0.02
     assert (found[(in_source > 20) & (in_source < 150)] > 0).mean() > 0.7

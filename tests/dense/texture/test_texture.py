@@ -11,7 +11,7 @@ from colmap_ihe.dense.texture.atlas import cut, pack
 from colmap_ihe.dense.texture.bake import bake, corner_colours, corner_labels, texels_of
 from colmap_ihe.dense.texture.level import seam_offsets
 from colmap_ihe.dense.texture.mesh import U8, Mesh, components, face_normals, neighbours, without_small_parts
-from colmap_ihe.dense.texture.raster import View, covered, depth_picture
+from colmap_ihe.dense.texture.raster import TextureView, covered, depth_picture
 from colmap_ihe.dense.texture.select import UNSEEN, Candidates, box_labels, choose, quality_in
 
 pytest.importorskip("xatlas", reason="needs the extra `mesh`")
@@ -44,13 +44,13 @@ def joined(*meshes: Mesh) -> Mesh:
     )
 
 
-def camera(x: float = 0.0, y: float = 0.0, z: float = -4.0, focal: float = 300.0) -> View:
+def camera(x: float = 0.0, y: float = 0.0, z: float = -4.0, focal: float = 300.0) -> TextureView:
     """Looks along +z; 4 before the square, which then is 150 pixels wide."""
     K = np.array([[focal, 0, SIZE[0] / 2], [0, focal, SIZE[1] / 2], [0, 0, 1]])
-    return View(K, np.column_stack((np.eye(3), [-x, -y, -z])), SIZE)
+    return TextureView(K, np.column_stack((np.eye(3), [-x, -y, -z])), SIZE)
 
 
-def picture(view: View, colour: object, z: float = 0.0) -> U8:
+def picture(view: TextureView, colour: object, z: float = 0.0) -> U8:
     """What `view` sees of a plane at `z` with `colour(x, y)`, (N, 3) of (N,) twice."""
     column, row = np.meshgrid(np.arange(SIZE[0]) + 0.5, np.arange(SIZE[1]) + 0.5)
     centre = view.centre
@@ -66,7 +66,7 @@ def ramp(x: Any, y: Any) -> Any:
     return np.stack((120 + 60 * x, 120 + 60 * y, 120 + 30 * x - 30 * y), axis=1)
 
 
-def labelled(mesh: Mesh, views: list[View]) -> tuple[Any, Any]:
+def labelled(mesh: Mesh, views: list[TextureView]) -> tuple[Any, Any]:
     candidates = Candidates.none(len(mesh.faces))
     for number, view in enumerate(views):
         candidates.add(number, quality_in(mesh, view))
@@ -74,7 +74,7 @@ def labelled(mesh: Mesh, views: list[View]) -> tuple[Any, Any]:
     return choose(candidates, pairs), pairs
 
 
-def textured(mesh: Mesh, views: list[View], pictures: list[U8], *, level: bool = True) -> Any:
+def textured(mesh: Mesh, views: list[TextureView], pictures: list[U8], *, level: bool = True) -> Any:
     """(F, 3): the texture at the centre of each face."""
     chosen, pairs = labelled(mesh, views)
     labels = box_labels(mesh, chosen, len(views))

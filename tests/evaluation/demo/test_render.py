@@ -228,7 +228,7 @@ def test_a_cancelled_demo_is_incomplete_and_says_so(tmp_path: Path) -> None:
             raise Cancelled
 
     with pytest.raises(Cancelled):
-        render_demo(tmp_path, views=3, size=(96, 64), watch=Impatient())
+        render_demo(tmp_path, views=3, size=(96, 64), progress=Impatient())
     assert not (tmp_path / "truth" / "cameras.json").exists()
     assert not [p for p in tmp_path.rglob(".*") if p.is_file()]
     render_demo(tmp_path, views=3, size=(96, 64))

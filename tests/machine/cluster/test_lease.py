@@ -49,10 +49,10 @@ def test_a_task_that_comes_late_does_nothing(tmp_path: Path) -> None:
 
 
 def test_who_waits_may_be_stopped(tmp_path: Path) -> None:
-    watch = Silent()
+    progress = Silent()
     lease = new_lease(tmp_path)
     with held(lease):
-        watch.cancelled = True
+        progress.cancelled = True
         with pytest.raises(Cancelled):
-            end_lease(lease, watch)
+            end_lease(lease, progress)
     assert has_leases(tmp_path)

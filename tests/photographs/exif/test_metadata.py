@@ -19,7 +19,7 @@ from colmap_ihe.photographs.coded import stored_size
 from colmap_ihe.photographs.encode import SUFFIXES, Format, encode_image
 from colmap_ihe.photographs.exif import metadata as captures_metadata
 from colmap_ihe.photographs.exif.metadata import Metadata, read_metadata, read_metadata_here, sized
-from colmap_ihe.photographs.raw.develop import Noted, noted_by_libraw
+from colmap_ihe.photographs.raw.develop import DevelopmentLog, noted_by_libraw
 
 FORMATS: tuple[Format, ...] = get_args(Format)
 SIZE = (96, 64)
@@ -207,7 +207,7 @@ def test_exif_of_a_preview_counts_where_the_raw_file_holds_none(
 def test_what_libraw_knows_fills_in_a_raw_file_without_exif(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    noted = Noted(
+    noted = DevelopmentLog(
         focal_mm=35.0, exposure_s=0.004, f_number=5.6, iso=200.0, lens="Rokkor 35", lens_make="Minolta"
     )
     (tmp_path / "a.mrw").write_bytes(b"\0MRM" + bytes(100))
@@ -216,7 +216,7 @@ def test_what_libraw_knows_fills_in_a_raw_file_without_exif(
     found = read_metadata_here(tmp_path / "a.mrw", "raw")
     assert (found.focal_mm, found.exposure_s, found.f_number, found.iso) == (35, 0.004, 5.6, 200)
     assert (found.lens, found.problem) == ("Rokkor 35", "")
-    monkeypatch.setattr(captures_metadata, "noted_by_libraw", lambda _: Noted())
+    monkeypatch.setattr(captures_metadata, "noted_by_libraw", lambda _: DevelopmentLog())
     assert read_metadata_here(tmp_path / "a.mrw", "raw").problem == "no EXIF found"
 
 

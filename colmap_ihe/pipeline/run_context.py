@@ -10,7 +10,7 @@ from typing import Any
 
 from colmap_ihe.photographs.discover import Capture, Discovery
 from colmap_ihe.photographs.survey import Surveyed
-from colmap_ihe.pipeline.resource_needs import Demand
+from colmap_ihe.pipeline.resource_needs import StageNeeds
 from colmap_ihe.project.folder import Project
 from colmap_ihe.project.options import Options
 from colmap_ihe.project.recipe import recipe_from_dict
@@ -19,7 +19,7 @@ Record = dict[str, Any]
 
 
 @dataclass
-class Run:
+class RunContext:
     """One run over a project: what it was given, and what its stages have found so far.
 
     `records` holds the records of the stages before this one; `resumed` is True if this stage was begun
@@ -37,7 +37,7 @@ class Run:
     surveyed: list[Surveyed] = field(default_factory=list)
     developed: Path | None = None
     digests: Mapping[str, Sequence[Any]] = field(default_factory=dict)
-    demands: Mapping[str, Demand] = field(default_factory=dict)
+    demands: Mapping[str, StageNeeds] = field(default_factory=dict)
     inputs: Mapping[str, Mapping[str, Mapping[str, str]]] = field(default_factory=dict)
 
     @property
@@ -70,7 +70,7 @@ class Run:
         """The capture, kept developed if those of this run are."""
         if self.developed is None or capture.kind != "raw":
             return capture
-        return replace(capture, recipe=replace(capture.recipe, kept_in=str(self.developed)))
+        return replace(capture, recipe=replace(capture.recipe, cache_folder=str(self.developed)))
 
     def grey_names(self) -> list[str]:
         return sorted(self.records["convert"]["grey"].values())
