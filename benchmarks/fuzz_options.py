@@ -21,8 +21,8 @@ from colmap_ihe.fit.histogram_file import StoredCounts, digest_of, read_stored
 from colmap_ihe.fit.weights_file import read_weights
 from colmap_ihe.grey.histogram import Histogram
 from colmap_ihe.photographs.raw.calibration import read_bad_pixels
-from colmap_ihe.pipeline import preflight
 from colmap_ihe.pipeline.repeat import differences_from, read_run
+from colmap_ihe.pipeline.stages import STAGES
 from colmap_ihe.project.folder import Project
 from colmap_ihe.project.options import Options
 from colmap_ihe.project.options_file import load_options
@@ -53,7 +53,8 @@ def _options(data: bytes, folder: Path) -> object:
     options = load_options(folder / "project.yaml", ["dense.max_image_size=800"])
     json.dumps(options.as_yaml()).encode()
     yaml.safe_dump(options.as_yaml()).encode()
-    preflight.check_options(options, 5)
+    for stage in STAGES:
+        stage.check(options, 5)
     return options
 
 

@@ -21,9 +21,10 @@ from colmap_ihe.photographs.discover import Capture, discover
 from colmap_ihe.pipeline import outputs
 from colmap_ihe.pipeline.input_digests import digests_of
 from colmap_ihe.pipeline.output_folder import RECORD, Ledger
+from colmap_ihe.pipeline.records import read_record
 from colmap_ihe.pipeline.run_context import RunContext
-from colmap_ihe.pipeline.stage_list import STAGE_NAMES
-from colmap_ihe.pipeline.stages import fit_of
+from colmap_ihe.pipeline.stages import STAGE_NAMES, STAGES
+from colmap_ihe.pipeline.stages.fit import fit_of
 from colmap_ihe.project.folder import Project
 from colmap_ihe.project.options import Options
 from colmap_ihe.report.contents import Contents, PhotographEntry
@@ -87,10 +88,11 @@ def _record(data: bytes, folder: Path) -> object:
     found: dict[str, dict[str, Any]] = {}
     for name, sound in records().items():
         place.record_file(name).write_bytes(data if name == spoilt else json.dumps(sound).encode())
-        record = place.read_record(name)
+        record = read_record(place, name)
         if record is None:
             break
-        for gone in outputs.missing(name, place, record):
+        stage = STAGES[STAGE_NAMES.index(name)]
+        for gone in outputs.missing(stage, place, record):
             assert gone.is_relative_to(folder) and ".." not in gone.parts, f"{gone} lies elsewhere"
         found[name] = record
     if "captures" not in found:

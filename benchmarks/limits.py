@@ -33,8 +33,10 @@ from colmap_ihe.commandline.bars import print_table
 from colmap_ihe.evaluation.demo.render import render_demo
 from colmap_ihe.machine import memory
 from colmap_ihe.machine.executor import local_workers
-from colmap_ihe.pipeline import outputs
-from colmap_ihe.pipeline.resource_needs import PhotoSetSize, needs_of
+from colmap_ihe.pipeline.estimates import needs_of
+from colmap_ihe.pipeline.records import read_record
+from colmap_ihe.pipeline.resource_check import bytes_on_disk
+from colmap_ihe.pipeline.resource_needs import PhotoSetSize
 from colmap_ihe.project.folder import Project
 from colmap_ihe.project.options import Options
 
@@ -171,11 +173,11 @@ def disk(folders: Sequence[Path]) -> None:
 
 def compared(project: Path, seen: Seen) -> Iterator[tuple[str, ...]]:
     place = Project(project, project / "images")
-    record = place.read_record("captures") or {}
+    record = read_record(place, "captures") or {}
     one = (memory.RAW_BYTES if record["raw"] else memory.JPEG_BYTES) * record["largest"]
     names = ("images", "pixels", "largest", "raw", "with_gps")
     found = needs_of(Options(), PhotoSetSize(**{name: record[name] for name in names}, one_bytes=one))
-    left = {demand.stage: outputs.bytes_of(demand.stage, place) for demand in found}
+    left = bytes_on_disk(place)
     for demand in found:
         name = "before and after" if demand.stage == "page" else demand.stage
         wanted = max(demand.memory_bytes(local_workers()), demand.base_bytes + demand.more_bytes)
@@ -241,6 +243,7 @@ from colmap_ihe.colmap.matching import forget_matches
 from colmap_ihe.colmap.native import pycolmap
 from colmap_ihe.project.options import MatchesOptions
 from colmap_ihe.machine.progress import SILENT
+from colmap_ihe.pipeline.records import read_record
 
 def held(name):
     return next(int(line.split()[1]) / 1e3 for line in open("/proc/self/status") if line.startswith(name))

@@ -21,7 +21,7 @@ from pathlib import Path
 from typing import Any
 
 from colmap_ihe.commandline.bars import print_table
-from colmap_ihe.pipeline.stage_list import STAGE_NAMES
+from colmap_ihe.pipeline.stages import STAGE_NAMES
 from colmap_ihe.project.folder import Project
 
 SCEAUX = Path(__file__).resolve().parents[2] / "shared" / "data" / "sceaux"

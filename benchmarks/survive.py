@@ -36,7 +36,7 @@ from colmap_ihe.colmap.native import pycolmap
 from colmap_ihe.commandline.bars import print_table
 from colmap_ihe.evaluation.demo.render import render_demo
 from colmap_ihe.evaluation.truth import Truth, pose_errors, read_truth
-from colmap_ihe.pipeline.stage_list import STAGE_NAMES
+from colmap_ihe.pipeline.stages import STAGE_NAMES
 
 QUICK = (
     "fit.step=0.1",

@@ -18,7 +18,9 @@ from colmap_ihe.machine.progress import SILENT
 from colmap_ihe.photographs.discover import Capture, discover
 from colmap_ihe.photographs.preview import small_picture
 from colmap_ihe.photographs.survey import Surveyed, survey
-from colmap_ihe.pipeline.resource_needs import PhotoSetSize, needs_of
+from colmap_ihe.pipeline.estimates import needs_of
+from colmap_ihe.pipeline.records import read_record
+from colmap_ihe.pipeline.resource_needs import PhotoSetSize
 from colmap_ihe.pipeline.status import status
 from colmap_ihe.project.folder import Project
 from colmap_ihe.project.options import Options
@@ -54,7 +56,7 @@ def look_at(root: Path, assignments: Sequence[str]) -> ProjectPreview:
         captures = discover(project.images).captures
         thumbnail = _thumbnail(captures)
         if _is_up_to_date(project, options):
-            record = project.read_record("captures") or {}
+            record = read_record(project, "captures") or {}
             pixels = int(record.get("pixels", 0))
             return ProjectPreview(len(captures), pixels, up_to_date=True, thumbnail=thumbnail)
         with local_executor() as executor:

@@ -24,7 +24,7 @@ from colmap_ihe.grey.conversions import CONVERSIONS
 from colmap_ihe.grey.convert import TONES
 from colmap_ihe.machine.libraries import __version__
 from colmap_ihe.photographs.encode import SUFFIXES
-from colmap_ihe.pipeline.stage_list import STAGE_NAMES
+from colmap_ihe.pipeline.stages import STAGE_NAMES
 
 METHODS = tuple(CONVERSIONS)
 CommandFunction = Callable[[argparse.Namespace, Display], None]

@@ -42,6 +42,7 @@ from colmap_ihe.machine.progress import SILENT, RunProgress
 from colmap_ihe.machine.threads import limited
 from colmap_ihe.photographs.discover import discover
 from colmap_ihe.pipeline.reconstruct import Reconstruction, reconstruct
+from colmap_ihe.pipeline.records import read_record
 from colmap_ihe.project.folder import Project
 from colmap_ihe.project.option_paths import native_assignments
 from colmap_ihe.project.options import ClusterOptions, FitOptions, Options
@@ -259,7 +260,7 @@ def _dense_points(
         shutil.rmtree(dense)
         return {"points": made["points"]}
 
-    record = first.project.read_record("run-0") or {}
+    record = read_record(first.project, "run-0") or {}
     inputs = (options.dense.model_dump(mode="json"), record.get("fingerprint"), library_versions("pycolmap"))
     return int(_once(project, "same-cameras", measure, *inputs)["points"])
 
@@ -268,7 +269,7 @@ def _once(project: Project, name: str, measure: Any, *inputs: Any) -> _Row:
     """What `measure` returns, kept in a record for as long as the matches and `inputs` are the same."""
     matches = read_json(project.record_file("matches")) or {}
     fingerprint = fingerprint_of(matches.get("fingerprint"), *inputs)
-    record = project.read_record(name)
+    record = read_record(project, name)
     if record is None or record.get("fingerprint") != fingerprint:
         began = time.monotonic()
         record = {**measure(), "fingerprint": fingerprint}

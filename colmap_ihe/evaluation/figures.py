@@ -18,6 +18,7 @@ from colmap_ihe.evaluation.pair_errors import (
     relative_errors_deg,
 )
 from colmap_ihe.evaluation.truth import Truth, key_of, pose_errors, read_truth
+from colmap_ihe.pipeline.records import read_record
 from colmap_ihe.project.folder import Project
 
 AUC_DEG = 5.0
@@ -46,7 +47,7 @@ def matching_of(
 ) -> dict[str, dict[str, float | None]]:
     """Over all pairs, or those chosen, and by movement of the camera, as the sparse model `cameras` tells it."""
     poses = poses_of(cameras)
-    record = project.read_record("convert") or {}
+    record = read_record(project, "convert") or {}
     photographs = {grey: name for name, grey in record["grey"].items()}
     kinds: dict[str, list[PairMatches]] = {"all": [], **{name: [] for name in MOVEMENTS}}
     for (one, other), counts in putative_and_inliers(project.database).items():

@@ -8,8 +8,10 @@ from dataclasses import dataclass, replace
 
 from colmap_ihe.machine.progress import Progress, RunProgress
 from colmap_ihe.machine.remaining_time import Part
-from colmap_ihe.pipeline.stage_list import STAGE_NAMES
-from colmap_ihe.pipeline.time_estimate import Known, stage_parts
+from colmap_ihe.pipeline.estimates import stage_parts
+from colmap_ihe.pipeline.records import read_record
+from colmap_ihe.pipeline.stages import STAGE_NAMES
+from colmap_ihe.pipeline.time_estimate import Known
 from colmap_ihe.project.folder import Project
 from colmap_ihe.project.options import Options
 
@@ -25,7 +27,7 @@ class Ahead:
     seeds: int
 
     def expect(self, parts: Sequence[Part]) -> None:
-        found = {name: self.project.read_record(name) for name in STAGE_NAMES}
+        found = {name: read_record(self.project, name) for name in STAGE_NAMES}
         known = Known.from_records({name: record for name, record in found.items() if record})
         road = stage_parts(self.options, known, "dense" if self.options.dense.enabled else "sparse")
         coming: list[Part] = []

@@ -24,8 +24,8 @@ from colmap_ihe.photographs.each import LeftOut, refused
 from colmap_ihe.photographs.encode import SUFFIXES
 from colmap_ihe.photographs.recipes import prepared_set
 from colmap_ihe.photographs.survey import Surveyed
-from colmap_ihe.pipeline.convert import convert_captures, weights_for
 from colmap_ihe.pipeline.output_folder import Ledger, opened
+from colmap_ihe.pipeline.stages.convert import convert_captures, weights_for
 from colmap_ihe.pipeline.warnings import photographs as oddities
 from colmap_ihe.project.options import CamerasOptions, ConvertOptions, DevelopOptions, FitOptions
 

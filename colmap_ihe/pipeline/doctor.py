@@ -1,4 +1,4 @@
-"""What is installed, what this machine can do, and what a project will take of it."""
+"""Tell what is installed, what this machine can do, and what a project will take of it."""
 
 from __future__ import annotations
 
@@ -19,8 +19,9 @@ from colmap_ihe.machine.libraries import __version__
 from colmap_ihe.machine.progress import SILENT
 from colmap_ihe.photographs.discover import discover
 from colmap_ihe.photographs.survey import survey
-from colmap_ihe.pipeline import resource_check as foreseen
-from colmap_ihe.pipeline.resource_needs import PhotoSetSize, needs_of
+from colmap_ihe.pipeline.estimates import needs_of
+from colmap_ihe.pipeline.resource_check import disk_left, in_words
+from colmap_ihe.pipeline.resource_needs import PhotoSetSize
 from colmap_ihe.project.folder import Project
 from colmap_ihe.project.options_file import project_options
 
@@ -28,8 +29,8 @@ from colmap_ihe.project.options_file import project_options
 def doctor(
     project: Path | None = None, assignments: Sequence[str] = (), images: Path | None = None
 ) -> dict[str, Any]:
-    """What is installed, and what will run where; with a project also what its stages will take of memory and disk, and
-    its dense stereo if every photograph gets a place. Raises `KnownError`s of the project."""
+    """Return what is installed, and what will run where; with a project also the memory and disk that its stages will
+    take, and its dense stereo if every photograph is registered. Raises `KnownError`s of the project."""
     total = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") if hasattr(os, "sysconf") else 0
     packages = ("numpy", "opencv-python-headless", "rawpy", "pillow")
     return {
@@ -43,30 +44,28 @@ def doctor(
         "cuda": bool(pycolmap.has_cuda),
         "cuda_devices": cuda_devices(),
         "dense_backend": pick_backend("auto"),
-        **(_demands(project, assignments, images) if project is not None else {}),
+        **(_needs(project, assignments, images) if project is not None else {}),
     }
 
 
 def _nearest(folder: Path) -> Path:
-    """The folder, or of those above it the first that is there."""
-    place = folder.absolute()
-    return next(one for one in (place, *place.parents) if one.is_dir())
+    """Return the folder, or the first above it that is there."""
+    return next(path for path in (folder.absolute(), *folder.absolute().parents) if path.is_dir())
 
 
-def _demands(project: Path, assignments: Sequence[str], images: Path | None) -> dict[str, Any]:
-    place, options = Project.at(project, images), project_options(project, list(assignments))
-    captures = discover(place.images).captures
+def _needs(project: Path, assignments: Sequence[str], images: Path | None) -> dict[str, Any]:
+    folder, options = Project.at(project, images), project_options(project, list(assignments))
+    captures = discover(folder.images).captures
     with local_executor() as executor:
         surveyed, _ = survey(captures, executor, SILENT, strict=False)
-    sizes = [(one.width, one.height) for one in surveyed]
-    found = {one.stage: one for one in needs_of(options, PhotoSetSize.of_survey(surveyed))}
+    sizes = [(s.width, s.height) for s in surveyed]
+    needs = needs_of(options, PhotoSetSize.of_survey(surveyed))
+    left = disk_left(folder, needs, [stage.stage for stage in needs])
     backend, size = pick_backend(options.dense.backend), options.dense.max_image_size
     dense = dense_cost(sizes, size, backend, local_workers(), memory.available())
     return {
-        **{f"{name}_will_take": foreseen.in_words(one) for name, one in found.items()},
-        "memory_needed_gb": round(max(one.memory_bytes(1) for one in found.values()) / 1e9, 2),
-        "disk_needed_gb": round(
-            sum(foreseen.disk_left(place, list(found.values()), found).values()) / 1e9, 2
-        ),
+        **{f"{stage.stage}_will_take": in_words(stage) for stage in needs},
+        "memory_needed_gb": round(max(stage.memory_bytes(1) for stage in needs) / 1e9, 2),
+        "disk_needed_gb": round(sum(left.values()) / 1e9, 2),
         **(dense.as_dict() if options.dense.enabled else {}),
     }

@@ -1,17 +1,23 @@
-"""What a run notes of itself in records/run.json, so that it can be run again: all that its result depends on."""
+"""Note what a run's result depends on in records/run.json, so that the run can be repeated, and tell what differs."""
 
 from __future__ import annotations
 
+import os
+import platform
+import re
+import subprocess
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from colmap_ihe.colmap.native import cuda_devices, pycolmap
 from colmap_ihe.errors import OptionError
 from colmap_ihe.machine import threads
 from colmap_ihe.machine.executor import local_workers
 from colmap_ihe.machine.files import digest_file, read_json, write_json
-from colmap_ihe.pipeline import environment as surroundings
+from colmap_ihe.machine.libraries import __version__, code_digest, library_versions, package_version
 from colmap_ihe.pipeline.input_digests import masks_in
 from colmap_ihe.project.folder import Project
 from colmap_ihe.project.options import Options
@@ -20,13 +26,22 @@ from colmap_ihe.project.options_file import options_of
 _HINT = "name a project that `reconstruct` ran on, or its records/run.json"
 _SHOWN = 5
 _MACHINE = ("system", "libc", "instructions", "linear algebra", "cuda devices")  # what may change numbers
+_PACKAGES = (
+    *("numpy", "opencv-python-headless", "pillow", "simplejpeg", "isal", "tifffile", "threadpoolctl"),
+    *("PyWavelets", "colour-science", "scipy", "xatlas", "trimesh"),  # some of them only with an extra
+)
+_CPU_INFO = Path("/proc/cpuinfo")
+_INSTRUCTIONS = re.compile(r"(sse4|avx|fma|f16c|bmi|amx|asimd|sve|neon)\w*")
+_VARIABLES = re.compile(r"(OMP|GOMP|KMP|MKL|OPENBLAS|NPY|OPENCV|CUDA|GLOG|PYTHONHASHSEED|MALLOC)(_\w+)?")
+_PLAIN = re.compile(r"[\w.,:;=+ -]{0,80}")
+_GIT_SECONDS = 5.0
 
 
 @dataclass(frozen=True)
 class RunRecord:
-    """What a run noted. `photographs` and `masks`: by name the digest of the content; calibration frames are among
-    the photographs. `weights`: the digest of the file that was given, empty for none. `machine` and `variables` of the
-    environment as in `surroundings`, empty in records of before they were noted."""
+    """Hold what a run noted. `photographs` and `masks`: digest of the content by name; calibration frames are among
+    the photographs. `weights`: the digest of the file that was given, empty for none. `machine` and `variables` as
+    `write_run_record` notes them, empty in older records."""
 
     options: Options
     versions: Mapping[str, str]
@@ -38,34 +53,34 @@ class RunRecord:
     variables: Mapping[str, str] = field(default_factory=dict)
 
 
-def write_run_record(place: Project, options: Options, digests: Mapping[str, Sequence[Any]]) -> None:
-    """Where work runs is left out, as it affects no result and says whose machines they are."""
+def write_run_record(project: Project, options: Options, digests: Mapping[str, Sequence[Any]]) -> None:
+    """Write records/run.json. Where work runs is left out, as it affects no result and says whose machines they are."""
     settings = options.as_yaml()
     del settings["cluster"]
     write_json(
-        place.run_file,
+        project.run_file,
         {
             "options": settings,
             "seed": options.sparse.seed,
             "threads": local_workers(),
-            "photographs": {name: found[-1] for name, found in digests.items()},
-            "masks": masks_in(place.masks),
-            "weights": _weights(place, options),
-            "versions": surroundings.versions(),
-            "commit": surroundings.commit(),
-            "machine": surroundings.machine(),
-            "environment": surroundings.variables(),
+            "photographs": {name: values[-1] for name, values in digests.items()},
+            "masks": masks_in(project.masks),
+            "weights": _digest_of_weights(project, options),
+            "versions": _versions(),
+            "commit": _commit(),
+            "machine": _machine(),
+            "environment": _variables(),
         },
     )
 
 
 def read_run(path: Path, assignments: Sequence[str] = ()) -> RunRecord:
-    """Of a project, or of the file itself, its options changed by `stage.option=value` each. A weights file is that
-    of the project. Raises `OptionError`."""
+    """Read the run record of a project, or the file itself, its options changed by `stage.option=value` each. A weights
+    file is that of the project. Raises `OptionError`."""
     file = path / "records" / "run.json" if path.is_dir() else path
-    found = read_json(file) or {}
+    values = read_json(file) or {}
     parts = [
-        found[name] for name in ("options", "versions", "photographs") if isinstance(found.get(name), dict)
+        values[name] for name in ("options", "versions", "photographs") if isinstance(values.get(name), dict)
     ]
     if len(parts) < 3 or not all(isinstance(v, str) for part in parts[1:] for v in part.values()):
         raise OptionError(f"{file}: is not there, or not the record of a run", hint=_HINT)
@@ -77,45 +92,46 @@ def read_run(path: Path, assignments: Sequence[str] = ()) -> RunRecord:
     if settings.fit.weights and settings.fit.weights == named:
         weights = str(root / named)
         settings = settings.model_copy(update={"fit": settings.fit.model_copy(update={"weights": weights})})
-    more = {name: found.get(name) for name in ("masks", "machine")}
-    more["variables"] = found.get("environment")
+    more = {name: values.get(name) for name in ("masks", "machine")}
+    more["variables"] = values.get("environment")
     return RunRecord(
         settings,
         versions,
         photographs,
-        weights=str(found.get("weights") or ""),
-        threads=found["threads"] if isinstance(found.get("threads"), int) else 0,
-        **{name: values if isinstance(values, dict) else {} for name, values in more.items()},
+        weights=str(values.get("weights") or ""),
+        threads=values["threads"] if isinstance(values.get("threads"), int) else 0,
+        **{name: part if isinstance(part, dict) else {} for name, part in more.items()},
     )
 
 
 def differences_from(
-    noted: RunRecord, place: Project, options: Options, digests: Mapping[str, Sequence[Any]]
+    noted: RunRecord, project: Project, options: Options, digests: Mapping[str, Sequence[Any]]
 ) -> list[str]:
-    """In sentences, what is not as it was when the run was noted."""
-    said = _unlike_software(noted)
-    said += _unlike_files("photographs", noted.photographs, {name: f[-1] for name, f in digests.items()})
+    """Say in sentences what is not as it was when the run was noted."""
+    differences = _other_software(noted)
+    differences += _other_files("photographs", noted.photographs, {n: v[-1] for n, v in digests.items()})
     if noted.machine:
-        said += _unlike_files("masks", noted.masks, masks_in(place.masks))
-        if noted.weights != _weights(place, options):
-            said.append("the weights file has another content than in the record")
+        differences += _other_files("masks", noted.masks, masks_in(project.masks))
+        if noted.weights != _digest_of_weights(project, options):
+            differences.append("the weights file has another content than in the record")
     if noted.threads and noted.threads != local_workers():
         words = (
             f"the record is of {noted.threads} threads, this is of {local_workers()}: the result may differ"
         )
-        said.append(f"{words} (--threads {noted.threads})" if noted.threads < threads.cores() else words)
-    return said
+        more = noted.threads < threads.cores()
+        differences.append(f"{words} (--threads {noted.threads})" if more else words)
+    return differences
 
 
-def _unlike_software(noted: RunRecord) -> list[str]:
-    was, now = dict(noted.versions), surroundings.versions()
+def _other_software(noted: RunRecord) -> list[str]:
+    was, now = dict(noted.versions), _versions()
     if noted.machine:
-        here, variables = surroundings.machine(), surroundings.variables()
-        now |= {name: _words(here[name]) for name in _MACHINE}
+        machine, variables = _machine(), _variables()
+        now |= {name: _words(machine[name]) for name in _MACHINE}
         was |= {name: _words(noted.machine.get(name, "none")) for name in _MACHINE}
         now |= variables
         was |= noted.variables
-    else:  # of before all of them were noted
+    else:  # a record from before all of them were noted
         now = {name: version for name, version in now.items() if name in was}
         was.pop("machine", None)
     return [
@@ -125,25 +141,77 @@ def _unlike_software(noted: RunRecord) -> list[str]:
     ]
 
 
-def _unlike_files(kind: str, noted: Mapping[str, str], here: Mapping[str, str]) -> list[str]:
-    said = []
-    other = sorted(name for name in here.keys() & noted.keys() if here[name] != noted[name])
+def _other_files(kind: str, noted: Mapping[str, str], present: Mapping[str, str]) -> list[str]:
+    differences = []
+    other = sorted(name for name in present.keys() & noted.keys() if present[name] != noted[name])
     for names, words in (
-        (sorted(noted.keys() - here.keys()), "of the record are not here"),
-        (sorted(here.keys() - noted.keys()), "are not in the record"),
+        (sorted(noted.keys() - present.keys()), "of the record are not here"),
+        (sorted(present.keys() - noted.keys()), "are not in the record"),
         (other, "have another content than in the record"),
     ):
         if names:
-            shown = ", ".join(names[:_SHOWN]) + (" ..." if len(names) > _SHOWN else "")
-            said.append(f"{len(names)} {kind} {words}: {shown}")
-    return said
+            first = ", ".join(names[:_SHOWN]) + (" ..." if len(names) > _SHOWN else "")
+            differences.append(f"{len(names)} {kind} {words}: {first}")
+    return differences
 
 
-def _weights(place: Project, options: Options) -> str:
-    """The digest of the weights file; the stage says where there is none."""
-    file = place.root / options.fit.weights if options.fit.weights is not None else None
+def _digest_of_weights(project: Project, options: Options) -> str:
+    """Return the digest of the weights file, empty where there is none: the stage says so."""
+    file = project.root / options.fit.weights if options.fit.weights is not None else None
     return digest_file(file) if file is not None and file.is_file() else ""
 
 
 def _words(value: Any) -> str:
     return " ".join(map(str, value)) if isinstance(value, list) else str(value)
+
+
+def _versions() -> dict[str, str]:
+    """Return the version of everything that computes, by name, as far as it is installed."""
+    packages = {name: package_version(name) for name in _PACKAGES}
+    return {
+        "colmap-ihe": __version__,
+        "code of colmap-ihe": code_digest(),
+        "python": platform.python_version(),
+        **library_versions("pycolmap", "opencv", "rawpy", "libraw"),
+        "COLMAP": pycolmap.COLMAP_version.removeprefix("COLMAP "),
+        **{name: version for name, version in packages.items() if version is not None},
+    }
+
+
+def _machine() -> dict[str, Any]:
+    """Return what libraries choose their code by, and how many cores there are; nothing says whose machine it is."""
+    about = _CPU_INFO.read_text(encoding="utf-8", errors="replace") if _CPU_INFO.exists() else ""
+    words = {line.partition(":")[0].strip(): line.partition(":")[2].strip() for line in about.splitlines()}
+    flags = words.get("flags", words.get("Features", "")).split()
+    return {
+        "system": f"{platform.system()} {platform.machine()}",
+        "libc": " ".join(platform.libc_ver()).strip(),
+        "processor": words.get("model name", platform.processor()),
+        "instructions": sorted(flag for flag in flags if _INSTRUCTIONS.fullmatch(flag)),
+        "linear algebra": threads.blas_libraries(),
+        "cuda devices": cuda_devices(),
+        "cores": threads.cores(),
+    }
+
+
+def _variables() -> dict[str, str]:
+    """Return the environment variables that libraries listen to. A value that may hold a path is not told."""
+    heard = {name: value for name, value in os.environ.items() if _VARIABLES.fullmatch(name)}
+    return {name: heard[name] if _PLAIN.fullmatch(heard[name]) else "(not told)" for name in sorted(heard)}
+
+
+def _commit() -> str | None:
+    """Return the commit of the clone that this package runs from, with a note of changes; None elsewhere."""
+    root = Path(__file__).parents[2]
+    if not (root / ".git").exists():
+        return None
+    answers = []
+    with suppress(OSError, subprocess.SubprocessError):  # no git, or not its owner's
+        for question in (["rev-parse", "HEAD"], ["status", "--porcelain", "--", "colmap_ihe"]):
+            command = ["git", "-C", str(root), *question]
+            answers.append(
+                subprocess.run(command, capture_output=True, text=True, check=True, timeout=_GIT_SECONDS)
+            )
+    if len(answers) < 2:
+        return None
+    return answers[0].stdout.strip() + (" with changes" if answers[1].stdout.strip() else "")

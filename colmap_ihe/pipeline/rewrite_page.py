@@ -1,4 +1,4 @@
-"""The page of a project, written again from what its stages left."""
+"""Write the page of a project again, from what its stages left."""
 
 from __future__ import annotations
 
@@ -11,8 +11,9 @@ from colmap_ihe.machine.files import read_json
 from colmap_ihe.machine.progress import SILENT, RunProgress
 from colmap_ihe.photographs.discover import discover
 from colmap_ihe.pipeline.page import write_page
+from colmap_ihe.pipeline.records import read_record
 from colmap_ihe.pipeline.run_context import Record, RunContext
-from colmap_ihe.pipeline.stage_list import STAGES, switched_off
+from colmap_ihe.pipeline.stages import STAGES
 from colmap_ihe.project.folder import Project
 from colmap_ihe.project.options_file import project_options
 from colmap_ihe.report.summary import summarise
@@ -24,12 +25,12 @@ def report(
     images: Path | None = None,
     progress: RunProgress = SILENT,
 ) -> Path:
-    """Writes report/index.html of a project again, from what its stages left, and returns it. Raises
+    """Write report/index.html of a project again, from what its stages left, and return it. Raises
     `KnownError`s; `ProjectError` where nothing is converted yet."""
-    options, place = project_options(project, list(assignments)), Project.at(project, images)
+    options, folder = project_options(project, list(assignments)), Project.at(project, images)
     records: dict[str, Record] = {}
     for stage in STAGES:
-        record = None if switched_off(stage.name, options) else place.read_record(stage.name)
+        record = None if stage.switched_off(options) else read_record(folder, stage.name)
         if record is None:
             break
         records[stage.name] = record
@@ -39,9 +40,9 @@ def report(
             hint="run `colmap-ihe reconstruct` first",
         )
     summary = summarise(records, options)
-    truth = (read_json(place.summary_file) or {}).get("truth")  # of this very model, else it were gone
+    truth = (read_json(folder.summary_file) or {}).get("truth")  # of this very model, else it were gone
     if isinstance(truth, dict) and all(type(value) in (int, float) for value in truth.values()):
         summary["truth"] = truth
-    with place.locked(), local_executor() as executor, progress.stage("page") as stage_progress:
-        run = RunContext(place, options, discover(place.images), executor, records)
+    with folder.locked(), local_executor() as executor, progress.stage("page") as stage_progress:
+        run = RunContext(folder, options, discover(folder.images), executor, records)
         return write_page(run, summary, stage_progress)

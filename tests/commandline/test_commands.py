@@ -23,7 +23,7 @@ from colmap_ihe.colmap.native import pycolmap
 from colmap_ihe.commandline import commands
 from colmap_ihe.commandline.bars import Bars, left_in_words, print_table
 from colmap_ihe.machine.libraries import __version__
-from colmap_ihe.pipeline.stage_list import STAGE_NAMES
+from colmap_ihe.pipeline.stages import STAGE_NAMES
 
 Make = Callable[..., Path]
 Captured = pytest.CaptureFixture[str]

@@ -13,7 +13,7 @@ from colmap_ihe.errors import CapabilityError
 from colmap_ihe.photographs.adjust import prepared
 from colmap_ihe.photographs.raw import denoise
 from colmap_ihe.photographs.raw.denoise import denoised, noise_of
-from colmap_ihe.pipeline.preflight import check_options
+from colmap_ihe.pipeline.stages import captures
 from colmap_ihe.project.options import Options
 from colmap_ihe.project.options_file import load_options
 from colmap_ihe.project.recipe import Recipe
@@ -144,8 +144,8 @@ def test_without_its_package_it_says_what_to_install(monkeypatch: pytest.MonkeyP
         denoised(photons(), 1.0)
     assert "denoise" in caught.value.hint
     with pytest.raises(CapabilityError, match="PyWavelets"):
-        check_options(load_options(None, ["develop.denoise=1.5"]), 3)
-    check_options(Options(), 3)
+        captures.STAGE.check(load_options(None, ["develop.denoise=1.5"]), 3)
+    captures.STAGE.check(Options(), 3)
 
 
 def test_more_strength_is_smoother_and_none_is_the_same_array() -> None:

@@ -224,7 +224,7 @@ def test_what_an_interrupted_run_has_written_is_kept(
         path.write_bytes(content)
 
     with monkeypatch.context() as patch, pytest.raises(Cancelled):
-        patch.setattr("colmap_ihe.pipeline.convert.write_bytes", stop_after_one)
+        patch.setattr("colmap_ihe.pipeline.stages.convert.write_bytes", stop_after_one)
         convert_folder(photos, out, weights=GREEN)
     before = noted(out)
     assert len(before) == 1

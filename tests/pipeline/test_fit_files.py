@@ -300,4 +300,4 @@ def test_the_command_line_fits_over_campaigns(tmp_path: Path, capsys: pytest.Cap
     assert json.loads(capsys.readouterr().out)["weights"] == list(getattr(read_weights(weights), "triplet"))  # noqa: B009
     assert main(["fit", str(histogram), "-q", "--weights", str(weights), "--json"]) == 0
     assert main(["fit", str(tmp_path / "a"), "-q", "--histogram", str(tmp_path / "a.txt")]) == 1
-    assert "wanted a name that ends in .histogram" in capsys.readouterr().err
+    assert "expected a name that ends in .histogram" in capsys.readouterr().err

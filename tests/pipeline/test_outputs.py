@@ -17,7 +17,9 @@ from colmap_ihe.errors import Cancelled, OptionError, PhotographError, ProjectEr
 from colmap_ihe.machine.progress import Progress, Silent
 from colmap_ihe.pipeline import outputs
 from colmap_ihe.pipeline.reconstruct import reconstruct
-from colmap_ihe.pipeline.stage_list import STAGE_NAMES
+from colmap_ihe.pipeline.records import read_record
+from colmap_ihe.pipeline.stage import Stage
+from colmap_ihe.pipeline.stages import STAGES
 from colmap_ihe.pipeline.status import status
 from colmap_ihe.project.folder import Project
 from colmap_ihe.project.options import Options
@@ -36,8 +38,8 @@ def test_a_kill_while_old_files_are_removed_does_not_make_them_new(
 ) -> None:
     """The grey images of the old weights are there, half removed: the next run must not keep one."""
 
-    def killed(stage: str, _project: object) -> None:
-        if stage == "convert":
+    def killed(stage: Stage, _project: object) -> None:
+        if stage.name == "convert":
             (finished / "workspace/images/portico_01.png").unlink()
             raise Cancelled
 
@@ -147,9 +149,9 @@ def test_from_and_until_that_cannot_be(
         reconstruct(finished, options, start=words[0], until=words[1])
 
 
-def test_every_stage_of_the_road_is_known_to_outputs(finished: Path) -> None:
-    place = Project.at(finished)
-    for stage in STAGE_NAMES:
-        record = place.read_record(stage)
+def test_no_file_of_a_finished_stage_is_missing(finished: Path) -> None:
+    project = Project.at(finished)
+    for stage in STAGES:
+        record = read_record(project, stage.name)
         assert record is not None
-        assert outputs.missing(stage, place, record) == []
+        assert outputs.missing(stage, project, record) == []

@@ -16,8 +16,9 @@ from colmap_ihe.machine.progress import SILENT
 from colmap_ihe.photographs.discover import discover
 from colmap_ihe.pipeline import page as pages
 from colmap_ihe.pipeline.reconstruct import reconstruct
+from colmap_ihe.pipeline.records import read_record
 from colmap_ihe.pipeline.run_context import RunContext
-from colmap_ihe.pipeline.stage_list import STAGES
+from colmap_ihe.pipeline.stages import STAGES
 from colmap_ihe.project.folder import Project
 from colmap_ihe.project.options import Options
 from colmap_ihe.report.contents import Contents
@@ -29,7 +30,7 @@ MakeOptions = Callable[..., Options]
 
 def contents_of(project: Path, options: Options) -> Contents:
     place = Project.at(project)
-    found = {stage.name: place.read_record(stage.name) for stage in STAGES}
+    found = {stage.name: read_record(place, stage.name) for stage in STAGES}
     records = {name: record for name, record in found.items() if record is not None}
     with local_executor() as executor:
         run = RunContext(place, options, discover(place.images), executor, records)

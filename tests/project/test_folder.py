@@ -29,6 +29,7 @@ from colmap_ihe.machine.files import (
     write_json,
 )
 from colmap_ihe.pipeline.reconstruct import reconstruct
+from colmap_ihe.pipeline.records import read_record
 from colmap_ihe.project.folder import Project
 
 
@@ -118,11 +119,11 @@ def test_begin_tells_a_resumed_stage_from_a_new_one(tmp_path: Path) -> None:
     record = records()["fit"] | {"fingerprint": "one"}
     place.write_record("fit", record)
     assert not place.was_begun("fit", "one")  # finished: what it left is not half of anything
-    assert place.read_record("fit") == record
+    assert read_record(place, "fit") == record
     place.begin("fit", "one")
     place.drop_record("fit")
     assert not place.was_begun("fit", "one")
-    assert place.read_record("fit") is None
+    assert read_record(place, "fit") is None
 
 
 def _hold(folder: str, ready: Any) -> None:

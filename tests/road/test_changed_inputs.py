@@ -19,12 +19,13 @@ from PIL import Image
 
 import colmap_ihe.machine.libraries as versions
 from colmap_ihe.photographs.png import encode_png
-from colmap_ihe.pipeline import outputs
+from colmap_ihe.pipeline import fingerprints
 from colmap_ihe.pipeline import reconstruct as pipeline
-from colmap_ihe.pipeline import stage_list as road
 from colmap_ihe.pipeline.reconstruct import reconstruct
-from colmap_ihe.pipeline.run_context import Record, RunContext
-from colmap_ihe.pipeline.stage_list import STAGE_NAMES, Stage
+from colmap_ihe.pipeline.records import read_record
+from colmap_ihe.pipeline.run_context import RunContext
+from colmap_ihe.pipeline.stage import Stage, StageRecord
+from colmap_ihe.pipeline.stages import STAGE_NAMES, STAGES
 from colmap_ihe.pipeline.status import status
 from colmap_ihe.project.folder import Project
 from colmap_ihe.project.options import Options
@@ -62,21 +63,21 @@ def settled(_settled: Path, tmp_path: Path) -> Path:
 
 def _quicken(whole: Project, monkeypatch: pytest.MonkeyPatch) -> None:
 
-    def as_before(name: str) -> Callable[[RunContext, Any], Record]:
-        def stage(run: RunContext, _progress: object) -> Record:
-            record = whole.read_record(name)
+    def as_before(stage: Stage) -> Callable[[RunContext, Any], StageRecord]:
+        def run_stage(run: RunContext, _progress: object) -> StageRecord:
+            record = read_record(whole, stage.name)
             assert record is not None
-            for file in outputs.files_of(name, whole, record):
+            for file in stage.files(whole, record):
                 copy = run.project.root / file.relative_to(whole.root)
                 copy.parent.mkdir(parents=True, exist_ok=True)
                 shutil.copy2(file, copy)
             ours = {"fingerprint", "inputs", "options", "versions", "made"}
-            return {key: value for key, value in record.items() if key not in ours}
+            return StageRecord(**{key: value for key, value in record.items() if key not in ours})
 
-        return stage
+        return run_stage
 
-    stages = tuple(replace(stage, run=as_before(stage.name)) for stage in road.STAGES)
-    monkeypatch.setattr(pipeline, "ROAD", stages)
+    stages = tuple(replace(stage, run=as_before(stage)) for stage in STAGES)
+    monkeypatch.setattr(pipeline, "STAGES", stages)
     monkeypatch.setattr(pipeline, "page_of", lambda *_: None)
 
 
@@ -300,9 +301,9 @@ def test_a_library_that_was_upgraded(
 
     now = known(library)[library] if library != "colmap-ihe" else versions.__version__
     if library == "colmap-ihe":
-        monkeypatch.setattr(road, "__version__", "99.1")
+        monkeypatch.setattr(fingerprints, "__version__", "99.1")
     else:
-        monkeypatch.setattr(road, "library_versions", upgraded)
+        monkeypatch.setattr(fingerprints, "library_versions", upgraded)
     options = load_options(settled / "project.yaml")
     states = {s.name: s for s in status(settled, options)}
     assert [name for name in STAGE_NAMES if states[name].state == "stale"] == list(since(stage))
@@ -357,6 +358,6 @@ def test_a_mask_runs_the_real_road_again_from_features(finished: Path, quick_opt
 
 
 def test_stages_are_all_in_the_table() -> None:
-    options = {name for stage in road.STAGES for name in stage.options}
+    options = {name for stage in STAGES for name in stage.sections}
     assert options - {"camera"} <= set(CASES)
-    assert all(isinstance(stage, Stage) for stage in road.STAGES)
+    assert all(isinstance(stage, Stage) for stage in STAGES)

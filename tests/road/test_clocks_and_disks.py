@@ -27,8 +27,9 @@ from colmap_ihe.machine.progress import SILENT, Progress
 from colmap_ihe.photographs.discover import discover
 from colmap_ihe.pipeline.input_digests import digests_of
 from colmap_ihe.pipeline.reconstruct import reconstruct
-from colmap_ihe.pipeline.run_context import Record, RunContext
-from colmap_ihe.pipeline.stage_list import STAGES
+from colmap_ihe.pipeline.run_context import RunContext
+from colmap_ihe.pipeline.stage import StageRecord
+from colmap_ihe.pipeline.stages import STAGES
 from colmap_ihe.project.folder import Project
 from colmap_ihe.project.options import Options
 
@@ -159,14 +160,14 @@ def _after(monkeypatch: pytest.MonkeyPatch, stage: str, do: Callable[[RunContext
     """Does something in the middle of a stage, once."""
     whole, did = next(one.run for one in STAGES if one.name == stage), [False]
 
-    def and_then(run: RunContext, progress: Progress) -> Record:
+    def and_then(run: RunContext, progress: Progress) -> StageRecord:
         if not did[0]:
             did[0] = True
             do(run)
         return whole(run, progress)
 
-    road = tuple(replace(one, run=and_then) if one.name == stage else one for one in STAGES)
-    monkeypatch.setattr("colmap_ihe.pipeline.reconstruct.ROAD", road)
+    stages = tuple(replace(one, run=and_then) if one.name == stage else one for one in STAGES)
+    monkeypatch.setattr("colmap_ihe.pipeline.reconstruct.STAGES", stages)
 
 
 def test_a_project_that_goes_in_the_middle(

@@ -29,9 +29,9 @@ from colmap_ihe.machine.files import read_json, write_json
 from colmap_ihe.photographs.decode import read_photograph, read_size, refuse_too_large
 from colmap_ihe.photographs.discover import Capture
 from colmap_ihe.photographs.exif.metadata import read_metadata
+from colmap_ihe.pipeline.records import is_valid, read_record
 from colmap_ihe.project.folder import Project
 from colmap_ihe.project.options_file import load_options
-from colmap_ihe.project.record_models import is_valid
 from colmap_ihe.project.safe_yaml import parse_yaml
 
 EXECUTIONS = 25  # of each parser: benchmarks/fuzz.py is for more
@@ -153,9 +153,9 @@ def test_a_record_that_no_stage_left_counts_for_none(
     (tmp_path / "images").mkdir()
     place = Project.at(tmp_path)
     place.write_record(stage, sound)
-    assert place.read_record(stage) == json.loads(json.dumps(sound))
+    assert read_record(place, stage) == json.loads(json.dumps(sound))
     place.write_record(stage, sound | change)
-    assert place.read_record(stage) is None
+    assert read_record(place, stage) is None
 
 
 def test_words_where_a_run_leaves_numbers_do_not_stop_the_page_of_a_batch(tmp_path: Path) -> None:
@@ -213,8 +213,9 @@ from pathlib import Path
 import colmap_ihe
 from colmap_ihe.errors import KnownError
 from colmap_ihe.evaluation.truth import TrueImage
-from colmap_ihe.pipeline.convert import write_masks
+from colmap_ihe.pipeline.masks import write_masks
 import numpy as np
+from colmap_ihe.pipeline.records import read_record
 folder = Path(sys.argv[1])
 limit = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize() + (256 << 20)
 resource.setrlimit(resource.RLIMIT_AS, (limit, limit))

@@ -21,7 +21,7 @@ from colmap_ihe.errors import OptionError, PhotographError, ProjectError
 from colmap_ihe.machine.files import open_file, read_json
 from colmap_ihe.photographs.decode import read_photograph
 from colmap_ihe.photographs.discover import Capture, discover
-from colmap_ihe.pipeline.convert import write_masks
+from colmap_ihe.pipeline.masks import write_masks
 from colmap_ihe.pipeline.output_folder import RECORD, Ledger
 from colmap_ihe.project.folder import Project
 from colmap_ihe.project.option_paths import named_paths

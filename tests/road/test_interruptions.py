@@ -17,7 +17,7 @@ import pytest
 from running import LONG, wait_until_begun
 from small_demo import QUICK, ROOT
 
-from colmap_ihe.pipeline.stage_list import STAGE_NAMES
+from colmap_ihe.pipeline.stages import STAGE_NAMES
 
 
 @contextmanager

@@ -22,11 +22,11 @@ from small_demo import QUICK, ROOT
 from colmap_ihe.cli import main
 from colmap_ihe.errors import DiskFullError, NativeError, ShortOfMemoryError
 from colmap_ihe.machine import memory
-from colmap_ihe.pipeline import outputs
+from colmap_ihe.pipeline.estimates import needs_of
 from colmap_ihe.pipeline.output_folder import opened
 from colmap_ihe.pipeline.reconstruct import reconstruct
-from colmap_ihe.pipeline.resource_check import disk_left, disk_warnings, memory_warnings
-from colmap_ihe.pipeline.resource_needs import PhotoSetSize, StageNeeds, needs_of
+from colmap_ihe.pipeline.resource_check import bytes_on_disk, disk_left, disk_warnings, memory_warnings
+from colmap_ihe.pipeline.resource_needs import PhotoSetSize, StageNeeds
 from colmap_ihe.project.folder import Project
 from colmap_ihe.project.options import Options
 
@@ -183,7 +183,7 @@ def test_a_project_takes_what_was_estimated(finished: Path, quick_options: MakeO
     """Within a factor, stage by stage; the small demo is all noise and edges, and its page as large as any."""
     place, record = Project.at(finished), json.loads((finished / "records/captures.json").read_text())
     found = {one.stage: one for one in needs_of(quick_options(), PhotoSetSize.of(record, []))}
-    taken = {stage: outputs.bytes_of(stage, place) for stage in found}
+    taken = bytes_on_disk(place)
     assert taken["convert"] < found["convert"].disk_bytes < 2 * taken["convert"]
     assert taken["dense"] < found["dense"].disk_bytes < 2 * taken["dense"]
     assert sum(taken.values()) < sum(one.disk_bytes for one in found.values()) < 2 * sum(taken.values())
@@ -191,7 +191,7 @@ def test_a_project_takes_what_was_estimated(finished: Path, quick_options: MakeO
 
 def test_what_is_there_already_is_not_wanted_again(finished: Path) -> None:
     place = Project.at(finished)
-    there = outputs.bytes_of("dense", place)
+    there = bytes_on_disk(place)["dense"]
     assert there > 10**6
     wanted = [StageNeeds("convert", 0, 0, 1), StageNeeds("dense", 0, 0, there + 1000)]
     assert disk_left(place, wanted, ["convert", "dense", "mesh"]) == {"convert": 0, "dense": 1000}

@@ -19,6 +19,7 @@ from colmap_ihe.photographs.recipes import with_recipes
 from colmap_ihe.photographs.survey import survey
 from colmap_ihe.pipeline.develop_folder import develop_folder
 from colmap_ihe.pipeline.reconstruct import reconstruct
+from colmap_ihe.pipeline.records import read_record
 from colmap_ihe.project.folder import Project
 from colmap_ihe.project.options import DevelopOptions, Options
 
@@ -42,7 +43,7 @@ def test_processes_make_what_threads_make(
     for folder in ("workspace/images", "colour"):
         assert contents(project / folder) == contents(finished / folder)
     for stage in ("convert", "matches", "dense"):  # whoever did it, it is done
-        records = [Project.at(folder).read_record(stage) or {} for folder in (project, finished)]
+        records = [read_record(Project.at(folder), stage) or {} for folder in (project, finished)]
         assert records[0]["fingerprint"] == records[1]["fingerprint"]
     one, other = (known_of(folder / "workspace/database.db") for folder in (project, finished))
     assert one == other

@@ -23,9 +23,8 @@ from colmap_ihe.grey.weights import Weights, grey_from_dict
 from colmap_ihe.machine.files import write_bytes
 from colmap_ihe.machine.progress import Silent
 from colmap_ihe.photographs.discover import discover
-from colmap_ihe.pipeline import stages
 from colmap_ihe.pipeline.reconstruct import reconstruct
-from colmap_ihe.pipeline.stage_list import STAGE_NAMES
+from colmap_ihe.pipeline.stages import STAGE_NAMES
 from colmap_ihe.pipeline.status import status
 from colmap_ihe.project.options import Options
 
@@ -817,7 +816,10 @@ def test_what_a_killed_worker_left_goes_with_the_end_of_the_run(
     project = new_project(2)
     left = project / "workspace/images/.0123456789abcdef01234567.0a1b2c3d.tmp"
 
-    monkeypatch.setattr(stages, "write_weights", lambda _run: write_bytes(left, b"half a picture"))
+    monkeypatch.setattr(
+        "colmap_ihe.pipeline.reconstruct.write_weights_file",
+        lambda _run: write_bytes(left, b"half a picture"),
+    )
     reconstruct(project, quick_options(), until="convert")
     assert len(list(left.parent.glob("*.png"))) == 2
     assert not left.exists()

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -13,9 +12,11 @@ import pytest
 from PIL import Image
 
 from colmap_ihe.dense.ply import read_mesh, read_ply, write_rows
-from colmap_ihe.errors import CapabilityError, OptionError
+from colmap_ihe.errors import OptionError
 from colmap_ihe.pipeline import outputs
 from colmap_ihe.pipeline.reconstruct import reconstruct
+from colmap_ihe.pipeline.records import read_record
+from colmap_ihe.pipeline.stages import dense
 from colmap_ihe.pipeline.status import status
 from colmap_ihe.project.folder import Project
 from colmap_ihe.project.options import Options
@@ -67,21 +68,6 @@ def test_it_leaves_a_mesh_with_colours_and_one_with_a_texture(
     assert np.allclose(upright[:3, :3] @ upright[:3, :3].T, np.eye(3), atol=1e-5)
 
 
-def test_without_the_libraries_it_has_vertex_colours_and_says_so(
-    finished: Path, quick_options: MakeOptions, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setitem(sys.modules, "xatlas", None)
-    with pytest.raises(CapabilityError, match="a textured mesh needs xatlas and trimesh") as caught:
-        reconstruct(finished, quick_options("mesh.texture=true"))
-    assert "pip install 'colmap-ihe[mesh]'" in caught.value.hint
-    assert record(finished)["texture"]
-    done = reconstruct(finished, quick_options())
-    assert done.stages_run == ("mesh",)
-    assert any("no texture" in text for text in done.summary["warnings"])
-    assert done.mesh.is_file()
-    assert not (done.mesh.parent / "mesh.glb").exists()
-
-
 def test_it_may_be_left_out_and_is_options_are_checked_first(
     finished: Path, quick_options: MakeOptions
 ) -> None:
@@ -106,9 +92,9 @@ def test_a_cloud_of_a_few_points_is_a_warning(finished: Path, quick_options: Mak
     points = read_ply(cloud)["vertex"][:20].copy()
     cloud.unlink()
     write_rows(cloud, points)
-    record = project.read_record("dense")
+    record = read_record(project, "dense")
     assert record is not None
-    project.write_record("dense", record | {"made": outputs.made_by("dense", project, record)})
+    project.write_record("dense", record | {"made": outputs.states_of(dense.STAGE, project, record)})
     done = reconstruct(finished, quick_options(), start="mesh")
     assert done.summary["mesh_faces"] is None
     assert any("no mesh was made: a surface needs 100 points" in text for text in done.summary["warnings"])

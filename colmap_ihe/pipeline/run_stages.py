@@ -1,0 +1,116 @@
+"""Skip, resume, run and cancel stages: what is up to date is kept, the rest is run and its record written last."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping, Sequence
+
+from colmap_ihe.errors import PhotographError
+from colmap_ihe.machine import memory
+from colmap_ihe.machine.executor import local_workers
+from colmap_ihe.machine.files import require_same_folder
+from colmap_ihe.machine.progress import RunProgress
+from colmap_ihe.pipeline import outputs
+from colmap_ihe.pipeline.fingerprints import versions_of, why_stale
+from colmap_ihe.pipeline.input_digests import require_unchanged
+from colmap_ihe.pipeline.records import read_record
+from colmap_ihe.pipeline.resource_check import memory_warnings
+from colmap_ihe.pipeline.run_context import Record, RunContext
+from colmap_ihe.pipeline.stage import Stage
+
+
+def run_stages(
+    stages: Sequence[Stage],
+    run: RunContext,
+    prints: Mapping[str, str],
+    progress: RunProgress,
+    *,
+    forced: Sequence[str] = (),
+    stage_done: Callable[[str], None] = lambda _: None,
+) -> tuple[str, ...]:
+    """Run the stages that are not up to date, in their order, and return the names of those that ran.
+
+    `prints`: the fingerprint that each is to have. `forced`: names of stages that run in any case. `stage_done` is
+    called with the name of each stage whose record is in `run`. Raises `KnownError`s and `Cancelled`; the records then
+    say how far it came.
+    """
+    ran = []
+    for stage in stages:
+        if stage.switched_off(run.options):
+            continue
+        record = None if stage.name in forced else read_record(run.project, stage.name)
+        if record is not None and not why_stale(run.project, stage, record, prints):
+            if run.strict and record.get("left_out"):
+                raise PhotographError(next(iter(record["left_out"].values())))
+            progress.kept(stage.name)
+        else:
+            if needs := run.needs.get(stage.name):
+                warn_of(memory_warnings(needs), progress)
+            later = stages[stages.index(stage) :]
+            record = _run_stage(stage, later, run, prints[stage.name], stage.name in forced, progress)
+            ran.append(stage.name)
+        run.records[stage.name] = record
+        stage_done(stage.name)
+    return tuple(ran)
+
+
+def warn_of(warnings: Sequence[str], progress: RunProgress) -> None:
+    """Show each of the warnings."""
+    for text in warnings:
+        progress.warn(text)
+
+
+def _run_stage(
+    stage: Stage,
+    later: Sequence[Stage],
+    run: RunContext,
+    fingerprint: str,
+    forced: bool,
+    progress: RunProgress,
+) -> Record:
+    """Run one stage and write its record last; those of `later` stages are no longer true, and go first."""
+    project = run.project
+    require_same_folder(project.root)
+    for each in later:
+        _set_aside(each, run, progress)
+    for each in later[1:]:
+        project.drop_record(each.name)
+    project.summary_file.unlink(missing_ok=True)
+    run.resumed = not forced and project.was_begun(stage.name, fingerprint)
+    if not run.resumed:
+        project.drop_record(stage.name)
+        outputs.remove(stage, project)
+        project.begin(stage.name, fingerprint)
+    began = time.monotonic()
+    with progress.stage(stage.name) as stage_progress, memory.said_when_short(stage.name):
+        result = stage.run(run, stage_progress).model_dump(exclude_unset=True)
+        require_unchanged(run.discovery, run.digests, result.get("left_out", {}))
+    record = {
+        "stage": stage.name,
+        "fingerprint": fingerprint,
+        "options": stage.options_of(run.options),
+        "versions": versions_of(stage),
+        "inputs": run.inputs.get(stage.name, {}),
+        "seed": run.options.sparse.seed,
+        "threads": local_workers(),
+        "seconds": round(time.monotonic() - began, 2),
+        "resumed": run.resumed,
+        **result,
+    }
+    record["made"] = outputs.states_of(stage, project, record)
+    require_same_folder(project.root)
+    project.write_record(stage.name, record)
+    warn_of(record.get("warnings", []), progress)
+    for name, reason in record.get("left_out", {}).items():
+        progress.warn(f"left out: {reason if name in reason else f'{name}: {reason}'}")
+    return record
+
+
+def _set_aside(stage: Stage, run: RunContext, progress: RunProgress) -> None:
+    """Keep what somebody has changed of what a stage left, since it will be written anew."""
+    record = read_record(run.project, stage.name)
+    for file in [] if record is None else outputs.set_aside(stage, run.project, record):
+        kept = file.relative_to(run.project.root)
+        progress.warn(
+            f"{file.name} was changed since it was written and is made anew; yours is kept as {kept}"
+        )

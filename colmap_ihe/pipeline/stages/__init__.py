@@ -1,0 +1,17 @@
+"""List the stages in their order."""
+
+from __future__ import annotations
+
+from colmap_ihe.pipeline.stages import captures, convert, dense, features, fit, matches, mesh, sparse
+
+STAGES = (
+    captures.STAGE,
+    fit.STAGE,
+    convert.STAGE,
+    features.STAGE,
+    matches.STAGE,
+    sparse.STAGE,
+    dense.STAGE,
+    mesh.STAGE,
+)
+STAGE_NAMES = tuple(stage.name for stage in STAGES)

@@ -1,0 +1,115 @@
+"""Find features in the grey images, into COLMAP's database."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from pathlib import Path
+
+from colmap_ihe.colmap import features
+from colmap_ihe.colmap.database import database_is_sound, looks_whole, remove_database
+from colmap_ihe.colmap.features_on_workers import extraction_options
+from colmap_ihe.dense.cost import pixels_within
+from colmap_ihe.machine.progress import Progress
+from colmap_ihe.machine.remaining_time import Part
+from colmap_ihe.pipeline.input_digests import masks_in
+from colmap_ihe.pipeline.masks import make_masks
+from colmap_ihe.pipeline.resource_needs import BASE_BYTES, PhotoSetSize, StageNeeds
+from colmap_ihe.pipeline.run_context import Record, RunContext
+from colmap_ihe.pipeline.stage import Count, Stage, StageRecord
+from colmap_ihe.pipeline.time_estimate import Known
+from colmap_ihe.pipeline.warnings import photographs as set_warnings
+from colmap_ihe.project.folder import Project
+from colmap_ihe.project.options import Options
+
+_KEYPOINT = 160  # bytes on disk of a feature with its descriptor, of COLMAP's four floats, six or 128 bytes
+_FEATURES = 1.6  # for each that COLMAP is asked for at the most, as it counts places and not directions
+_FEATURES_A_PIXEL = 0.02  # of a small photograph
+FEWER_FEATURES = "a smaller features.colmap.sift.max_num_features"
+_COLMAPS_LARGEST = 3200  # pixels along the longer side, of images in which features are sought
+
+
+class FeaturesRecord(StageRecord):
+    """Count images, cameras, those with a focal length from EXIF, and features."""
+
+    images: Count
+    cameras: Count
+    with_focal_prior: Count
+    features: Count
+
+
+def run(run: RunContext, progress: Progress) -> FeaturesRecord:
+    """Find features in all grey images."""
+    project = run.project
+    set_warnings.require_two([c.name for c in run.captures()], run.contents)
+    if not database_is_sound(project.database):
+        remove_database(project.database)
+    masks, warnings = make_masks(project, run.records["convert"]["grey"])
+    counts = features.extract_features(
+        project.database,
+        project.grey,
+        run.grey_names(),
+        masks,
+        run.options.camera,
+        run.options.features,
+        run.records["captures"]["shared_by"],
+        project.workspace,
+        run.executor,
+        progress,
+    )
+    by_grey = run.photographs_by_grey()
+    left_out = {
+        by_grey[name]: "COLMAP did not take its grey image; with camera.mode single all need the same size"
+        for name in counts.missing
+    }
+    set_warnings.require_features(counts.features, counts.images)
+    warnings += set_warnings.poor_photographs({by_grey[n]: c for n, c in counts.poor.items()})
+    if counts.with_focal_prior < counts.images and run.options.camera.params is None:
+        warnings.append(
+            f"{counts.images - counts.with_focal_prior} of {counts.images} photographs do not say their focal"
+            " length: COLMAP guesses it; if you know it, give it in `cameras:` or as camera.params"
+        )
+    return FeaturesRecord(**asdict(counts), left_out=left_out, warnings=warnings)
+
+
+def features_an_image(options: Options, size: PhotoSetSize) -> float:
+    """Return about how many features COLMAP finds in an image of the set."""
+    most: int = extraction_options(options.features).sift.max_num_features
+    return min(_FEATURES * most, _FEATURES_A_PIXEL * size.pixels / max(1, size.images))
+
+
+def _files(project: Project, record: Record) -> list[Path]:
+    return [project.database]
+
+
+def _check(options: Options, images: int) -> None:
+    model = features.choose_model(options.camera, images, images)
+    features.native_options(options.camera, options.features, model)
+
+
+def _needs(options: Options, size: PhotoSetSize) -> StageNeeds:
+    memory = features.features_bytes([size.largest_sides], options.features, 1)
+    disk = round(size.images * features_an_image(options, size) * _KEYPOINT)
+    return StageNeeds("features", BASE_BYTES, memory, disk, saves="a smaller features.max_image_size")
+
+
+def _parts(options: Options, known: Known) -> list[Part]:
+    largest = options.features.max_image_size or _COLMAPS_LARGEST
+    megapixels = pixels_within(largest, known.images, known.pixels) / 1e6
+    return [Part("features", "images", 0.55 * megapixels + 0.4 * known.images)]
+
+
+STAGE = Stage(
+    "features",
+    run,
+    FeaturesRecord,
+    sections=("camera", "features"),
+    libraries=("pycolmap",),
+    inputs=lambda project, options, discovery, digests: {"masks": masks_in(project.masks)},
+    files=_files,
+    made=lambda project: [project.database],
+    remove=lambda project: remove_database(project.database),
+    is_sound=lambda project: looks_whole(project.database),
+    check=_check,
+    needs=_needs,
+    parts=_parts,
+)
