@@ -1,0 +1,109 @@
+"""Keep what an earlier version made: a project and a folder of grey images, of whose files only the records are stored.
+
+`earlier_version/` holds the records of eight views of the small demo, three of them RAW. Files are stood for by empty
+ones of the size and time in the records; digests and versions of libraries are those of the records.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import colmap_ihe
+from colmap_ihe.machine.progress import Silent
+from colmap_ihe.pipeline.stages import STAGE_NAMES
+from colmap_ihe.pipeline.status import status
+from colmap_ihe.project.options import FitOptions, Options
+
+pytestmark = pytest.mark.slow
+
+EARLIER = Path(__file__).parent / "earlier_version"
+RECORDS = {name: json.loads((EARLIER / f"records/{name}.json").read_text()) for name in STAGE_NAMES}
+DIGESTS = RECORDS["captures"]["inputs"]["photographs"]
+VERSIONS = {name: version for record in RECORDS.values() for name, version in record["versions"].items()}
+
+
+class Kept(Silent):
+    """Note what is up to date."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.names: list[str] = []
+
+    def kept(self, name: str) -> None:
+        self.names.append(name)
+
+
+@pytest.fixture
+def earlier(small_demo: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Stand for the project, with the libraries that made it."""
+    project = tmp_path / "project"
+    shutil.copytree(EARLIER / "records", project / "records")
+    (project / "images").mkdir()
+    for name in DIGESTS:
+        shutil.copy2(small_demo / "images" / name, project / "images" / name)
+    for record in RECORDS.values():
+        for name, (size, modified_ns, _) in record["made"].items():
+            stand_in(project / name, bytes(size), modified_ns)
+    head = b"SQLite format 3\0" + (4096).to_bytes(2, "big") + bytes(10) + (1).to_bytes(4, "big")
+    stand_in(project / "workspace/database.db", head.ljust(4096, b"\0"))
+    versions: Callable[..., dict[str, str]] = lambda *names: {name: VERSIONS[name] for name in names}  # noqa: E731
+    monkeypatch.setattr("colmap_ihe.pipeline.fingerprints.library_versions", versions)
+    monkeypatch.setattr("colmap_ihe.pipeline.convert_folder.library_versions", versions)
+    monkeypatch.setattr("colmap_ihe.pipeline.input_digests.digest_file", lambda path: DIGESTS[path.name])
+    monkeypatch.setattr("colmap_ihe.pipeline.convert_folder.digest_file", lambda path: DIGESTS[path.name])
+    return project
+
+
+def stand_in(file: Path, content: bytes, modified_ns: int = 0) -> None:
+    file.parent.mkdir(parents=True, exist_ok=True)
+    file.write_bytes(content)
+    os.utime(file, ns=(modified_ns, modified_ns))
+
+
+def options_of_then() -> Options:
+    sections: dict[str, Any] = {}
+    for record in RECORDS.values():
+        sections |= {n: v for n, v in record["options"].items() if n not in ("cameras", "trial")}
+    sections["fit"]["weights"] = None
+    return Options.model_validate(sections | {"dense": {**sections["dense"], "enabled": True}})
+
+
+def test_every_stage_of_a_project_is_done(earlier: Path) -> None:
+    states = status(earlier, options_of_then())
+    assert {state.name: (state.state, state.why) for state in states} == dict.fromkeys(
+        STAGE_NAMES, ("done", "")
+    )
+
+
+def test_a_changed_option_is_still_seen(earlier: Path) -> None:
+    options = options_of_then()
+    blue = options.model_copy(update={"fit": FitOptions(method="blue", step=0.1)})
+    states = {state.name: state.state for state in status(earlier, blue)}
+    assert (states["captures"], states["fit"], states["mesh"]) == ("done", "stale", "stale")
+
+
+def test_nothing_in_a_folder_of_grey_images_is_written_again(
+    earlier: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    digests = {}
+    for folder in ("grey", "colour"):
+        record = json.loads((EARLIER / f"{folder}.json").read_text())
+        for name, entry in record["files"].items():
+            stand_in(tmp_path / folder / name, b"", 1)
+            digests[tmp_path / folder / name] = entry["digest"]
+        shutil.copy(EARLIER / f"{folder}.json", tmp_path / folder / ".colmap-ihe.json")
+    monkeypatch.setattr("colmap_ihe.pipeline.output_folder.digest_file", digests.__getitem__)
+    kept = Kept()
+    fit = FitOptions(step=0.1)
+    colmap_ihe.convert_folder(
+        earlier / "images", tmp_path / "grey", colour=tmp_path / "colour", fit=fit, progress=kept
+    )
+    assert kept.names == ["fit", "convert"]
+    assert {file.stat().st_mtime_ns for file in digests} == {1}
