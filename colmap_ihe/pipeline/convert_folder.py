@@ -1,4 +1,4 @@
-"""Grey images of a folder of photographs, for any photogrammetry program; what is up to date is not written again."""
+"""Write grey images of a folder of photographs, for any photogrammetry program; what is up to date is kept."""
 
 from __future__ import annotations
 
@@ -26,10 +26,10 @@ from colmap_ihe.photographs.recipes import prepared_set
 from colmap_ihe.photographs.survey import Surveyed
 from colmap_ihe.pipeline.output_folder import Ledger, opened
 from colmap_ihe.pipeline.stages.convert import convert_captures, weights_for
-from colmap_ihe.pipeline.warnings import photographs as oddities
+from colmap_ihe.pipeline.warnings import photographs as set_warnings
 from colmap_ihe.project.options import CamerasOptions, ConvertOptions, DevelopOptions, FitOptions
 
-_OF_THE_FIT = ("score", "tones", "images", "pixels")  # what a fit found, and what no pixel depends on
+_OF_THE_FIT = ("score", "tones", "images", "pixels")  # what a fit set_fit, and what no pixel depends on
 _Digests = Mapping[str, str]
 
 
@@ -47,11 +47,11 @@ def convert_folder(
     strict: bool = False,
     progress: RunProgress = SILENT,
 ) -> tuple[Grey, dict[str, str], LeftOut]:
-    """Grey images of the folder `images`, with their EXIF, in the folder `out`; with `colour`, also an 8-bit
+    """Write grey images of the folder `images`, with their EXIF, into the folder `out`; with `colour`, also an 8-bit
     colour twin of each in that folder, with the same name and the same pixels.
 
     `weights` are used if given, else fitted by `fit`. `calibration`: a folder with calibration frames; `cameras`
-    fill in what EXIF does not say. Returns the weights (of the larger part of a mixed set), the names of the grey
+    fill in what EXIF does not say. Return the weights (of the larger part of a mixed set), the names of the grey
     images by photograph, and what was left out. Of an earlier run, finished or not, everything is kept that would
     come out the same. Raises `KnownError`s; `ProjectError` rather than write over anything that we did not write.
     """
@@ -75,18 +75,18 @@ def convert_folder(
         )
         surveyed, left_out = prepared.surveyed, not_read | prepared.left_out
         digests = digests_of(surveyed, executor, progress)
-        for text in oddities.warnings_of(surveyed, discovery.ignored):
+        for text in set_warnings.warnings_of(surveyed, discovery.ignored):
             progress.warn(text)
-        for text in oddities.camera_warnings(cameras, surveyed, left_out):
+        for text in set_warnings.camera_warnings(cameras, surveyed, left_out):
             progress.warn(text)
         ledgers = [stack.enter_context(opened(folder)) for folder in folders]
-        wanted = {s.capture.grey_stem + SUFFIXES[options.format]: s.capture.name for s in surveyed}
+        expected = {s.capture.grey_stem + SUFFIXES[options.format]: s.capture.name for s in surveyed}
         for ledger in ledgers:
-            ledger.refuse(wanted)
+            ledger.refuse(expected)
         if weights is not None:
-            found = _fit_of(weights, surveyed, digests, ledgers, executor, progress)
+            set_fit = _fit_of(weights, surveyed, digests, ledgers, executor, progress)
         else:
-            found = _fitted(
+            set_fit = _fitted(
                 surveyed,
                 digests,
                 fit or FitOptions(),
@@ -96,23 +96,23 @@ def convert_folder(
                 strict,
                 options.tone,
             )
-            left_out |= found.left_out
-            _warn_of_the_fit(found, surveyed, progress)
-        for text in oddities.wallis_warnings(options.wallis):
+            left_out |= set_fit.left_out
+            _warn_of_the_fit(set_fit, surveyed, progress)
+        for text in set_warnings.wallis_warnings(options.wallis):
             progress.warn(text)
         usable = [s for s in surveyed if s.capture.name not in left_out]
-        _require_weights(usable, found, options.tone)
-        names, failed = _convert(usable, digests, found, options, ledgers, executor, progress, strict)
+        _require_weights(usable, set_fit, options.tone)
+        names, failed = _convert(usable, digests, set_fit, options, ledgers, executor, progress, strict)
         left_out |= failed
     for reason in left_out.values():
         progress.warn(f"left out: {reason}")
-    return found.main, names, left_out
+    return set_fit.main, names, left_out
 
 
 def _convert(
     surveyed: Sequence[Surveyed],
     digests: _Digests,
-    found: Fit,
+    fit: Fit,
     options: ConvertOptions,
     ledgers: Sequence[Ledger],
     executor: Executor,
@@ -120,14 +120,14 @@ def _convert(
     strict: bool,
 ) -> tuple[dict[str, str], LeftOut]:
     names = {s.capture.name: s.capture.grey_stem + SUFFIXES[options.format] for s in surveyed}
-    wanted = {grey: name for name, grey in names.items()}
+    expected = {grey: name for name, grey in names.items()}
     due: set[str] = set()
     for ledger, is_colour in zip(ledgers, (False, True), strict=False):
         prints = {
-            names[s.capture.name]: _fingerprint(s, digests[s.capture.name], found, options, is_colour)
+            names[s.capture.name]: _fingerprint(s, digests[s.capture.name], fit, options, is_colour)
             for s in surveyed
         }
-        due |= {wanted[name] for name in ledger.begin(wanted, prints)}
+        due |= {expected[name] for name in ledger.begin(expected, prints)}
         for name in sorted(ledger.changed):
             progress.warn(
                 f"{ledger.folder / name} was changed since it was written, and is left as it is;"
@@ -140,7 +140,7 @@ def _convert(
         with progress.stage("convert") as stage_progress:
             _, left_out = convert_captures(
                 [s for s in surveyed if s.capture.name in due],
-                found,
+                fit,
                 options,
                 ledgers[0].folder,
                 ledgers[1].folder if len(ledgers) > 1 else None,
@@ -162,14 +162,14 @@ def _end(ledgers: Sequence[Ledger]) -> None:
         ledger.end()
 
 
-def _fingerprint(one: Surveyed, digest: str, found: Fit, options: ConvertOptions, is_colour: bool) -> str:
-    """Of everything that the bytes of a grey image, or of a colour twin, come from."""
+def _fingerprint(one: Surveyed, digest: str, fit: Fit, options: ConvertOptions, is_colour: bool) -> str:
+    """Return the fingerprint of everything that the bytes of a grey image, or of a colour twin, come from."""
     linear = encoding_of(one.capture) == "linear"
     unused = _OF_THE_FIT if options.tone == "equalise" else (*_OF_THE_FIT, "curve")
-    weights = {k: v for k, v in weights_for(one.capture, found).as_dict().items() if k not in unused}
+    weights = {k: v for k, v in weights_for(one.capture, fit).as_dict().items() if k not in unused}
     versions = library_versions("rawpy", "libraw") if linear else {}
     if is_colour:
-        how: list[Any] = ["colour", found.colour_white if linear else None]
+        how: list[Any] = ["colour", fit.colour_white if linear else None]
     else:
         how = ["grey", weights, options.tone if linear else None, options.wallis]
     recipe = one.capture.recipe.identity()
@@ -187,7 +187,7 @@ def _fitted(
     strict: bool,
     tone: Tone = "sqrt",
 ) -> Fit:
-    """The fit over the set, or the one that the ledger holds of the same photographs and options."""
+    """Fit the set, or return the fit that the ledger holds of the same photographs and options."""
     trial = Trial(tone) if options.method == "auto" else None
     versions = library_versions("rawpy", "libraw", *(["pycolmap"] if trial else []))
     about_trial = asdict(trial) if trial else None
@@ -199,15 +199,15 @@ def _fitted(
         return kept
     with progress.stage("fit") as stage_progress:
         captures = [s.capture for s in surveyed]
-        found = fit_captures(captures, options, executor, stage_progress, strict=strict, trial=trial)
-        found = replace(found, gathered={})  # which takes memory
+        fit = fit_captures(captures, options, executor, stage_progress, strict=strict, trial=trial)
+        fit = replace(fit, gathered={})  # which takes memory
     ledger.notes["fit"] = {
         "fingerprint": key,
-        "weights": [w.as_dict() for w in found.weights.values()],
-        "colour_white": found.colour_white,
-        "left_out": found.left_out,
+        "weights": [w.as_dict() for w in fit.weights.values()],
+        "colour_white": fit.colour_white,
+        "left_out": fit.left_out,
     }
-    return found
+    return fit
 
 
 def _kept_fit(note: Any, key: str) -> Fit | None:
@@ -228,7 +228,7 @@ def _fit_of(
     executor: Executor,
     progress: RunProgress,
 ) -> Fit:
-    """Given weights as a fit. Colour twins of RAW need the set's own white point besides."""
+    """Return given weights as a fit. Colour twins of RAW need the set's own white point besides."""
     if len(ledgers) < 2 or weights.encoding != "linear":
         return Fit({weights.encoding: weights})
     green = FitOptions(method="green")
@@ -236,26 +236,26 @@ def _fit_of(
     return Fit({weights.encoding: weights}, white)
 
 
-def _warn_of_the_fit(found: Fit, surveyed: Sequence[Surveyed], progress: RunProgress) -> None:
-    if len(found.weights) > 1:
+def _warn_of_the_fit(fit: Fit, surveyed: Sequence[Surveyed], progress: RunProgress) -> None:
+    if len(fit.weights) > 1:
         progress.warn(
             "the set mixes RAW and gamma-coded photographs: each kind has weights of its own, and a colour is"
             " not the same grey in both"
         )
-    for text in oddities.fit_warnings([s.capture for s in surveyed], found.weights.values()):
+    for text in set_warnings.fit_warnings([s.capture for s in surveyed], fit.weights.values()):
         progress.warn(text)
 
 
-def _require_weights(surveyed: Sequence[Surveyed], found: Fit, tone: Tone) -> None:
-    """Refuses a kind without weights, and a tone that a grey cannot have, before anything is written."""
-    for grey in found.weights.values():
+def _require_weights(surveyed: Sequence[Surveyed], fit: Fit, tone: Tone) -> None:
+    """Refuse a kind without weights, and a tone that a grey cannot have, before anything is written."""
+    for grey in fit.weights.values():
         check_tone(grey, tone)
     for one in surveyed:
-        weights_for(one.capture, found)
+        weights_for(one.capture, fit)
 
 
 def digests_of(surveyed: Sequence[Surveyed], executor: Executor, progress: RunProgress) -> dict[str, str]:
-    """Of the content of each photograph, by name."""
+    """Return the digest of each photograph's content, by name."""
     digests = {}
     with progress.stage("content") as stage_progress:
         stage_progress.start(len(surveyed))
@@ -267,7 +267,7 @@ def digests_of(surveyed: Sequence[Surveyed], executor: Executor, progress: RunPr
 
 
 def require_apart(images: Path, folders: Sequence[Path]) -> None:
-    """Raises `ProjectError` where one of the folders lies in another."""
+    """Raise `ProjectError` where one of the folders lies in another."""
     for folder in folders:
         if folder.is_relative_to(images) or images.is_relative_to(folder):
             raise ProjectError(

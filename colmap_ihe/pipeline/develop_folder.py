@@ -1,4 +1,4 @@
-"""RAW photographs of a folder as linear TIFFs of 16 bit; what is up to date is not written again."""
+"""Write the RAW photographs of a folder as linear TIFFs of 16 bit; what is up to date is kept."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from colmap_ihe.photographs.recipes import prepared_set
 from colmap_ihe.photographs.survey import Surveyed
 from colmap_ihe.pipeline.convert_folder import digests_of, require_apart
 from colmap_ihe.pipeline.output_folder import Ledger, opened
-from colmap_ihe.pipeline.warnings import photographs as oddities
+from colmap_ihe.pipeline.warnings import photographs as set_warnings
 from colmap_ihe.project.options import DevelopOptions
 
 
@@ -36,10 +36,10 @@ def develop_folder(
     strict: bool = False,
     progress: RunProgress = SILENT,
 ) -> tuple[dict[str, str], dict[str, list[str]], LeftOut]:
-    """A TIFF of each RAW file in the folder `images`, with its EXIF, in the folder `out`: RGB of the sensor, linear,
-    65535 at its saturation, not turned. Photographs that are no RAW files are passed over, with a warning.
+    """Write a TIFF of each RAW file in the folder `images`, with its EXIF, in the folder `out`: RGB of the sensor,
+    linear, 65535 at its saturation, not turned. Photographs that are no RAW files are passed over, with a warning.
 
-    `calibration`: a folder with calibration frames. Returns the names of the TIFFs by photograph, the steps of
+    `calibration`: a folder with calibration frames. Return the names of the TIFFs by photograph, the steps of
     development by camera, and what was left out. Raises as `convert_folder`.
     """
     require_apart(images.resolve(), [out.resolve()])
@@ -56,7 +56,7 @@ def develop_folder(
         prepared = stack.enter_context(
             prepared_set(raw, options, calibration, executor, progress, strict=strict)
         )
-        for text in oddities.warnings_of(prepared.surveyed, discovery.ignored):
+        for text in set_warnings.warnings_of(prepared.surveyed, discovery.ignored):
             progress.warn(text)
         if len(raw) < len(discovery.captures):
             progress.warn(f"{len(discovery.captures) - len(raw)} photographs are no RAW files: passed over")
@@ -77,23 +77,23 @@ def _develop(
     progress: RunProgress,
     strict: bool,
 ) -> tuple[dict[str, str], LeftOut]:
-    """Writes the TIFFs that are not up to date; the names of all by photograph, and what was left out."""
+    """Write the TIFFs that are not up to date; return the names of all by photograph, and what was left out."""
     names = {s.capture.name: f"{s.capture.grey_stem}.tif" for s in surveyed}
-    wanted = {tiff: name for name, tiff in names.items()}
-    ledger.refuse(wanted)
+    expected = {tiff: name for name, tiff in names.items()}
+    ledger.refuse(expected)
     versions = library_versions("rawpy", "libraw")
     prints = {
         names[c.name]: fingerprint_of(__version__, versions, digests[c.name], c.recipe.identity())
         for c in (s.capture for s in surveyed)
     }
-    due = {wanted[tiff] for tiff in ledger.begin(wanted, prints)}
+    due = {expected[tiff] for tiff in ledger.begin(expected, prints)}
     left_out: LeftOut = {}
 
     if due:
         with progress.stage("develop") as stage_progress:
-            some = [s for s in surveyed if s.capture.name in due]
+            stale = [s for s in surveyed if s.capture.name in due]
             develop = partial(_develop_one, ledger.folder)
-            for _ in each_usable(develop, some, executor, stage_progress, strict, left_out):
+            for _ in each_usable(develop, stale, executor, stage_progress, strict, left_out):
                 pass
     else:
         progress.kept("develop")
@@ -101,7 +101,7 @@ def _develop(
     return names, left_out
 
 
-def _develop_one(folder: Path, one: Surveyed) -> None:
-    linear_rgb = np.asarray(read_photograph(one.capture).rgb, np.uint16)
-    tiff = encode_linear_tiff(linear_rgb, one.metadata.exif)
-    write_bytes(folder / f"{one.capture.grey_stem}.tif", tiff)
+def _develop_one(folder: Path, photograph: Surveyed) -> None:
+    linear_rgb = np.asarray(read_photograph(photograph.capture).rgb, np.uint16)
+    tiff = encode_linear_tiff(linear_rgb, photograph.metadata.exif)
+    write_bytes(folder / f"{photograph.capture.grey_stem}.tif", tiff)

@@ -1,6 +1,6 @@
-"""What is in the user's files: digests of photographs, masks and calibration frames, by which the road tells
-whether something changed. The digest of a file is read again where its size, its times or its place on the disk have
-changed, and where a change could hide: the clock of the disk may be coarse, slow or have been set back.
+"""Digest the user's photographs, masks and calibration frames, to tell whether something changed. The digest of a
+file is read again where its size, its times or its place on the disk have changed, and where a change could hide:
+the clock of the disk may be coarse, slow or have been set back.
 """
 
 from __future__ import annotations
@@ -32,34 +32,33 @@ def masks_in(folder: Path) -> dict[str, str]:
 def digests_of(
     project: Project, discovery: Discovery, executor: Executor, progress: Progress
 ) -> dict[str, list[Any]]:
-    """Of every photograph and calibration frame what tells whether it changed, when it was read, and last the digest of
-    its content."""
+    """Return size, times, inode, time of reading and content digest of each photograph and calibration frame."""
     known = read_json(project.digests_file) or {}
     files = {c.name: c.path for c in discovery.captures}
     for frame in sorted(p for p in project.calibration.rglob("*") if p.is_file() and p.name[0] != "."):
         files[FRAMES + frame.relative_to(project.calibration).as_posix()] = frame
     progress.start(len(files))
-    found: dict[str, list[Any]] = {name: [] for name in files}
+    digests: dict[str, list[Any]] = {name: [] for name in files}
     changed = []
     for name, path in files.items():
         old = known.get(name, [])
         if _still_holds(old, path):
-            found[name] = old
+            digests[name] = old
             progress.advance()
         else:
             changed.append(name)
     about = in_order(executor, _about, [files[name] for name in changed], progress=progress)
     for name, values in zip(changed, about, strict=True):
-        found[name] = values
+        digests[name] = values
         progress.advance()
-    return found
+    return digests
 
 
 def require_unchanged(
     discovery: Discovery, digests: Mapping[str, Sequence[Any]], names: Collection[str]
 ) -> None:
-    """Raises `ProjectError` if a photograph of these, which were left out, does not hold any more what it held when the
-    run began: then not what it holds was the reason, but a disk that went."""
+    """Raise `ProjectError` if one of these photographs, which were left out, changed since the run began: then a disk
+    that went was the reason, and not the photograph."""
     for capture in discovery.captures:
         if capture.name in names and _about(capture.path)[-1] != digests[capture.name][-1]:
             raise ProjectError(
@@ -69,14 +68,14 @@ def require_unchanged(
 
 
 def _stamp(path: Path) -> list[int]:
-    """Size, times of change of the content and of anything, place on the disk. The second time is the system's own:
+    """Return size, times of change of the content and of anything, inode. The second time is the system's own:
     programs that copy or edit cannot set it. Raises OSError."""
     about = path.stat()
     return [about.st_size, about.st_mtime_ns, about.st_ctime_ns, about.st_ino]
 
 
 def _still_holds(known: Any, path: Path) -> bool:
-    """Whether what is known of a file is of what it holds now."""
+    """Tell whether what is known of a file is of what it holds now."""
     try:
         *stamp, read_ns, digest = known
         _, modified, changed, _ = stamp

@@ -1,4 +1,4 @@
-"""What COLMAP's files of a project show, as plain arrays for a page: cloud, cameras, quality, matches."""
+"""Read COLMAP's files of a project as plain arrays for a page: cloud, cameras, quality, matches."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ _FRUSTUM = 0.05  # of the size of the scene: how deep cameras are drawn
 
 @dataclass(frozen=True)
 class Points:
-    """`positions` (N, 3) in the frame of `UprightFrame`, `colours` (N, 3) uint8, in random order; `total` before
+    """Hold `positions` (N, 3) in the frame of `UprightFrame`, `colours` (N, 3) uint8, in random order; `total` before
     thinning."""
 
     positions: _F32
@@ -34,7 +34,7 @@ class Points:
 
 @dataclass(frozen=True)
 class UprightFrame:
-    """Turns the model upright, y up as the photographs were held, and its middle to the origin."""
+    """Turn the model upright, y up as the photographs were held, and its middle to the origin."""
 
     rotation: _F64
     middle: _F64
@@ -46,7 +46,7 @@ class UprightFrame:
 
 @dataclass(frozen=True)
 class ImageCoverage:
-    """What the model says of one image: its points, their mean reprojection error in pixels, and the share of its
+    """Hold what the model says of one image: its points, their mean reprojection error in pixels, and the share of its
     area that they lie in."""
 
     points: int
@@ -55,7 +55,7 @@ class ImageCoverage:
 
 
 class ModelView:
-    """A sparse model. Raises what pycolmap raises where there is none."""
+    """Read a sparse model. Raises what pycolmap raises where there is none."""
 
     def __init__(self, folder: Path) -> None:
         self._model = pycolmap.Reconstruction(folder)
@@ -76,7 +76,7 @@ class ModelView:
         return _shuffled(frame.moved(self._xyz), colours, most)
 
     def camera(self, name: str, frame: UprightFrame) -> tuple[_F32, _F32]:
-        """Centre (3,) and corners (4, 3) of the picture before it, from the top left clockwise."""
+        """Return centre (3,) and corners (4, 3) of the picture before it, from the top left clockwise."""
         image = self._model.images[self._by_name[name]]
         camera = self._model.cameras[image.camera_id]
         edges = np.array([(0, 0), (1, 0), (1, 1), (0, 1)]) * (camera.width, camera.height)
@@ -103,7 +103,7 @@ class ModelView:
 
 
 def dense_points(cloud: Path, frame: UprightFrame, most: int) -> Points:
-    """Of a fused cloud. Raises `ProjectError`."""
+    """Return points of a fused cloud. Raises `ProjectError`."""
     rows = read_ply(cloud)["vertex"]
     chosen = np.sort(np.random.default_rng(0).choice(len(rows), min(most, len(rows)), replace=False))
     some = rows[chosen]
@@ -116,8 +116,8 @@ def dense_points(cloud: Path, frame: UprightFrame, most: int) -> Points:
 
 
 def cloud_as_seen(cloud: Path, model: Path, name: str, longest: int) -> _U8:
-    """(H, W, 3) uint8: a fused cloud as the camera of that image sees it, nearest points in front, white where there
-    is none; the longer side is `longest` at the most. Raises `ProjectError`."""
+    """Return (H, W, 3) uint8: a fused cloud as the camera of that image sees it, nearest points in front, white
+    where there is none; the longer side is `longest` at the most. Raises `ProjectError`."""
     found = pycolmap.Reconstruction(model)
     image = next(i for i in found.images.values() if i.name == name)
     camera = found.cameras[image.camera_id]
@@ -135,7 +135,7 @@ def cloud_as_seen(cloud: Path, model: Path, name: str, longest: int) -> _U8:
 
 
 def places_of_matches(database: Path, first: str, second: str) -> tuple[_F64, _F64]:
-    """(N, 2) each: where the verified matches of two images lie, in pixels."""
+    """Return (N, 2) each: where the verified matches of two images lie, in pixels."""
     with pycolmap.Database.open(database) as opened:
         ids = {str(image.name): image.image_id for image in opened.read_all_images()}
         geometry = opened.read_two_view_geometry(ids[first], ids[second])
@@ -145,7 +145,7 @@ def places_of_matches(database: Path, first: str, second: str) -> tuple[_F64, _F
 
 
 def verified_matches(database: Path, names: Sequence[str]) -> NDArray[np.int64]:
-    """(n, n): how many verified inliers each two of the images share, in their order."""
+    """Return (n, n): how many inliers each two of the images share, in their order."""
     place = {name: n for n, name in enumerate(names)}
     found = np.zeros((len(names), len(names)), np.int64)
     with pycolmap.Database.open(database) as opened:

@@ -1,4 +1,4 @@
-"""What we have written into a folder that is not a project: which files are ours, which of them are stale.
+"""Note what we wrote into a folder that is not a project: which files are ours, and which of them are stale.
 
 The record in the folder names each file with the fingerprint of what it is made from. A stale file is removed
 before the record says otherwise, so a file under its name is always of the fingerprint in the record, however
@@ -30,12 +30,12 @@ RECORD = ".colmap-ihe.json"
 
 
 class Ledger:
-    """The record of one folder. `files`: by name, the fingerprint of what each is made from and the digest of
+    """Keep the record of one folder. `files`: by name, the fingerprint of what each is made from and the digest of
     what we wrote, empty if we were killed before it was noted. `notes`: plain values kept beside. `changed`,
     once it has begun: our files that somebody has changed since."""
 
     def __init__(self, folder: Path) -> None:
-        """Raises `ProjectError` for a folder with anything in it and no record of ours."""
+        """Read the record. Raises `ProjectError` for a folder with anything in it and no record of ours."""
         self.folder = folder
         self.files: dict[str, dict[str, str]] = {}
         self.notes: dict[str, Any] = {}
@@ -55,10 +55,10 @@ class Ledger:
             )
         self.files, self.notes = {n: dict(f) for n, f in files.items() if self._is_below(n)}, notes
 
-    def refuse(self, wanted: Mapping[str, str]) -> None:
-        """Raises `ProjectError` if a file that is not ours is in the way of `wanted`, or if what lies here is
-        of other photographs. `wanted`: the photograph that each file is made from."""
-        for name in wanted:
+    def refuse(self, expected: Mapping[str, str]) -> None:
+        """Raise `ProjectError` if a file that is not ours is in the way of `expected`, or if what lies here is
+        of other photographs. `expected`: the photograph that each file is made from."""
+        for name in expected:
             if not self._is_below(name):
                 raise ProjectError(
                     f"{self.folder / name}: lies behind a link that leads out of the folder",
@@ -70,7 +70,7 @@ class Ledger:
                     hint="move it away, or name another folder",
                 )
         there = {f["photograph"] for n, f in self.files.items() if (self.folder / n).exists()}
-        if there and not there & set(wanted.values()):
+        if there and not there & set(expected.values()):
             raise ProjectError(
                 f"{self.folder}: holds grey images of other photographs, as {min(there)}",
                 hint="name a folder of its own for each set",
@@ -79,26 +79,26 @@ class Ledger:
     def _is_below(self, name: str) -> bool:
         return is_name_below(name) and not leads_out(self.folder / name, self.folder)
 
-    def begin(self, wanted: Mapping[str, str], prints: Mapping[str, str]) -> set[str]:
-        """Removes what is stale or no longer wanted, and notes what will be written: the names returned.
-        `prints`: the fingerprint that each wanted file is to have. Raises `ProjectError` for a stale file that
+    def begin(self, expected: Mapping[str, str], prints: Mapping[str, str]) -> set[str]:
+        """Remove what is stale or no longer expected, note what will be written, and return these names.
+        `prints`: the fingerprint that each expected file is to have. Raises `ProjectError` for a stale file that
         was changed since."""
         there = self._digests([n for n, f in self.files.items() if f["digest"]])
         changed = self.changed = {n for n, digest in there.items() if digest != self.files[n]["digest"]}
-        stale = {n for n in wanted if self.files.get(n, {}).get("fingerprint") != prints[n]}
+        stale = {n for n in expected if self.files.get(n, {}).get("fingerprint") != prints[n]}
         for name in sorted(stale & changed):
             raise ProjectError(
                 f"{self.folder / name}: is to be written again and was changed since it was written",
                 hint="move it away to keep it, or delete it",
             )
-        for name in (stale | set(self.files) - set(wanted)) - changed:
+        for name in (stale | set(self.files) - set(expected)) - changed:
             with room_on_disk(self.folder):
                 (self.folder / name).unlink(missing_ok=True)
-        missing = {n for n in wanted if n in stale or not (self.folder / n).exists()}
-        kept = {n: self.files[n] for n in wanted if n not in missing}
+        missing = {n for n in expected if n in stale or not (self.folder / n).exists()}
+        kept = {n: self.files[n] for n in expected if n not in missing}
         new = {
-            n: {"photograph": wanted[n], "fingerprint": prints[n], "digest": ""}
-            for n in wanted
+            n: {"photograph": expected[n], "fingerprint": prints[n], "digest": ""}
+            for n in expected
             if n in missing
         }
         self.files = kept | new
@@ -106,7 +106,7 @@ class Ledger:
         return missing
 
     def end(self) -> None:
-        """Notes what has been written."""
+        """Note what has been written."""
         for name, digest in self._digests([n for n, f in self.files.items() if not f["digest"]]).items():
             self.files[name]["digest"] = digest
         self.save()
@@ -115,7 +115,7 @@ class Ledger:
         write_json(self.folder / RECORD, {"files": self.files, "notes": self.notes})
 
     def _digests(self, names: Sequence[str]) -> dict[str, str]:
-        """Of those files that are there."""
+        """Return the digests of those files that are there."""
         there = [n for n in names if (self.folder / n).exists()]
         with local_executor() as executor:
             return dict(zip(there, executor.map(digest_file, [self.folder / n for n in there]), strict=True))
@@ -123,10 +123,10 @@ class Ledger:
 
 @contextmanager
 def opened(folder: Path) -> Iterator[Ledger]:
-    """The ledger of a folder, made if it is not there, for one run at a time; a folder that is empty in the end
+    """Open the ledger of a folder, made if it is not there, for one run at a time; a folder that is empty in the end
     is removed again. Raises `ProjectError`."""
     if folder.exists() and not folder.is_dir():
-        raise ProjectError(f"{folder}: is a file, wanted a folder", hint="name an empty or a new folder")
+        raise ProjectError(f"{folder}: is a file, expected a folder", hint="name an empty or a new folder")
     with room_on_disk(folder):
         folder.mkdir(parents=True, exist_ok=True)
     handle = os.open(folder, os.O_RDONLY)

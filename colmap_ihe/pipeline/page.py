@@ -1,4 +1,4 @@
-"""The page of a project: what it shows is gathered here from the project's files and records, and written."""
+"""Gather what the page of a project shows from its files and records, and write it."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from colmap_ihe.machine.executor import in_order, threads_of
 from colmap_ihe.machine.files import write_bytes
 from colmap_ihe.machine.libraries import library_versions
 from colmap_ihe.machine.progress import Progress, RunProgress
-from colmap_ihe.pipeline import model_view as shown
+from colmap_ihe.pipeline import model_view
 from colmap_ihe.pipeline.run_context import RunContext
 from colmap_ihe.project.folder import Project
 from colmap_ihe.project.options import Options
@@ -50,7 +50,7 @@ _U8 = NDArray[np.uint8]
 
 @dataclass(frozen=True)
 class _Look:
-    """One photograph, small: what tiles, thumbnails and the histograms are made of."""
+    """Hold one photograph, small: what tiles, thumbnails and histograms are made of."""
 
     name: str
     thumbnail: Picture
@@ -61,7 +61,7 @@ class _Look:
 
 
 def page_of(run: RunContext, summary: Mapping[str, Any], progress: RunProgress) -> None:
-    """The page at the end of a run. Where it cannot be written the model is there all the same, and a warning."""
+    """Write the page at the end of a run. Where it cannot be written the model is there all the same, and a warning."""
     try:
         with progress.stage("page") as stage_progress:
             write_page(run, summary, stage_progress)
@@ -70,13 +70,13 @@ def page_of(run: RunContext, summary: Mapping[str, Any], progress: RunProgress) 
 
 
 def write_page(run: RunContext, summary: Mapping[str, Any], progress: Progress) -> Path:
-    """Writes report/index.html of a project that is converted at least, and returns it. Raises `KnownError`s."""
+    """Write report/index.html of a project that is converted at least, and return it. Raises `KnownError`s."""
     write_bytes(run.project.page_file, render_page(gather(run, summary, progress)).encode())
     return run.project.page_file
 
 
 def gather(run: RunContext, summary: Mapping[str, Any], progress: Progress) -> Contents:
-    """All that the page shows of a project that is converted at least. Raises `KnownError`s."""
+    """Return all that the page shows of a project that is converted at least. Raises `KnownError`s."""
     project, records, options = run.project, run.records, run.options
     grey_of: Mapping[str, str] = records["convert"]["grey"]
     some = _spread(sorted(grey_of), _PICTURED)
@@ -88,12 +88,14 @@ def gather(run: RunContext, summary: Mapping[str, Any], progress: Progress) -> C
         ):
             looks[look.name] = look
             progress.advance()
-    model = shown.ModelView(project.sparse / "0") if "sparse" in records else None
+    model = model_view.ModelView(project.sparse / "0") if "sparse" in records else None
     frame = model.frame() if model else None
     photographs = _photographs(summary, grey_of, looks, model)
     matched = None
     if "matches" in records:
-        matched = shown.verified_matches(project.database, [grey_of.get(p.name, "") for p in photographs])
+        matched = model_view.verified_matches(
+            project.database, [grey_of.get(p.name, "") for p in photographs]
+        )
     return Contents(
         title=project.root.name,
         result=_result(summary),
@@ -118,7 +120,7 @@ def gather(run: RunContext, summary: Mapping[str, Any], progress: Progress) -> C
 def _result(summary: Mapping[str, Any]) -> str:
     if summary["registered_images"] is None:
         return f"{summary['images']} photographs, converted to grey."
-    parts = [f"{summary['registered_images']} of {summary['images']} photographs have their place"]
+    parts = [f"{summary['registered_images']} of {summary['images']} photographs are registered"]
     if summary["dense_points"]:
         parts.append(f"the dense cloud has {summary['dense_points']:,} points")
     error = f"mean reprojection error {summary['mean_reprojection_error_px']:.2f} px"
@@ -180,7 +182,7 @@ def _photographs(
     summary: Mapping[str, Any],
     grey_of: Mapping[str, str],
     looks: Mapping[str, _Look],
-    model: shown.ModelView | None,
+    model: model_view.ModelView | None,
 ) -> list[PhotographEntry]:
     found = []
     in_model = set(model.names) if model else set()
@@ -196,10 +198,12 @@ def _photographs(
     return [*found, *(PhotographEntry(name, None, left_out=summary["left_out"][name]) for name in others)]
 
 
-def _cloud(project: Project, records: _Records, model: shown.ModelView, frame: shown.UprightFrame) -> Cloud:
+def _cloud(
+    project: Project, records: _Records, model: model_view.ModelView, frame: model_view.UprightFrame
+) -> Cloud:
     is_dense = bool(records.get("dense", {}).get("points"))
     if is_dense:
-        points = shown.dense_points(project.dense / "fused.ply", frame, _POINTS)
+        points = model_view.dense_points(project.dense / "fused.ply", frame, _POINTS)
     else:
         points = model.points(frame, _POINTS)
     weights = next(iter(records["fit"]["weights"].values()))["weights"]
@@ -210,7 +214,7 @@ def _cloud(project: Project, records: _Records, model: shown.ModelView, frame: s
 
 
 def _cameras(
-    grey_of: Mapping[str, str], model: shown.ModelView, frame: shown.UprightFrame
+    grey_of: Mapping[str, str], model: model_view.ModelView, frame: model_view.UprightFrame
 ) -> list[CameraPose]:
     found = []
     for name, grey in sorted(grey_of.items()):
@@ -244,21 +248,21 @@ def _pairs(
     photographs: Sequence[PhotographEntry],
     progress: Progress,
 ) -> list[Pair]:
-    """The pairs on which the grey was measured, else those with most matches, matched again in both greys."""
-    wanted = [tuple(pair) for pair in (summary["tried"] or {}).get("pairs", ())]
+    """Draw the pairs on which the grey was measured, else those with most matches, matched again in both greys."""
+    pairs = [tuple(pair) for pair in (summary["tried"] or {}).get("pairs", ())]
     names = [p.name for p in photographs]
-    if not wanted and matched is not None and matched.any():
+    if not pairs and matched is not None and matched.any():
         best = np.argsort(np.triu(matched), axis=None)[::-1][: 4 * _PAIRS]
         rows = [np.unravel_index(n, matched.shape) for n in best if matched.flat[n]]
         taken: set[int] = set()
         for row in rows:  # each photograph once, so that the pairs are of several places
             if not taken & {int(n) for n in row}:
                 taken |= {int(n) for n in row}
-                wanted.append((names[row[0]], names[row[1]]))
-    wanted = [pair for pair in wanted if all(name in grey_of for name in pair)][:_PAIRS]
-    progress.start(len(wanted), "pairs drawn")
+                pairs.append((names[row[0]], names[row[1]]))
+    pairs = [pair for pair in pairs if all(name in grey_of for name in pair)][:_PAIRS]
+    progress.start(len(pairs), "pairs drawn")
     found = []
-    for first, second in wanted:
+    for first, second in pairs:
         found.append(_pair(project, (first, second), (grey_of[first], grey_of[second]), progress))
         progress.advance()
     return found
@@ -286,5 +290,5 @@ def _pair(project: Project, names: tuple[str, str], greys: tuple[str, str], prog
 
 
 def _spread(names: Sequence[str], most: int) -> list[str]:
-    """At most so many of them, evenly."""
+    """Return at most so many of them, evenly spread."""
     return list(names[:: -(-len(names) // most)]) if names else []

@@ -51,7 +51,7 @@ class PhotoSetSize:
 
     @property
     def largest_sides(self) -> tuple[int, int]:
-        """Width and height of the largest photograph in pixels, with the usual aspect."""
+        """Return width and height of the largest photograph in pixels, with the usual aspect."""
         side = (self.largest * ASPECT) ** 0.5
         return max(1, round(side)), max(1, round(side / ASPECT))
 

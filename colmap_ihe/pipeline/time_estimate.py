@@ -48,10 +48,10 @@ class Known:
 
     @property
     def decoded_megapixels(self) -> float:
-        """Megapixels of all photographs, RAW counted as often as they take longer to decode."""
+        """Return the megapixels of all photographs, RAW counted as often as they take longer to decode."""
         return (self.pixels + _RAW * self.raw_pixels) / 1e6
 
     @property
     def registered_megapixels(self) -> float:
-        """Megapixels of the photographs in the model."""
+        """Return the megapixels of the photographs in the model."""
         return self.pixels / 1e6 * self.registered / self.images

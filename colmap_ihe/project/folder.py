@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from colmap_ihe.errors import BusyError, ProjectError
-from colmap_ihe.machine import locks as ours
+from colmap_ihe.machine import locks
 from colmap_ihe.machine.files import leads_out, odd_below, read_json, room_on_disk, write_json
 
 
@@ -81,10 +81,10 @@ class Project:
     def claim(self) -> None:
         """Mark the workspace as ours. Raises `ProjectError` where somebody else made one of our folders: a
         workspace without our mark is somebody's work, and not ours to write into."""
-        if not ours.is_marked(self.workspace):
+        if not locks.is_marked(self.workspace):
             for folder in self.made_folders:
-                ours.refuse_unmarked(folder, "move it away, or use another project folder with --images")
-            ours.make(self.workspace)
+                locks.refuse_unmarked(folder, "move it away, or use another project folder with --images")
+            locks.make(self.workspace)
 
     def refuse_links(self) -> None:
         """Raise `ProjectError` where one of our folders is a link out of the project, or holds one: what we write and
@@ -144,7 +144,7 @@ class Project:
     def locked(self) -> Iterator[None]:
         """Let one run at a time work here; the lock goes with the process, however that ends. Raises `BusyError`."""
         with room_on_disk(self.root):
-            lock = ours.acquire_lock(self.records / "lock")
+            lock = locks.acquire_lock(self.records / "lock")
         if lock is None:
             raise BusyError(
                 f"{self.root}: another run is working on this project", hint="wait for it, or stop it"

@@ -1,4 +1,4 @@
-"""Options that name a file, a folder or a machine.
+"""Find and refuse options that name a file, a folder or a machine.
 
 project.yaml comes with a folder that somebody may have been sent, and so does a record: what they name cannot lead out
 of the project. On the command line anything may be named.
@@ -24,7 +24,8 @@ _NATIVE = re.compile(r"(path|file|folder|directory|dir|list)$")
 
 
 def named_paths(values: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
-    """Key, as in `--set`, and text of every option in sections of project.yaml that names something outside of it."""
+    """Return key, as in `--set`, and text of every option in sections of project.yaml that names something outside
+    of it."""
     for section, options in values.items():
         for name, value in options.items() if isinstance(options, Mapping) else ():
             key = f"{section}.{name}"
@@ -44,7 +45,8 @@ def _native_paths(place: str, values: Mapping[str, Any]) -> Iterator[tuple[str, 
 
 
 def native_assignments(options: Options) -> list[str]:
-    """What they have COLMAP read or write, as `--set` would say it: to be given beside a project.yaml of ours."""
+    """Return what options have COLMAP read or write, as `--set` would say it: to be given beside a project.yaml of
+    ours."""
     return [
         f"{key}={json.dumps(text)}"
         for key, text in named_paths(options.as_yaml())
@@ -53,7 +55,7 @@ def native_assignments(options: Options) -> list[str]:
 
 
 def refuse_paths(values: Mapping[str, Any], source: str, root: Path, said: Collection[str]) -> None:
-    """Raises `OptionError` for what `values`, read from a file, may not name; `said` are the keys that the command line
+    """Raise `OptionError` for what `values`, read from a file, may not name; `said` are the keys that the command line
     goes over. `root`: the project's folder."""
     for key, text in named_paths(values):
         if key in said:
@@ -78,7 +80,7 @@ def refuse_paths(values: Mapping[str, Any], source: str, root: Path, said: Colle
 
 
 def _is_near(address: str) -> bool:
-    """Whether it is one of a host whose addresses are all of private networks or this machine."""
+    """Tell whether it is one of a host whose addresses are all of private networks or this machine."""
     try:
         host = urlsplit(address).hostname
         found = socket.getaddrinfo(host, None) if host else []
@@ -88,7 +90,7 @@ def _is_near(address: str) -> bool:
 
 
 def _is_within(root: Path, text: str) -> bool:
-    """Whether it is a relative path that ends below `root`, links followed."""
+    """Tell whether it is a relative path that ends below `root`, links followed."""
     if Path(text).is_absolute():
         return False
     try:

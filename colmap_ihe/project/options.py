@@ -1,7 +1,7 @@
-"""What a user may set: one frozen model a stage, strict YAML in and out.
+"""Define what a user may set: one frozen model a stage, strict YAML in and out.
 
 The sections are the stages by name, in project.yaml and in `--set stage.option=value` alike. An unknown
-key or a wrong type is an `OptionError` that names the file, the key, what came and what was wanted.
+key or a wrong type is an `OptionError` that names the file, the key, what came and what was expected.
 `colmap:` mappings go to pycolmap's own option classes as they are, which check themselves.
 """
 
@@ -53,7 +53,7 @@ class DevelopOptions(_Section):
 
 
 class KnownCamera(_Section):
-    """What is known of a camera whose photographs do not say it."""
+    """Hold what is known of a camera whose photographs do not say it."""
 
     make: Annotated[str, Field(min_length=1)] | None = None
     model: Annotated[str, Field(min_length=1)] | None = None
@@ -70,25 +70,25 @@ class KnownCamera(_Section):
     @classmethod
     def _whole_number(cls, value: float | None) -> float | None:
         if value is not None and not value.is_integer():
-            raise ValueError("wanted a whole number; focal_length and sensor_width are exact")
+            raise ValueError("expected a whole number; focal_length and sensor_width are exact")
         return value
 
     @model_validator(mode="after")
     def _something_known(self) -> KnownCamera:
         if not self.model_fields_set - {"override"}:
-            raise ValueError(f"wanted some of {', '.join(KnownCamera.model_fields)}")
+            raise ValueError(f"expected some of {', '.join(KnownCamera.model_fields)}")
         return self
 
 
 class CamerasOptions(RootModel[dict[str, KnownCamera]]):
-    """By pattern of the photographs' names; the first that fits a photograph counts for it."""
+    """Hold cameras by pattern of the photographs' names; the first that fits a photograph counts for it."""
 
     model_config = ConfigDict(frozen=True, strict=True)
     root: dict[str, KnownCamera] = Field(default_factory=dict)
 
     @model_serializer
     def _in_order(self) -> list[tuple[str, dict[str, Any]]]:
-        """As a list, since the order of the patterns counts."""
+        """Return a list, since the order of the patterns counts."""
         return [(pattern, known.model_dump(exclude_none=True)) for pattern, known in self.root.items()]
 
 
@@ -116,13 +116,13 @@ class FitOptions(_Section):
     @classmethod
     def _method_is_known(cls, method: str) -> str:
         if method not in CONVERSIONS:
-            raise ValueError(f"wanted one of {', '.join(CONVERSIONS)}")
+            raise ValueError(f"expected one of {', '.join(CONVERSIONS)}")
         return method
 
     @model_validator(mode="after")
     def _weights_or_method(self) -> FitOptions:
         if self.weights is not None and "method" in self.model_fields_set:
-            raise ValueError("wanted weights or a method: weights of a file are not fitted")
+            raise ValueError("expected weights or a method: weights of a file are not fitted")
         return self
 
     @field_validator("step")
@@ -160,7 +160,7 @@ class CameraOptions(_Section):
         try:
             return tuple(float(v) for v in value)
         except (TypeError, OverflowError) as error:
-            raise ValueError("wanted a list of numbers") from error
+            raise ValueError("expected a list of numbers") from error
 
     @model_validator(mode="after")
     def _params_of_a_model(self) -> CameraOptions:
@@ -220,7 +220,7 @@ class MeshOptions(_Section):
 
 
 class ClusterOptions(_Section):
-    """Where work runs, which affects no result."""
+    """Say where work runs, which affects no result."""
 
     address: Annotated[str, Field(min_length=1)] | None = None
     """Of a Dask scheduler, as tcp://login1:8786, or its scheduler file; `local:N` starts N workers here."""
@@ -234,7 +234,7 @@ class MachineOptions(_Section):
 
 
 class Options(_Section):
-    """Every option of a project. `Options()` holds the defaults."""
+    """Hold every option of a project; `Options()` has the defaults."""
 
     captures: CapturesOptions = CapturesOptions()
     cameras: CamerasOptions = CamerasOptions()
@@ -255,7 +255,7 @@ class Options(_Section):
         return self.dense.enabled and self.mesh.enabled
 
     def as_yaml(self) -> dict[str, Any]:
-        """All of them as project.yaml would hold them."""
+        """Return all options as project.yaml would hold them."""
         values = self.model_dump(mode="json")
         if self.fit.weights is not None:  # of which there is no method
             del values["fit"]["method"]

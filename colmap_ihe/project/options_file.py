@@ -1,4 +1,4 @@
-"""Options out of project.yaml, then out of `stage.option=value`: strictly read, and refused by name."""
+"""Read options from project.yaml, then from `stage.option=value`: strictly, and refused by name."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _SHOWN = 200  # characters of a value in a message
 
 
 def load_options(path: Path | None, assignments: Iterable[str] = ()) -> Options:
-    """The defaults, changed by project.yaml at `path` if there is one, then by `stage.option=value` each.
+    """Return the defaults, changed by project.yaml at `path` if there is one, then by `stage.option=value` each.
 
     Raises `OptionError`.
     """
@@ -31,8 +31,8 @@ def load_options(path: Path | None, assignments: Iterable[str] = ()) -> Options:
 
 
 def options_of(values: dict[str, Any], source: str, root: Path, assignments: Iterable[str] = ()) -> Options:
-    """The defaults, changed by sections of `values`, which come from `source` and may name nothing outside of `root`,
-    then by `stage.option=value` each, which may.
+    """Return the defaults, changed by sections of `values`, which come from `source` and may name nothing outside
+    of `root`, then by `stage.option=value` each, which may.
 
     Raises `OptionError`.
     """
@@ -66,7 +66,7 @@ def _read_yaml(path: Path) -> dict[str, Any]:
         values["cluster"] = {"address": values["cluster"]}
     if not isinstance(values, dict) or not all(isinstance(v, dict | None) for v in values.values()):
         raise OptionError(
-            f"{path}: holds {type(values).__name__}, wanted sections such as `dense:` with options below them",
+            f"{path}: holds {type(values).__name__}, expected sections such as `dense:` with options below them",
             hint="see docs/options.md",
         )
     return {str(k): dict(v or {}) for k, v in values.items()}
@@ -77,7 +77,7 @@ def _assign(values: dict[str, Any], assignment: str) -> None:
     stage, dot, option = name.strip().partition(".")
     if not equals or not dot or not stage or not option:
         raise OptionError(
-            f"--set {_shown(assignment)}: wanted stage.option=value", hint="as in --set dense.backend=sgm"
+            f"--set {_shown(assignment)}: expected stage.option=value", hint="as in --set dense.backend=sgm"
         )
     try:
         value = parse_yaml(text)
@@ -95,13 +95,13 @@ def _assign(values: dict[str, Any], assignment: str) -> None:
 
 
 def _shown(assignment: str) -> str:
-    """In one line, as it stands in a message."""
+    """Return a value in one line, as it stands in a message."""
     return " ".join(assignment.split())[:_SHOWN]
 
 
 def _pattern_and_key(option: str, value: Any) -> list[str]:
-    """Patterns hold dots: the key comes behind the last one, `cameras.*.JPG.focal_length=24`; a mapping is all
-    of a pattern, `cameras.*.JPG={focal_length: 24}`."""
+    """Split a key whose pattern holds dots: the key comes behind the last one, `cameras.*.JPG.focal_length=24`; a
+    mapping is all of a pattern, `cameras.*.JPG={focal_length: 24}`."""
     pattern, dot, key = option.rpartition(".")
     return [option] if isinstance(value, dict) or not dot else [pattern, key]
 

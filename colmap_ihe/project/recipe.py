@@ -1,4 +1,5 @@
-"""How one photograph is developed: plain values, so that they can be noted, compared and sent to another process."""
+"""Describe how one photograph is developed: plain values, so that they can be noted, compared and sent to another
+process."""
 
 from __future__ import annotations
 
@@ -15,7 +16,7 @@ FILES = ("bias", "dark", "flat", "bad_pixels")
 
 @dataclass(frozen=True)
 class Recipe:
-    """What happens to a photograph between its file and the fit. `Recipe()` is minimal development without
+    """Hold what happens to a photograph between its file and the fit. `Recipe()` is minimal development without
     calibration frames, and of a gamma-coded photograph nothing at all.
 
     `dark`, `flat` and `bad_pixels` are files of `calibration`, empty for none; `dark_scale` multiplies what a
@@ -36,14 +37,14 @@ class Recipe:
     cache_folder: str = ""
 
     def identity(self) -> dict[str, Any]:
-        """As `as_dict`, files without the folder they lie in: their names tell their content. Without `cache_folder`,
-        which changes nothing."""
+        """Return `as_dict`, files without the folder they lie in: their names tell their content. Without
+        `cache_folder`, which changes nothing."""
         plain = {k: Path(v).name if k in FILES else v for k, v in self.as_dict().items()}
         plain.pop("kept_in", None)
         return plain
 
     def as_dict(self) -> dict[str, Any]:
-        """What differs from `Recipe()`, as plain values; `recipe_from_dict` reads it back."""
+        """Return what differs from `Recipe()`, as plain values; `recipe_from_dict` reads it back."""
         return {
             one.name: list(value) if isinstance(value, tuple) else value
             for one in fields(self)
@@ -52,7 +53,8 @@ class Recipe:
 
 
 def recipe_from_dict(values: Mapping[str, Any], folder: Path | None = None) -> Recipe:
-    """`folder`: where the files lie, of an `identity`. Raises ValueError for a key that a recipe has not."""
+    """Read a recipe back. `folder`: where the files lie, of an `identity`. Raises ValueError for a key that a
+    recipe has not."""
     unknown = set(values) - {f.name for f in fields(Recipe)}
     if unknown:
         raise ValueError(f"{sorted(unknown)}, expected fields of a Recipe")

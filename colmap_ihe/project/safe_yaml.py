@@ -1,4 +1,5 @@
-"""YAML as people write it, and nothing that they would not: bounded in size, depth and what its aliases unfold to."""
+"""Read YAML as people write it, and nothing that they would not: bounded in size, depth and what its aliases unfold
+to."""
 
 from __future__ import annotations
 
@@ -27,8 +28,8 @@ _BROKEN = (
 
 
 def parse_yaml(text: str) -> Any:
-    """Plain values: nothing in it is run or opened. Raises ValueError, in one line, for what is no YAML, unfolds to
-    more than a person writes, or holds characters that are no text."""
+    """Return plain values: nothing in it is run or opened. Raises ValueError, in one line, for what is no YAML,
+    unfolds to more than a person writes, or holds characters that are no text."""
     try:
         loader = _Loader(text)
         try:
@@ -48,7 +49,7 @@ def parse_yaml(text: str) -> Any:
 
 
 def refuse_no_text(values: Any) -> None:
-    """Raises ValueError where a key or value in `values` holds control characters or halves of characters, which no
+    """Raise ValueError where a key or value in `values` holds control characters or halves of characters, which no
     name, path or EXIF can have."""
     for text in _texts(values):
         if any(unicodedata.category(c) in ("Cc", "Cs") and c not in "\t\n\r" for c in text):
@@ -68,7 +69,7 @@ def _texts(values: Any) -> Iterator[str]:
 
 
 class _Loader(yaml.SafeLoader):
-    """PyYAML's own, not libyaml's: it raises where the stack of that one would overflow."""
+    """Use PyYAML's own parser, not libyaml's: it raises where the stack of that one would overflow."""
 
     _depth = 0
 
@@ -83,7 +84,7 @@ class _Loader(yaml.SafeLoader):
 
 
 def _weigh(node: yaml.Node, known: dict[int, tuple[int, int] | None]) -> tuple[int, int]:
-    """How many nodes it unfolds to, and how deep; each is looked at once, however often it is named."""
+    """Count the nodes that it unfolds to, and how deep; each is looked at once, however often it is named."""
     found = known.get(id(node), (0, 0))
     if found is None:
         raise ValueError("an alias stands inside of what it names")
@@ -93,7 +94,7 @@ def _weigh(node: yaml.Node, known: dict[int, tuple[int, int] | None]) -> tuple[i
     count, depth = 1, 0
     if isinstance(node, yaml.ScalarNode):
         if len(node.value) > _LONGEST:
-            raise ValueError(f"a value of {len(node.value)} characters, wanted at most {_LONGEST}")
+            raise ValueError(f"a value of {len(node.value)} characters, expected at most {_LONGEST}")
     else:
         parts = (
             [one for pair in node.value for one in pair] if isinstance(node, yaml.MappingNode) else node.value

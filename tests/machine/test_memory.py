@@ -22,7 +22,7 @@ from colmap_ihe.photographs.discover import Capture
 from colmap_ihe.photographs.each import each_usable
 from colmap_ihe.photographs.survey import survey
 from colmap_ihe.pipeline.fit_files import fit_files
-from colmap_ihe.pipeline.warnings import photographs as oddities
+from colmap_ihe.pipeline.warnings import photographs as set_warnings
 
 GB = 10**9
 
@@ -97,7 +97,7 @@ def test_it_is_said_in_words() -> None:
 
 
 def _workers(monkeypatch: pytest.MonkeyPatch, count: int) -> None:
-    for module in (executor, per_image, oddities):
+    for module in (executor, per_image, set_warnings):
         monkeypatch.setattr(module, "local_workers", lambda: count)
 
 

@@ -1,4 +1,4 @@
-"""COLMAP's table of sensors, asked through the only door there is: an image with EXIF."""
+"""Ask COLMAP's table of sensors in the only way there is: by an image with EXIF."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from colmap_ihe.photographs.exif.blocks import FOCAL_LENGTH, MAKE, MODEL, put_to
 
 @lru_cache(maxsize=1024)
 def knows_sensor(make: str, model: str) -> bool:
-    """Whether COLMAP knows how wide the sensor of this camera is, so that a focal length in mm is enough."""
+    """Tell whether COLMAP knows how wide the sensor of this camera is, so that a focal length in mm is enough."""
     exif = put_together({MAKE: text(make), MODEL: text(model)}, {FOCAL_LENGTH: rational(10.0)}, {})
     with scratch_folder() as folder:
         image = folder / "camera.png"

@@ -1,4 +1,4 @@
-"""Why photographs give no model, and what is doubtful about one, in sentences for its owner."""
+"""Say why photographs give no model, and what is doubtful about one, in sentences for its owner."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def named(names: Sequence[str]) -> str:
 
 
 def why_no_match(database: Path, by_grey: Mapping[str, str], images: int) -> Advice:
-    """Where no pair was verified. `by_grey`: photographs by the names of their grey images."""
+    """Say why no pair was verified, and what to do. `by_grey`: photographs by the names of their grey images."""
     best = max(((n, *pair) for pair, (n, _) in putative_and_inliers(database).items()), default=None)
     said = f"no two of the {images} photographs match"
     if best is not None and best[0]:
@@ -48,7 +48,7 @@ def why_no_match(database: Path, by_grey: Mapping[str, str], images: int) -> Adv
 
 
 def why_no_model(database: Path, images: int) -> Advice:
-    """Where pairs were verified and none of the photographs could be placed."""
+    """Say why pairs were verified and no photograph was registered, and what to do."""
     said = f"none of the {images} photographs could be placed in a model"
     motions = motions_of(database)
     turned = [m for m in motions if m.only_turned]
@@ -91,7 +91,7 @@ def model_warnings(
     by_grey: Mapping[str, str],
     missing: Sequence[str],
 ) -> list[str]:
-    """What is doubtful about the `models` in `folder`. `by_grey`: photographs by the names of their grey images;
+    """Say what is doubtful about the `models` in `folder`. `by_grey`: photographs by the names of their grey images;
     `missing`: those without a place in the largest model."""
     largest = folder / "0"
     cameras = cameras_of(largest, database)
@@ -151,7 +151,7 @@ def _without_a_place(
 
 
 def fold_warnings(found: Conflicts, by_grey: Mapping[str, str]) -> list[str]:
-    """Where like parts of the object were, or may have been, taken for one."""
+    """Warn where like parts of the object were, or may have been, taken for one."""
     advice = (
         "take photographs that show unlike parts together, mask what is repeated, or match neighbours only, if names"
         " are in order, by `--set matches.strategy=sequential --set matches.pairing.overlap=2 --set"
@@ -175,7 +175,7 @@ def fold_warnings(found: Conflicts, by_grey: Mapping[str, str]) -> list[str]:
 
 
 def camera_warnings(cameras: Sequence[SolvedCamera], by_grey: Mapping[str, str]) -> list[str]:
-    """Where a model has cameras that cannot be, or others than the photographs say."""
+    """Warn where a model has cameras that cannot be, or others than the photographs say."""
     warnings = []
     for camera in cameras:
         who = f"{len(camera.images)} photographs ({named([by_grey[n] for n in camera.images])})"

@@ -1,4 +1,4 @@
-"""What is odd about a set of photographs, in sentences for its owner."""
+"""Say what is odd about a set of photographs, in sentences for its owner."""
 
 from __future__ import annotations
 
@@ -25,13 +25,13 @@ _UNREAD = frozenset(
 
 
 def shared_by(surveyed: list[Surveyed]) -> int:
-    """The least number of photographs that one camera took, as COLMAP tells cameras apart by EXIF."""
+    """Return the least number of photographs that one camera took, as COLMAP tells cameras apart by EXIF."""
     groups = Counter(_camera_of(s) for s in surveyed)
     return 1 if None in groups else min(groups.values())
 
 
 def _camera_of(one: Surveyed) -> tuple[str, str, float, int, int] | None:
-    """What COLMAP tells cameras apart by; None where EXIF does not say enough."""
+    """Return what COLMAP tells cameras apart by; None where EXIF does not say enough."""
     about = one.metadata
     focal = about.focal_35mm or about.focal_mm
     if not (about.make and about.model and focal):
@@ -40,7 +40,7 @@ def _camera_of(one: Surveyed) -> tuple[str, str, float, int, int] | None:
 
 
 def copies(surveyed: Sequence[Surveyed], contents: Mapping[str, str]) -> list[str]:
-    """The same file twice is one view: it counts twice in the fit and adds nothing to a model."""
+    """Warn of the same file twice: it is one view, counts twice in the fit and adds nothing to a model."""
     names: dict[str, list[str]] = defaultdict(list)
     for one in surveyed:
         if one.capture.name in contents:
@@ -53,7 +53,7 @@ def copies(surveyed: Sequence[Surveyed], contents: Mapping[str, str]) -> list[st
 
 
 def require_two(names: Sequence[str], contents: Mapping[str, str]) -> None:
-    """Raises `MappingError` for what cannot be two views, whatever is in them."""
+    """Raise `MappingError` for what cannot be two views, whatever is in them."""
     if len(names) == 1:
         raise MappingError(
             f"{names[0]} is the only photograph that can be used, and a model needs two or more",
@@ -76,7 +76,7 @@ def require_features(features: int, images: int) -> None:
 
 
 def poor_photographs(counts: Mapping[str, int]) -> list[str]:
-    """`counts`: features of those photographs that have few."""
+    """Warn of photographs with few features. `counts`: their features by name."""
     if not counts:
         return []
     shown = ", ".join(f"{name} ({count})" for name, count in list(counts.items())[:5])
@@ -89,7 +89,7 @@ def poor_photographs(counts: Mapping[str, int]) -> list[str]:
 
 
 def odd_sizes(surveyed: list[Surveyed], sizes: Counter[tuple[str, str, int, int]]) -> list[str]:
-    """A lone size from a camera that else took another, upright or not, is usually a crop or an export."""
+    """Warn of a lone size from a camera that else took another, upright or not: usually a crop or an export."""
     warnings = []
     for one in surveyed:
         key = (one.metadata.make, one.metadata.model, one.width, one.height)
@@ -103,7 +103,7 @@ def odd_sizes(surveyed: list[Surveyed], sizes: Counter[tuple[str, str, int, int]
 
 
 def unread_pictures(ignored: tuple[str, ...]) -> list[str]:
-    """Pictures of kinds that are not read are no photographs to us; their owner may think otherwise."""
+    """Warn of pictures of kinds that are not read."""
     unread = [name for name in ignored if Path(name).suffix.lower() in _UNREAD]
     if not unread:
         return []
@@ -113,7 +113,7 @@ def unread_pictures(ignored: tuple[str, ...]) -> list[str]:
 
 
 def linked_folders(ignored: tuple[str, ...]) -> list[str]:
-    """Links to folders elsewhere are not followed; their owner may count on the photographs behind them."""
+    """Warn of links to folders elsewhere, which are not followed: their owner may count on what is behind them."""
     links = [name for name in ignored if name.endswith("/")]
     if not links:
         return []
@@ -124,7 +124,7 @@ def linked_folders(ignored: tuple[str, ...]) -> list[str]:
 
 
 def warnings_of(surveyed: Sequence[Surveyed], ignored: tuple[str, ...] = ()) -> list[str]:
-    """What headers say that its owner should know, whatever is done with the set."""
+    """Warn of what headers say that the owner of the set should know, whatever is done with it."""
     return [
         *exif_warnings(surveyed),
         *profile_warnings(surveyed),
@@ -136,7 +136,7 @@ def warnings_of(surveyed: Sequence[Surveyed], ignored: tuple[str, ...] = ()) -> 
 
 
 def memory_warnings(captures: Sequence[Capture]) -> list[str]:
-    """Says so where memory and not the number of cores decides how long the work takes."""
+    """Say so where memory and not the number of cores decides how long the work takes."""
     workers = local_workers()
     count = memory.at_once(captures, workers)
     if count == workers:
@@ -160,18 +160,18 @@ def exif_warnings(surveyed: Sequence[Surveyed]) -> list[str]:
 
 
 def _focal_of(one: Surveyed) -> float:
-    """The focal length by EXIF, in longer sides of the image; 0 where it does not say."""
+    """Return the focal length by EXIF, in longer sides of the image; 0 where it does not say."""
     return focal_px(one.metadata, one.width, one.height) / max(one.width, one.height)
 
 
 def _is_plausible(one: Surveyed) -> bool:
-    """By the limits of COLMAP's mapper, min_ and max_focal_length_ratio."""
+    """Apply the limits of COLMAP's mapper, min_ and max_focal_length_ratio."""
     focal = _focal_of(one)
     return not focal or 0.1 <= focal <= 10
 
 
 def camera_warnings(cameras: CamerasOptions, surveyed: Sequence[Surveyed], left_out: LeftOut) -> list[str]:
-    """Which patterns fit no photograph, and what is still missing where one fits. Raises `OptionError` for a
+    """Say which patterns fit no photograph, and what is still missing where one fits. Raises `OptionError` for a
     pattern that gives focal lengths or sensors and leaves every photograph without its focal length."""
     names = {s.capture.name for s in surveyed} | set(left_out)
     warnings = [
@@ -202,7 +202,7 @@ def _focal_is_known(one: Surveyed) -> bool:
 
 
 def _mixed_cameras(surveyed: Sequence[Surveyed]) -> list[str]:
-    """COLMAP does not tell photographs apart by the width of their sensors."""
+    """Warn of sensors of several widths, which COLMAP does not tell apart."""
     found: dict[tuple[str, str, float, int, int], set[int]] = defaultdict(set)
     for one in surveyed:
         camera = _camera_of(one)
@@ -217,7 +217,7 @@ def _mixed_cameras(surveyed: Sequence[Surveyed]) -> list[str]:
 
 
 def profile_warnings(surveyed: Sequence[Surveyed]) -> list[str]:
-    """Numbers are taken as stored, so one colour in two profiles is two colours to us."""
+    """Warn of several colour profiles: numbers are taken as stored, so one colour in two profiles is two colours."""
     profiles = Counter(s.metadata.profile for s in surveyed if s.capture.kind == "coded")
     if len(profiles) < 2:
         return []
@@ -236,7 +236,7 @@ def page_warnings(surveyed: Sequence[Surveyed]) -> list[str]:
 
 
 def fit_warnings(captures: Sequence[Capture], weights: Iterable[Grey]) -> list[str]:
-    """Says so where a grey is not the same in all photographs, and where a fit had nothing to fit to. Reads
+    """Say so where a grey is not the same in all photographs, and where a fit had nothing to fit to. Reads
     photographs up to the first one with colour in it, which mostly is the first."""
     weights = list(weights)
     if any(CONVERSIONS[w.method].scope == "image" for w in weights if w.method in CONVERSIONS):
@@ -263,7 +263,7 @@ def fit_warnings(captures: Sequence[Capture], weights: Iterable[Grey]) -> list[s
 
 
 def wallis_warnings(wallis: bool) -> list[str]:
-    """Of what is done to grey images after the conversion."""
+    """Warn of what is done to grey images after the conversion."""
     if not wallis:
         return []
     return [
