@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from concurrent.futures import Executor
 from contextlib import ExitStack, suppress
-from dataclasses import asdict, replace
+from dataclasses import asdict, dataclass, replace
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
 from colmap_ihe.errors import KnownError, ProjectError, WeightsError
 from colmap_ihe.fit.fit_set import Fit, Trial, fit_captures
-from colmap_ihe.grey.convert import Tone, check_tone
+from colmap_ihe.grey.convert import check_tone
 from colmap_ihe.grey.weights import Grey, grey_from_dict
 from colmap_ihe.machine.executor import in_order, local_executor
 from colmap_ihe.machine.files import digest_file, fingerprint_of
@@ -25,12 +25,26 @@ from colmap_ihe.photographs.encode import SUFFIXES
 from colmap_ihe.photographs.recipes import prepared_set
 from colmap_ihe.photographs.survey import Surveyed
 from colmap_ihe.pipeline.output_folder import Ledger, opened
+from colmap_ihe.pipeline.run_stages import warn_of
 from colmap_ihe.pipeline.stages.convert import convert_captures, weights_for
 from colmap_ihe.pipeline.warnings import photographs as set_warnings
 from colmap_ihe.project.options import CamerasOptions, ConvertOptions, DevelopOptions, FitOptions
 
-_OF_THE_FIT = ("score", "tones", "images", "pixels")  # what a fit set_fit, and what no pixel depends on
-_Digests = Mapping[str, str]
+_OF_THE_FIT = ("score", "tones", "images", "pixels")  # which tell of the fit, and no pixel depends on
+
+
+@dataclass(frozen=True)
+class _FolderRun:
+    """Hold what the steps of one conversion share: `digests` of the photographs by name, and the ledgers of the folder
+    of grey images and, if there is one, of colour twins."""
+
+    surveyed: Sequence[Surveyed]
+    digests: dict[str, str]
+    ledgers: Sequence[Ledger]
+    options: ConvertOptions
+    executor: Executor
+    progress: RunProgress
+    strict: bool
 
 
 def convert_folder(
@@ -59,101 +73,72 @@ def convert_folder(
     require_apart(images.resolve(), folders)
     options, cameras = options or ConvertOptions(), cameras or CamerasOptions()
     discovery = discover(images.absolute())
-    not_read = refused(discovery, strict)
+    left_out = refused(discovery, strict)
     with ExitStack() as stack:
         executor = stack.enter_context(local_executor())
-        prepared = stack.enter_context(
-            prepared_set(
-                discovery.captures,
-                develop,
-                calibration,
-                executor,
-                progress,
-                strict=strict,
-                cameras=cameras,
-            )
-        )
-        surveyed, left_out = prepared.surveyed, not_read | prepared.left_out
+        how = (discovery.captures, develop, calibration, executor, progress)
+        prepared = stack.enter_context(prepared_set(*how, strict=strict, cameras=cameras))
+        surveyed, left_out = prepared.surveyed, left_out | prepared.left_out
         digests = digests_of(surveyed, executor, progress)
-        for text in set_warnings.warnings_of(surveyed, discovery.ignored):
-            progress.warn(text)
-        for text in set_warnings.camera_warnings(cameras, surveyed, left_out):
-            progress.warn(text)
+        warn_of(set_warnings.warnings_of(surveyed, discovery.ignored), progress)
+        warn_of(set_warnings.camera_warnings(cameras, surveyed, left_out), progress)
         ledgers = [stack.enter_context(opened(folder)) for folder in folders]
-        expected = {s.capture.grey_stem + SUFFIXES[options.format]: s.capture.name for s in surveyed}
         for ledger in ledgers:
-            ledger.refuse(expected)
+            ledger.refuse({s.capture.grey_stem + SUFFIXES[options.format]: s.capture.name for s in surveyed})
+        run = _FolderRun(surveyed, digests, ledgers, options, executor, progress, strict)
         if weights is not None:
-            set_fit = _fit_of(weights, surveyed, digests, ledgers, executor, progress)
+            set_fit = _given_fit(run, weights)
         else:
-            set_fit = _fitted(
-                surveyed,
-                digests,
-                fit or FitOptions(),
-                ledgers[0],
-                executor,
-                progress,
-                strict,
-                options.tone,
-            )
-            left_out |= set_fit.left_out
+            set_fit = _fitted(run, fit or FitOptions(), ledgers[0])
             _warn_of_the_fit(set_fit, surveyed, progress)
-        for text in set_warnings.wallis_warnings(options.wallis):
-            progress.warn(text)
-        usable = [s for s in surveyed if s.capture.name not in left_out]
-        _require_weights(usable, set_fit, options.tone)
-        names, failed = _convert(usable, digests, set_fit, options, ledgers, executor, progress, strict)
+        left_out |= set_fit.left_out
+        warn_of(set_warnings.wallis_warnings(options.wallis), progress)
+        names, failed = _convert(run, set_fit, [s for s in surveyed if s.capture.name not in left_out])
         left_out |= failed
-    for reason in left_out.values():
-        progress.warn(f"left out: {reason}")
+    warn_of([f"left out: {reason}" for reason in left_out.values()], progress)
     return set_fit.main, names, left_out
 
 
-def _convert(
-    surveyed: Sequence[Surveyed],
-    digests: _Digests,
-    fit: Fit,
-    options: ConvertOptions,
-    ledgers: Sequence[Ledger],
-    executor: Executor,
-    progress: RunProgress,
-    strict: bool,
-) -> tuple[dict[str, str], LeftOut]:
-    names = {s.capture.name: s.capture.grey_stem + SUFFIXES[options.format] for s in surveyed}
+def _convert(run: _FolderRun, fit: Fit, usable: Sequence[Surveyed]) -> tuple[dict[str, str], LeftOut]:
+    """Write the files that are due; return the grey images of all by photograph, and what was left out. A kind without
+    weights, and a tone that a grey cannot have, are refused before anything is written."""
+    for grey in fit.weights.values():
+        check_tone(grey, run.options.tone)
+    for photograph in usable:
+        weights_for(photograph.capture, fit)
+    names = {s.capture.name: s.capture.grey_stem + SUFFIXES[run.options.format] for s in usable}
     expected = {grey: name for name, grey in names.items()}
     due: set[str] = set()
-    for ledger, is_colour in zip(ledgers, (False, True), strict=False):
-        prints = {
-            names[s.capture.name]: _fingerprint(s, digests[s.capture.name], fit, options, is_colour)
-            for s in surveyed
-        }
+    for ledger, is_colour in zip(run.ledgers, (False, True), strict=False):
+        prints = {names[s.capture.name]: _fingerprint(run, s, fit, is_colour) for s in usable}
         due |= {expected[name] for name in ledger.begin(expected, prints)}
         for name in sorted(ledger.changed):
-            progress.warn(
+            run.progress.warn(
                 f"{ledger.folder / name} was changed since it was written, and is left as it is;"
                 " delete it to have it written again"
             )
     if not due:
-        progress.kept("convert")
+        run.progress.kept("convert")
         return names, {}
+    folders = [ledger.folder for ledger in run.ledgers]
     try:
-        with progress.stage("convert") as stage_progress:
+        with run.progress.stage("convert") as stage_progress:
             _, left_out = convert_captures(
-                [s for s in surveyed if s.capture.name in due],
+                [s for s in usable if s.capture.name in due],
                 fit,
-                options,
-                ledgers[0].folder,
-                ledgers[1].folder if len(ledgers) > 1 else None,
-                executor,
+                run.options,
+                folders[0],
+                folders[1] if len(folders) > 1 else None,
+                run.executor,
                 stage_progress,
-                strict=strict,
+                strict=run.strict,
                 keep_finished=True,
             )
     except BaseException:
         with suppress(KnownError):
-            _end(ledgers)
+            _end(run.ledgers)
         raise
-    _end(ledgers)
+    _end(run.ledgers)
     return {name: grey for name, grey in names.items() if name not in left_out}, left_out
 
 
@@ -162,52 +147,43 @@ def _end(ledgers: Sequence[Ledger]) -> None:
         ledger.end()
 
 
-def _fingerprint(one: Surveyed, digest: str, fit: Fit, options: ConvertOptions, is_colour: bool) -> str:
+def _fingerprint(run: _FolderRun, photograph: Surveyed, fit: Fit, is_colour: bool) -> str:
     """Return the fingerprint of everything that the bytes of a grey image, or of a colour twin, come from."""
-    linear = encoding_of(one.capture) == "linear"
-    unused = _OF_THE_FIT if options.tone == "equalise" else (*_OF_THE_FIT, "curve")
-    weights = {k: v for k, v in weights_for(one.capture, fit).as_dict().items() if k not in unused}
+    linear = encoding_of(photograph.capture) == "linear"
+    unused = _OF_THE_FIT if run.options.tone == "equalise" else (*_OF_THE_FIT, "curve")
+    weights = {k: v for k, v in weights_for(photograph.capture, fit).as_dict().items() if k not in unused}
     versions = library_versions("rawpy", "libraw") if linear else {}
     if is_colour:
         how: list[Any] = ["colour", fit.colour_white if linear else None]
     else:
-        how = ["grey", weights, options.tone if linear else None, options.wallis]
-    recipe = one.capture.recipe.identity()
-    about = [digest, recipe, one.metadata.exif.hex()]
-    return fingerprint_of(__version__, versions, about, options.format, how)
+        how = ["grey", weights, run.options.tone if linear else None, run.options.wallis]
+    recipe = photograph.capture.recipe.identity()
+    about = [run.digests[photograph.capture.name], recipe, photograph.metadata.exif.hex()]
+    return fingerprint_of(__version__, versions, about, run.options.format, how)
 
 
-def _fitted(
-    surveyed: Sequence[Surveyed],
-    digests: _Digests,
-    options: FitOptions,
-    ledger: Ledger,
-    executor: Executor,
-    progress: RunProgress,
-    strict: bool,
-    tone: Tone = "sqrt",
-) -> Fit:
+def _fitted(run: _FolderRun, options: FitOptions, ledger: Ledger) -> Fit:
     """Fit the set, or return the fit that the ledger holds of the same photographs and options."""
-    trial = Trial(tone) if options.method == "auto" else None
+    trial = Trial(run.options.tone) if options.method == "auto" else None
     versions = library_versions("rawpy", "libraw", *(["pycolmap"] if trial else []))
-    about_trial = asdict(trial) if trial else None
-    content = sorted([s.capture.name, digests[s.capture.name], s.capture.recipe.identity()] for s in surveyed)
-    key = fingerprint_of(__version__, versions, content, options.model_dump(), about_trial)
+    captures = [s.capture for s in run.surveyed]
+    content = sorted([c.name, run.digests[c.name], c.recipe.identity()] for c in captures)
+    key = fingerprint_of(
+        __version__, versions, content, options.model_dump(), asdict(trial) if trial else None
+    )
     kept = _kept_fit(ledger.notes.get("fit"), key)
-    if kept is not None and not (strict and kept.left_out):
-        progress.kept("fit")
+    if kept is not None and not (run.strict and kept.left_out):
+        run.progress.kept("fit")
         return kept
-    with progress.stage("fit") as stage_progress:
-        captures = [s.capture for s in surveyed]
-        fit = fit_captures(captures, options, executor, stage_progress, strict=strict, trial=trial)
-        fit = replace(fit, gathered={})  # which takes memory
+    with run.progress.stage("fit") as stage_progress:
+        fit = fit_captures(captures, options, run.executor, stage_progress, strict=run.strict, trial=trial)
     ledger.notes["fit"] = {
         "fingerprint": key,
         "weights": [w.as_dict() for w in fit.weights.values()],
         "colour_white": fit.colour_white,
         "left_out": fit.left_out,
     }
-    return fit
+    return replace(fit, gathered={})  # which takes memory
 
 
 def _kept_fit(note: Any, key: str) -> Fit | None:
@@ -220,19 +196,11 @@ def _kept_fit(note: Any, key: str) -> Fit | None:
         return None
 
 
-def _fit_of(
-    weights: Grey,
-    surveyed: Sequence[Surveyed],
-    digests: _Digests,
-    ledgers: Sequence[Ledger],
-    executor: Executor,
-    progress: RunProgress,
-) -> Fit:
+def _given_fit(run: _FolderRun, weights: Grey) -> Fit:
     """Return given weights as a fit. Colour twins of RAW need the set's own white point besides."""
-    if len(ledgers) < 2 or weights.encoding != "linear":
+    if len(run.ledgers) < 2 or weights.encoding != "linear":
         return Fit({weights.encoding: weights})
-    green = FitOptions(method="green")
-    white = _fitted(surveyed, digests, green, ledgers[1], executor, progress, False).colour_white
+    white = _fitted(replace(run, strict=False), FitOptions(method="green"), run.ledgers[1]).colour_white
     return Fit({weights.encoding: weights}, white)
 
 
@@ -242,16 +210,7 @@ def _warn_of_the_fit(fit: Fit, surveyed: Sequence[Surveyed], progress: RunProgre
             "the set mixes RAW and gamma-coded photographs: each kind has weights of its own, and a colour is"
             " not the same grey in both"
         )
-    for text in set_warnings.fit_warnings([s.capture for s in surveyed], fit.weights.values()):
-        progress.warn(text)
-
-
-def _require_weights(surveyed: Sequence[Surveyed], fit: Fit, tone: Tone) -> None:
-    """Refuse a kind without weights, and a tone that a grey cannot have, before anything is written."""
-    for grey in fit.weights.values():
-        check_tone(grey, tone)
-    for one in surveyed:
-        weights_for(one.capture, fit)
+    warn_of(set_warnings.fit_warnings([s.capture for s in surveyed], fit.weights.values()), progress)
 
 
 def digests_of(surveyed: Sequence[Surveyed], executor: Executor, progress: RunProgress) -> dict[str, str]:
@@ -260,8 +219,8 @@ def digests_of(surveyed: Sequence[Surveyed], executor: Executor, progress: RunPr
     with progress.stage("content") as stage_progress:
         stage_progress.start(len(surveyed))
         files = [s.capture.path for s in surveyed]
-        for one, digest in zip(surveyed, in_order(executor, digest_file, files), strict=True):
-            digests[one.capture.name] = digest
+        for photograph, digest in zip(surveyed, in_order(executor, digest_file, files), strict=True):
+            digests[photograph.capture.name] = digest
             stage_progress.advance()
     return digests
 

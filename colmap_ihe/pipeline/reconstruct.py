@@ -110,11 +110,7 @@ def reconstruct(
         number = STAGE_NAMES.index(until) + 1 if until else len(STAGES)
         forced = STAGE_NAMES[STAGE_NAMES.index(start) :] if start else ()
         ran = _run(STAGES[:number], run, prints, forced, progress)
-        for stage in STAGES[number:]:  # not asked for, but still true
-            record = None if stage.switched_off(options) else read_record(folder, stage.name)
-            if record is None or why_stale(folder, stage, record, prints):
-                break
-            run.records[stage.name] = record
+        _add_records(STAGES[number:], run, prints)
         summary = summarise(run.records, options)
         if "fit" in run.records:
             write_weights_file(run)
@@ -144,6 +140,15 @@ def _run(
             warn_of(disk_warnings(run.project, list(run.needs.values()), due), progress)
 
     return run_stages(stages, run, prints, progress, forced=forced, stage_done=stage_done)
+
+
+def _add_records(stages: Sequence[Stage], run: RunContext, prints: Mapping[str, str]) -> None:
+    """Add the records of stages that were not asked for and are still up to date."""
+    for stage in stages:
+        record = None if stage.switched_off(run.options) else read_record(run.project, stage.name)
+        if record is None or why_stale(run.project, stage, record, prints):
+            return
+        run.records[stage.name] = record
 
 
 def _due(
