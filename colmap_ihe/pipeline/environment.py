@@ -17,7 +17,8 @@ from colmap_ihe.machine.libraries import __version__, code_digest, library_versi
 
 _PACKAGES = (
     *("numpy", "opencv-python-headless", "pillow", "simplejpeg", "isal", "tifffile", "threadpoolctl"),
-    *("PyWavelets", "colour-science", "scipy", "xatlas", "trimesh"),  # of extras, where they are
+    *("xatlas", "trimesh"),
+    *("PyWavelets", "colour-science", "scipy"),  # of extras, where they are
 )
 _CPU_INFO = Path("/proc/cpuinfo")
 _INSTRUCTIONS = re.compile(r"(sse4|avx|fma|f16c|bmi|amx|asimd|sve|neon)\w*")

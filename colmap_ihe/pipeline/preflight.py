@@ -6,7 +6,6 @@ from __future__ import annotations
 from colmap_ihe.colmap import features, mapping, matching
 from colmap_ihe.dense import backend as dense
 from colmap_ihe.dense import fusion, mesh
-from colmap_ihe.dense import textured_mesh as textured
 from colmap_ihe.photographs.raw.denoise import require_wavelets
 from colmap_ihe.project.options import Options
 
@@ -29,5 +28,3 @@ def check_options(options: Options, images: int) -> None:
         dense.patchmatch_options(options.dense.patchmatch)
     if options.meshed:
         mesh.poisson_options(options.mesh.colmap)
-        if options.mesh.texture is True:
-            textured.libraries()

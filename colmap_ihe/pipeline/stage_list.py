@@ -12,7 +12,6 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from colmap_ihe.dense import textured_mesh as textured
 from colmap_ihe.dense.backend import pick_backend
 from colmap_ihe.machine.files import digest_file, fingerprint_of
 from colmap_ihe.machine.libraries import __version__, library_versions
@@ -86,8 +85,7 @@ def options_of_stage(options: Options, stage: Stage) -> dict[str, Any]:
         chosen["dense"]["backend"] = pick_backend(options.dense.backend) if options.dense.enabled else "none"
     if stage.name == "mesh":
         del chosen["mesh"]["enabled"]
-        if options.mesh.texture == "auto":
-            chosen["mesh"]["texture"] = textured.is_possible()
+        chosen["mesh"]["texture"] = options.mesh.texture is not False  # auto is true
     return chosen
 
 

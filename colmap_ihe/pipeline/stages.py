@@ -253,9 +253,6 @@ def mesh(run: RunContext, progress: Progress) -> Record:
     record = {**asdict(made), "files": [project.mesh.name], "warnings": []}
     if options.texture is False:
         return record
-    if options.texture == "auto" and not textured.is_possible():
-        note = "the mesh has vertex colours and no texture: pip install 'colmap-ihe[mesh]' for that"
-        return {**record, "warnings": [note]}
     with threads_of(run.executor) as threads:  # each looks at all of the mesh
         texture = textured.texture_mesh(
             project.dense, project.mesh, options.texture_size, executor=threads, progress=progress

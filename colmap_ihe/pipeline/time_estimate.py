@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from typing import Any
 
 from colmap_ihe.colmap.matching import choose_strategy, pairs_of
-from colmap_ihe.dense import textured_mesh as textured
 from colmap_ihe.dense.backend import pick_backend
 from colmap_ihe.dense.cost import pixels_within
 from colmap_ihe.machine.remaining_time import Part
@@ -102,7 +101,7 @@ def _dense(options: Options, known: Known) -> list[Part]:
     if not options.mesh.enabled:
         return parts
     parts.append(Part("mesh", "parts of the surface", 5.0 + 7.5e-6 * points))
-    if options.mesh.texture is False or (options.mesh.texture == "auto" and not textured.is_possible()):
+    if options.mesh.texture is False:
         return parts
     return [
         *parts,

@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-import json
-import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+import trimesh
 from PIL import Image
 
 from colmap_ihe.dense.ply import read_mesh, read_ply, write_rows
-from colmap_ihe.errors import CapabilityError, OptionError
+from colmap_ihe.errors import OptionError
 from colmap_ihe.pipeline import outputs
 from colmap_ihe.pipeline.reconstruct import reconstruct
 from colmap_ihe.pipeline.status import status
@@ -23,20 +22,14 @@ from colmap_ihe.project.options import Options
 MakeOptions = Callable[..., Options]
 
 
-def record(project: Path) -> dict[str, Any]:
-    found: dict[str, Any] = json.loads((project / "records/mesh.json").read_text())
-    return found
-
-
 def test_it_leaves_a_mesh_with_colours_and_one_with_a_texture(
     finished: Path, finished_summary: dict[str, Any]
 ) -> None:
-    trimesh: Any = pytest.importorskip("trimesh", reason="needs the extra `mesh`")
     dense = finished / "workspace/dense/0"
     mesh = read_mesh(dense / "mesh.ply")
     assert 1000 < len(mesh.faces) == finished_summary["mesh_faces"] <= 2000
     assert mesh.colours.std() > 10
-    loaded = trimesh.load(dense / "mesh.glb", process=False).geometry["mesh"]
+    loaded = trimesh.load_scene(dense / "mesh.glb", process=False).geometry["mesh"]
     assert len(loaded.faces) == len(mesh.faces)
     picture = loaded.visual.material.baseColorTexture
     assert list(picture.size) == finished_summary["mesh_texture"]
@@ -63,23 +56,8 @@ def test_it_leaves_a_mesh_with_colours_and_one_with_a_texture(
     with Image.open(dense / "mesh.jpeg") as beside:
         assert beside.size == picture.size
     assert not list(dense.glob("*.part*"))
-    upright = trimesh.load(dense / "mesh.glb").graph["mesh"][0]
+    upright = trimesh.load_scene(dense / "mesh.glb").graph["mesh"][0]
     assert np.allclose(upright[:3, :3] @ upright[:3, :3].T, np.eye(3), atol=1e-5)
-
-
-def test_without_the_libraries_it_has_vertex_colours_and_says_so(
-    finished: Path, quick_options: MakeOptions, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setitem(sys.modules, "xatlas", None)
-    with pytest.raises(CapabilityError, match="a textured mesh needs xatlas and trimesh") as caught:
-        reconstruct(finished, quick_options("mesh.texture=true"))
-    assert "pip install 'colmap-ihe[mesh]'" in caught.value.hint
-    assert record(finished)["texture"]
-    done = reconstruct(finished, quick_options())
-    assert done.stages_run == ("mesh",)
-    assert any("no texture" in text for text in done.summary["warnings"])
-    assert done.mesh.is_file()
-    assert not (done.mesh.parent / "mesh.glb").exists()
 
 
 def test_it_may_be_left_out_and_is_options_are_checked_first(
