@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from colmap_ihe import convert_folder
 from colmap_ihe.colmap.native import pycolmap
 from colmap_ihe.commandline.bars import print_table
-from colmap_ihe.dense.depth_maps import DepthCounts, depth_file, read_depth, sgm_depth_maps
+from colmap_ihe.dense.depth_maps import DepthCounts, depth_file, read_planes, sgm_depth_maps
 from colmap_ihe.dense.fusion import fuse
 from colmap_ihe.dense.ply import read_ply
 from colmap_ihe.dense.undistort import undistort
@@ -86,7 +86,7 @@ def _against_truth(dense: Path, truth: Truth) -> dict[str, str]:
     similarity = pose_errors({i.name: i.cam_from_world().matrix() for i in images}, truth).world_from_model
     depth = pooled(
         depth_errors(
-            read_depth(depth_file(dense, image.name)),
+            read_planes(depth_file(dense, image.name))[0],
             model.cameras[image.camera_id].calibration_matrix(),
             truth.images[key_of(image.name)],
             similarity.scale,

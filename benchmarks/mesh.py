@@ -21,9 +21,11 @@ import trimesh
 from PIL import Image
 
 from colmap_ihe.colmap.native import pycolmap
+from colmap_ihe.dense.camera import PinholeCamera
+from colmap_ihe.dense.depth_maps import camera_of
 from colmap_ihe.dense.ply import read_mesh
 from colmap_ihe.dense.texture.bake import sample
-from colmap_ihe.dense.texture.raster import TextureView, covered, depth_picture
+from colmap_ihe.dense.texture.raster import covered, depth_picture
 from colmap_ihe.evaluation.surface_errors import moved, points_on, surface_errors, true_points
 from colmap_ihe.evaluation.truth import pose_errors, read_truth
 
@@ -90,10 +92,7 @@ def _reprojection(dense: Path, pictures: Path | None) -> list[tuple[str, str]]:
     views = []
     for image_id in sorted(model.reg_image_ids()):
         image = model.images[image_id]
-        camera = model.cameras[image.camera_id]
-        view = TextureView(
-            camera.calibration_matrix(), image.cam_from_world().matrix(), (camera.width, camera.height)
-        )
+        view = camera_of(model, image_id)
         views.append(view)
         drawn, here = rendered(np.asarray(mesh.vertices), np.asarray(mesh.faces), texel, texture, view)
         photograph = np.asarray(Image.open(dense / "images" / image.name).convert("RGB"))
@@ -119,7 +118,7 @@ def _reprojection(dense: Path, pictures: Path | None) -> list[tuple[str, str]]:
     ]
 
 
-def _elsewhere(views: list[TextureView]) -> TextureView:
+def _elsewhere(views: list[PinholeCamera]) -> PinholeCamera:
     """Higher than the middle camera by a quarter of what the cameras span, turned down to what it looked at."""
     middle = views[len(views) // 2]
     right, down, forward = middle.cam_from_world[:, :3]
@@ -130,11 +129,11 @@ def _elsewhere(views: list[TextureView]) -> TextureView:
     right = np.cross(down, turned)
     right /= np.linalg.norm(right)
     rotation = np.stack((right, np.cross(turned, right), turned))
-    return TextureView(middle.calibration, np.column_stack((rotation, -rotation @ centre)), middle.size)
+    return PinholeCamera(middle.K, np.column_stack((rotation, -rotation @ centre)), middle.size)
 
 
 def rendered(
-    vertices: Array, faces: Array, texel: Array, texture: Array, view: TextureView
+    vertices: Array, faces: Array, texel: Array, texture: Array, view: PinholeCamera
 ) -> tuple[Array, Array]:
     """(H, W, 3) float and (H, W) where the mesh is; only faces that show their outside, with perspective."""
     pixels, depths = view.project(vertices.astype(np.float32))

@@ -1,4 +1,4 @@
-"""Depth and normal maps by the backend that this machine has: the same files, whichever made them."""
+"""Choose the backend of dense stereo that this machine has, and run PatchMatch; each backend writes the same files."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ Backend = Literal["patchmatch", "sgm"]
 
 
 def pick_backend(requested: Literal["auto", "patchmatch", "sgm"] = "auto") -> Backend:
-    """The backend that will run. Raises `CapabilityError` if PatchMatch is asked for and there is no CUDA."""
+    """Return the backend that will run. Raises `CapabilityError` if PatchMatch is requested without CUDA."""
     if requested == "auto":
         return "patchmatch" if cuda_devices() else "sgm"
     if requested == "patchmatch" and not cuda_devices():
@@ -27,8 +27,8 @@ def pick_backend(requested: Literal["auto", "patchmatch", "sgm"] = "auto") -> Ba
 
 def patchmatch_depth_maps(
     dense_dir: Path, *, options: Mapping[str, Any] | None = None, progress: Progress = SILENT
-) -> int:
-    """Depth and normal maps by COLMAP's PatchMatch on CUDA, from the grey images; returns their number.
+) -> None:
+    """Make depth and normal maps by COLMAP's PatchMatch on CUDA, from the grey images.
 
     `options` goes to pycolmap.PatchMatchOptions.
     """
@@ -36,17 +36,16 @@ def patchmatch_depth_maps(
     progress.start(1, "runs of PatchMatch")
     called(pycolmap.patch_match_stereo, dense_dir / "grey", options=native, progress=progress)
     # Copied by link, not moved: COLMAP skips the maps that it finds in its own workspace.
-    for made in (dense_dir / "grey" / "stereo").glob("*_maps/**/*.geometric.bin"):
-        target = dense_dir / made.relative_to(dense_dir / "grey")
+    for source in (dense_dir / "grey" / "stereo").glob("*_maps/**/*.geometric.bin"):
+        target = dense_dir / source.relative_to(dense_dir / "grey")
         target.parent.mkdir(parents=True, exist_ok=True)
         target.unlink(missing_ok=True)
-        target.hardlink_to(made)
+        target.hardlink_to(source)
     progress.advance()
-    return len(list((dense_dir / "stereo" / "depth_maps").glob("**/*.geometric.bin")))
 
 
 def patchmatch_options(values: Mapping[str, Any]) -> pycolmap.PatchMatchOptions:
-    """Raises `OptionError`."""
+    """Return pycolmap's options with `values` set. Raises `OptionError`."""
     native = pycolmap.PatchMatchOptions()
     apply_options(native, values, "dense.patchmatch")
     return native

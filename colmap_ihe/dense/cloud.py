@@ -1,4 +1,4 @@
-"""From a sparse model to its dense cloud: undistortion, depth maps, fusion, within the memory that there is."""
+"""Make the dense cloud of a sparse model: undistortion, depth maps, fusion, within the free memory."""
 
 from __future__ import annotations
 
@@ -35,10 +35,10 @@ def dense_cloud(
     progress: Progress,
     require_room: Callable[[int], None],
 ) -> dict[str, Any]:
-    """Makes `dense_dir/fused.ply`, and says how, for the record. Depth maps that are there already are kept.
+    """Make `dense_dir/fused.ply`, and return how, for the record. Existing depth maps are kept.
 
-    `masks` need not be there. `require_room` is told how many bytes will be written, and may raise. Raises
-    `MappingError` for a model of fewer than two images, and other `KnownError`s.
+    The folder `masks` may be missing. `require_room` is called with the bytes that will be written, and may raise.
+    Raises `MappingError` for a model of fewer than two images, and other `KnownError`s.
     """
     sizes = sizes_of(sparse_model)
     if len(sizes) < 2:
@@ -56,12 +56,8 @@ def dense_cloud(
     if cost.backend == "sgm":
         at_once = cost.at_once if shares_memory(executor) else 2 * width_of(executor)
         counts = sgm_depth_maps(dense_dir, executor=executor, at_once=at_once, progress=progress)
-        record |= {
-            "pixels": counts.pixels,
-            "pixels_with_depth": counts.pixels_with_depth,
-            "pairs_used": counts.pairs_used,
-            "pairs_left_out": counts.pairs_left_out,
-        }
+        for name in ("pixels", "pixels_with_depth", "pairs_used", "pairs_left_out"):
+            record[name] = getattr(counts, name)
         if counts.empty:
             record["warnings"].append(f"no depth could be found for {', '.join(sorted(counts.empty)[:5])}")
     else:
@@ -74,8 +70,10 @@ def dense_cloud(
 
 
 def fusion_share(free: int) -> int:
-    """Bytes that fusion may hold where `free` are (0 for unknown): half of them at the most, in steps of two, so that
-    what else runs does not change how space is cut into cells."""
+    """Return the bytes that fusion may hold where `free` are (0 for unknown): half of them at most, in steps of two.
+
+    So other programs do not change how space is cut into cells.
+    """
     most = FUSION_BYTES
     while 0 < free < 2 * most and most > _LEAST_FUSION:
         most //= 2

@@ -1,4 +1,4 @@
-"""What dense reconstruction will take of a machine, said before it begins."""
+"""Estimate the memory, disk and time of dense reconstruction before it begins."""
 
 from __future__ import annotations
 
@@ -12,21 +12,24 @@ from colmap_ihe.machine.memory import most_at_once
 
 ASPECT = 1.5  # of photographs, by and large
 STEREO_BYTES_A_PIXEL = 200
-"""Of one depth map on the way: five sources and their common frames. Measured with benchmarks/dense.py."""
+"""Of one depth map under way: five sources and their common frames. Measured with benchmarks/dense.py."""
 _CORE_SECONDS_A_MEGAPIXEL = 4.8
 """Of semi-global matching with fusion, on a server's core of 2 to 3 GHz; likewise."""
 _FILES_BYTES_A_PIXEL = 28  # grey, colour, depth and normals of a pixel, and its share of the cloud
 
 
 def pixels_within(largest: int, images: int, pixels: float) -> float:
-    """Pixels of `images` photographs that have `pixels` in all, made no larger than so many along the longer side."""
+    """Return the pixels of `images` photographs with `pixels` in all, once their longer side is `largest` at most."""
     return min(pixels, images * largest**2 / ASPECT)
 
 
 @dataclass(frozen=True)
 class DenseCost:
-    """An estimate. `at_once`: depth maps that are worked on at a time; None where the GPU does that. `fusion_bytes` of
-    `memory_bytes`, which comes after the maps. `minutes`: None where it was never measured."""
+    """Hold an estimate.
+
+    `at_once`: depth maps worked on at a time; None on a GPU. `memory_bytes` is the larger need of depth maps and of
+    fusion, which needs `fusion_bytes` and follows them. `minutes`: None where it was never measured.
+    """
 
     backend: Backend
     images: int
@@ -38,6 +41,7 @@ class DenseCost:
     minutes: float | None
 
     def as_dict(self) -> dict[str, Any]:
+        """Return the estimate as `doctor` prints it."""
         return {
             "dense_backend": self.backend,
             "dense_images": self.images,
@@ -49,10 +53,11 @@ class DenseCost:
         }
 
     def in_words(self) -> str:
+        """Return the estimate as a sentence for the log."""
         kind = "PatchMatch on the GPU" if self.backend == "patchmatch" else "semi-global matching on the CPU"
-        took = "" if self.minutes is None else f"about {max(1, round(self.minutes))} min, "
+        time = "" if self.minutes is None else f"about {max(1, round(self.minutes))} min, "
         return (
-            f"dense stereo of {self.images} images by {kind}: {took}up to {self.memory_bytes / 1e9:.1f} GB of"
+            f"dense stereo of {self.images} images by {kind}: {time}up to {self.memory_bytes / 1e9:.1f} GB of"
             f" memory and {self.disk_bytes / 1e9:.1f} GB on disk"
         )
 
@@ -60,14 +65,14 @@ class DenseCost:
 def dense_cost(
     sizes: Sequence[tuple[int, int]], max_image_size: int, backend: Backend, workers: int, free_bytes: int
 ) -> DenseCost:
-    """What images of these sizes (width, height) take, their longer side bounded by `max_image_size`.
+    """Return the estimate for images of these sizes (width, height), their longer side bounded by `max_image_size`.
 
-    `free_bytes` of memory, 0 if unknown, bound how many of `workers` have room for a depth map.
+    `free_bytes` of memory, 0 if unknown, bound how many of `workers` may make a depth map at a time.
     """
     pixels = [_pixels(*size, max_image_size) for size in sizes]
-    one = STEREO_BYTES_A_PIXEL * max(pixels, default=0)
-    at_once = most_at_once(one, free_bytes, workers) if backend == "sgm" else None
-    stereo = one * (at_once or 0)
+    bytes_a_map = STEREO_BYTES_A_PIXEL * max(pixels, default=0)
+    at_once = most_at_once(bytes_a_map, free_bytes, workers) if backend == "sgm" else None
+    stereo = bytes_a_map * (at_once or 0)
     fusion = min(FUSION_BYTES, fusion_bytes(sum(pixels)))
     seconds = _CORE_SECONDS_A_MEGAPIXEL * sum(pixels) / 1e6 / (at_once or 1)
     return DenseCost(

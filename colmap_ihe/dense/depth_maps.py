@@ -1,34 +1,35 @@
-"""The depth and normal maps of a COLMAP dense workspace, one image at a time, by matching on the CPU.
+"""Make the depth and normal maps of a COLMAP dense workspace, one image at a time, by matching on the CPU.
 
-Every image is one job that knows nothing of the others, so any `concurrent.futures.Executor` runs them.
+Every image is an independent job, so any `concurrent.futures.Executor` runs them.
 """
 
 from __future__ import annotations
 
-import os
 import secrets
-from collections import deque
 from collections.abc import Mapping
 from concurrent.futures import FIRST_COMPLETED, Executor, Future, ThreadPoolExecutor, wait
+from contextlib import nullcontext
 from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 
 from colmap_ihe.colmap.native import pycolmap
-from colmap_ihe.dense.stereo.depth import StereoOptions, depth_and_normals
-from colmap_ihe.dense.stereo.sources import Sources, choose_sources
-from colmap_ihe.dense.stereo.views import Array, Float32, Float64, StereoCamera, StereoView
+from colmap_ihe.dense.camera import Array, Float32, Float64, PinholeCamera
+from colmap_ihe.dense.stereo.depth import depth_and_normals
+from colmap_ihe.dense.stereo.sources import choose_sources
+from colmap_ihe.dense.stereo.views import StereoView
 from colmap_ihe.dense.undistort import read_grey, read_mask
 from colmap_ihe.errors import Cancelled, ProjectError
 from colmap_ihe.machine.executor import TaskProgress
 from colmap_ihe.machine.files import require_same_folder
 from colmap_ihe.machine.progress import SILENT, Progress
+from colmap_ihe.machine.threads import cores
 
 
 @dataclass
 class DepthCounts:
-    """What a run over all depth maps left: for the record. Pairs are named "REFERENCE | SOURCE"."""
+    """Count what a run over all depth maps left, for the record. Pairs are named "REFERENCE | SOURCE"."""
 
     images: int = 0
     pixels: int = 0
@@ -40,129 +41,118 @@ class DepthCounts:
 
 @dataclass(frozen=True)
 class _Job:
-    """All that one depth map needs: small enough to be sent to another machine that sees the same folder.
+    """Hold all that one depth map needs: small enough to be sent to another machine that sees the same folder.
 
     The first name and camera are the reference's.
     """
 
     dense_dir: Path
     names: tuple[str, ...]
-    cameras: tuple[StereoCamera, ...]
+    cameras: tuple[PinholeCamera, ...]
     points_world: Float64
-    options: StereoOptions
 
 
-_Made = tuple[int, int, dict[str, str]]
+_Counts = tuple[str, int, int, dict[str, str]]
 
 
 def sgm_depth_maps(
     dense_dir: Path,
     *,
     sources_per_image: int = 5,
-    options: StereoOptions | None = None,
     executor: Executor | None = None,
     at_once: int | None = None,
     progress: Progress = SILENT,
 ) -> DepthCounts:
-    """Depth and normal maps of every image of `dense_dir` by semi-global matching on the CPU.
+    """Make the depth and normal maps of every image of `dense_dir` by semi-global matching on the CPU.
 
-    A map that is already there is kept: the caller sees to it that the folder belongs to the same
-    inputs. No more than `at_once` are worked on at a time. When `progress` cancels, the maps under way stop
+    Keeps a map that exists already: the caller sees to it that the folder belongs to the same inputs. Works on
+    `at_once` at most at a time, on all cores without an `executor`. When `progress` cancels, the maps under way stop
     within one pair's time and the finished ones stay.
     """
     model = pycolmap.Reconstruction(dense_dir / "sparse")
-    cameras = {image_id: _camera(model, image_id) for image_id in sorted(model.reg_image_ids())}
+    cameras = {image_id: camera_of(model, image_id) for image_id in sorted(model.reg_image_ids())}
     counts = DepthCounts()
     jobs = []
     for reference in cameras:
         progress.check()
-        job, sources = _plan(
-            dense_dir, model, cameras, reference, sources_per_image, options or StereoOptions()
-        )
+        job, left_out = _plan(dense_dir, model, cameras, reference, sources_per_image)
         jobs.append(job)
-        counts.pairs_used += len(sources.chosen)
-        for image_id, reason in sources.left_out.items():
+        counts.pairs_used += len(job.names) - 1
+        for image_id, reason in left_out.items():
             counts.pairs_left_out[f"{job.names[0]} | {model.images[image_id].name}"] = reason
     for unfinished in (dense_dir / "stereo").rglob("*.part"):
         unfinished.unlink()
     progress.start(len(jobs), "depth maps")
-    if executor is None:
-        with ThreadPoolExecutor(os.cpu_count()) as own:
-            _run_all(jobs, own, at_once, counts, progress)
-    else:
-        _run_all(jobs, executor, at_once, counts, progress)
+    with nullcontext(executor) if executor else ThreadPoolExecutor(cores()) as workers:
+        _run_all(dense_dir, jobs, workers, at_once, counts, progress)
     return counts
 
 
 def _plan(
     dense_dir: Path,
     model: pycolmap.Reconstruction,
-    cameras: Mapping[int, StereoCamera],
+    cameras: Mapping[int, PinholeCamera],
     reference: int,
     count: int,
-    options: StereoOptions,
-) -> tuple[_Job, Sources]:
-    """The depth map of image id `reference` as a job."""
+) -> tuple[_Job, dict[int, str]]:
+    """Return the depth map of image id `reference` as a job, and the sources that were left out, with the reason."""
     ids = [point.point3D_id for point in model.images[reference].get_observation_points2D()]
     points = [model.points3D[point_id] for point_id in ids]
     points_world = np.array([point.xyz for point in points]).reshape(-1, 3)
     seen = [(row, element.image_id) for row, point in enumerate(points) for element in point.track.elements]
     rows, images = np.array(seen, np.int64).reshape(-1, 2).T
-    sources = choose_sources(reference, cameras, points_world, rows, images, count)
-    members = (reference, *sources.chosen)
+    chosen, left_out = choose_sources(reference, cameras, points_world, rows, images, count)
+    members = (reference, *chosen)
     names = tuple(model.images[image_id].name for image_id in members)
-    return _Job(dense_dir, names, tuple(cameras[key] for key in members), points_world, options), sources
+    return _Job(dense_dir, names, tuple(cameras[key] for key in members), points_world), left_out
 
 
 def _run_all(
-    jobs: list[_Job], executor: Executor, at_once: int | None, counts: DepthCounts, progress: Progress
+    dense_dir: Path,
+    jobs: list[_Job],
+    executor: Executor,
+    at_once: int | None,
+    counts: DepthCounts,
+    progress: Progress,
 ) -> None:
-    """Makes every depth map, and counts; on cancellation tells the workers through a file, wherever they
-    run.
-    """
-    stop_file = _stop_file(jobs[0].dense_dir) if jobs else None
-    if stop_file:
-        stop_file.unlink(missing_ok=True)
-    names: dict[Future[_Made], str] = {}
-    waiting: set[Future[_Made]] = set()
-    left = deque(jobs)
+    """Make every depth map, and count; on cancellation tell the workers through a file, wherever they run."""
+    stop_file = _stop_file(dense_dir)
+    stop_file.unlink(missing_ok=True)
+    waiting: set[Future[_Counts]] = set()
+    left = jobs[::-1]
     try:
         while waiting or left:
             while left and len(waiting) < (at_once or len(jobs)):
-                job = left.popleft()
-                future = executor.submit(_make_maps, job)
-                names[future] = job.names[0]
-                waiting.add(future)
+                waiting.add(executor.submit(_make_maps, left.pop()))
             done, waiting = wait(waiting, timeout=0.2, return_when=FIRST_COMPLETED)
             progress.check()
             for future in done:
-                pixels, with_depth, left_out = future.result()
+                name, pixels, with_depth, left_out = future.result()
                 counts.images += 1
                 counts.pixels += pixels
                 counts.pixels_with_depth += with_depth
                 counts.pairs_left_out.update(left_out)
                 if not with_depth:
-                    counts.empty.append(names[future])
+                    counts.empty.append(name)
                 progress.advance()
     except BaseException:
-        if stop_file:
+        if waiting:
             stop_file.touch()
         for future in waiting:
             future.cancel()
         wait(waiting)
         raise
     finally:
-        if stop_file:
-            stop_file.unlink(missing_ok=True)
+        stop_file.unlink(missing_ok=True)
 
 
-def _make_maps(job: _Job) -> _Made:
-    """Writes the depth and normal map of one reference, unless they are there.
+def _make_maps(job: _Job) -> _Counts:
+    """Write the depth and normal map of one reference, unless they exist.
 
-    Returns its pixels, those with depth, and the pairs left out with the reason.
+    Returns its name, its pixels, those with depth, and the pairs left out with the reason.
     """
-    depth_path = depth_file(job.dense_dir, job.names[0])
-    normal_path = normal_file(job.dense_dir, job.names[0])
+    name = job.names[0]
+    depth_path, normal_path = depth_file(job.dense_dir, name), normal_file(job.dense_dir, name)
     stop_file = _stop_file(job.dense_dir)
 
     def check() -> None:
@@ -173,43 +163,46 @@ def _make_maps(job: _Job) -> _Made:
     check()
     left_out: dict[str, str] = {}
     if not (depth_path.is_file() and normal_path.is_file()):
-        views = [_view(job, place) for place in range(len(job.names))]
-        result = depth_and_normals(views[0], views[1:], job.points_world, job.options, check)
-        for place, reason in result.pairs_left_out.items():
-            left_out[f"{job.names[0]} | {job.names[1 + place]}"] = reason
+        reference, *sources = (_view(job, index) for index in range(len(job.names)))
+        result = depth_and_normals(reference, sources, job.points_world, check)
+        for index, reason in result.pairs_left_out.items():
+            left_out[f"{name} | {job.names[1 + index]}"] = reason
         write_map(result.normals, normal_path)
         write_map(result.depth, depth_path)
-    depth = read_depth(depth_path)
-    return depth.size, int(np.count_nonzero(depth)), left_out
+    depth = read_planes(depth_path)[0]
+    return name, depth.size, int(np.count_nonzero(depth)), left_out
 
 
-def _view(job: _Job, place: int) -> StereoView:
-    name, camera = job.names[place], job.cameras[place]
+def _view(job: _Job, index: int) -> StereoView:
+    name, camera = job.names[index], job.cameras[index]
     grey_u8 = read_grey(job.dense_dir / "grey" / "images" / name)
     return StereoView(camera.K, camera.cam_from_world, camera.size, grey_u8, read_mask(job.dense_dir, name))
 
 
-def _camera(model: pycolmap.Reconstruction, image_id: int) -> StereoCamera:
+def camera_of(model: pycolmap.Reconstruction, image_id: int) -> PinholeCamera:
+    """Return the camera of an undistorted image, with its pose."""
     image = model.images[image_id]
     camera = model.cameras[image.camera_id]
-    return StereoCamera(
+    return PinholeCamera(
         camera.calibration_matrix(), image.cam_from_world().matrix(), (camera.width, camera.height)
     )
 
 
 def depth_file(dense_dir: Path, name: str) -> Path:
-    """Where the depth map of an image lies."""
+    """Return the path of an image's depth map."""
     return dense_dir / "stereo" / "depth_maps" / f"{name}.geometric.bin"
 
 
 def normal_file(dense_dir: Path, name: str) -> Path:
-    """Where its normal map lies."""
+    """Return the path of an image's normal map."""
     return dense_dir / "stereo" / "normal_maps" / f"{name}.geometric.bin"
 
 
 def read_planes(path: Path) -> Float32:
-    """(C, H, W) float32 of a map in COLMAP's format, as `write_map` writes it; read from the disk when used. Raises
-    `ProjectError`."""
+    """Return (C, H, W) float32 of a map in COLMAP's format, as `write_map` writes it; read from the disk when used.
+
+    Raises `ProjectError`.
+    """
     try:
         with path.open("rb") as handle:
             width, height, channels = (int(n) for n in handle.read(64).split(b"&")[:3])
@@ -217,18 +210,13 @@ def read_planes(path: Path) -> Float32:
         return np.memmap(path, np.dtype("<f4"), "r", head, (channels, height, width))
     except (OSError, ValueError) as error:
         raise ProjectError(
-            f"{path}: cannot be read as a map of COLMAP's ({error})",
+            f"{path}: cannot be read as a depth or normal map of COLMAP ({error})",
             hint="run the dense stage again with --from dense",
         ) from error
 
 
-def read_depth(path: Path) -> Float32:
-    """(H, W) float32, depth along the optical axis in world units, 0 for none. Raises `ProjectError`."""
-    return np.asarray(read_planes(path)[0])
-
-
 def write_map(values: Array, path: Path) -> None:
-    """Writes (H, W) or (H, W, C) float32 in COLMAP's format of depth and normal maps, atomically.
+    """Write (H, W) or (H, W, C) float32 in COLMAP's format of depth and normal maps, atomically.
 
     The text "W&H&C&", then channel after channel, row after row, little-endian (COLMAP, `mvs/mat.h`).
     Not by pycolmap 4.2's NormalMap.from_array, which writes the channels of each pixel side by side:

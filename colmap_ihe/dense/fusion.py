@@ -1,4 +1,4 @@
-"""Depth maps to one coloured cloud, by COLMAP, in as much memory as is allowed: one cell of space at a time."""
+"""Fuse depth maps to one coloured cloud, by COLMAP, within the memory allowed: one cell of space at a time."""
 
 from __future__ import annotations
 
@@ -8,19 +8,19 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from colmap_ihe.colmap.native import apply_options, called, pycolmap
+from colmap_ihe.dense.camera import Bool
 from colmap_ihe.dense.fusion_cell_workspace import Maps
 from colmap_ihe.dense.fusion_cells import Cell, Price, cells_of
-from colmap_ihe.dense.ply import read_ply, row_header
+from colmap_ihe.dense.ply import columns, read_ply, row_header
 from colmap_ihe.machine.progress import SILENT, Progress
 
 FUSION_BYTES = 1_600_000_000
-"""What fusion may hold at a time."""
+"""Bytes that fusion may hold at a time."""
 PRICE = Price(map=33, point=50)
-"""Bytes a pixel: its depth, normal, colour and marks; and of what comes of a pixel with depth, 280 a point, where
-five or six pixels make a point. Measured with benchmarks/dense.py."""
+"""Bytes a pixel: `map`: its depth, normal, colour and marks; `point`: what is made of it, 280 a point, where five or
+six pixels make a point. Measured with benchmarks/dense.py."""
 
 # Every pixel of our depth maps was confirmed by other photographs, so that two maps that agree are enough
 # (COLMAP asks for five). Within less than a pixel, so that the cloud keeps the images' resolution: COLMAP's
@@ -35,16 +35,14 @@ def fuse(
     most_bytes: int = FUSION_BYTES,
     progress: Progress = SILENT,
 ) -> int:
-    """Fuses the depth maps to the coloured cloud `dense_dir/fused.ply`; returns its number of points.
+    """Fuse the depth maps to the coloured cloud `dense_dir/fused.ply`; return its number of points.
 
     `options` goes to pycolmap.StereoFusionOptions, over `FUSION_DEFAULTS`. Masks in `dense_dir/masks` are respected.
     Where all maps together take more than `most_bytes`, space is fused in cells.
     """
     native = fusion_options(options or {})
     maps = Maps(dense_dir)
-    cells: Sequence[Cell] = []
-    if fusion_bytes(maps.pixels) > most_bytes:
-        cells = cells_of(maps.seen(), PRICE, most_bytes)
+    cells = cells_of(maps.coverage(), PRICE, most_bytes) if fusion_bytes(maps.pixels) > most_bytes else []
     part = dense_dir / "fused.part.ply"
     progress.start(max(1, len(cells)), "fusions")
     if len(cells) < 2:
@@ -58,12 +56,12 @@ def fuse(
 
 
 def fusion_bytes(pixels: int) -> int:
-    """What fusion of images with so many pixels takes in one piece, at the most."""
+    """Return the bytes that fusing images with so many pixels takes in one piece, at most."""
     return int((PRICE.map + PRICE.point) * pixels)
 
 
 def fusion_options(values: Mapping[str, Any]) -> pycolmap.StereoFusionOptions:
-    """`FUSION_DEFAULTS` with `values` over them. Raises `OptionError`."""
+    """Return `FUSION_DEFAULTS` with `values` over them. Raises `OptionError`."""
     native = pycolmap.StereoFusionOptions(**FUSION_DEFAULTS)
     apply_options(native, values, "dense.colmap")
     return native
@@ -81,7 +79,7 @@ def _fused(workspace: Path, out: Path, options: pycolmap.StereoFusionOptions, pr
 def _fused_in_cells(
     maps: Maps, out: Path, options: pycolmap.StereoFusionOptions, cells: Sequence[Cell], progress: Progress
 ) -> int:
-    """One cell after the other, each in a workspace of its own; of the cloud what lies in the cell goes to `out`."""
+    """Fuse one cell after the other, each in a workspace of its own; keep the points that lie in the cell."""
     bounds = [side.copy() for side in options.bounding_box]  # else views of what is set below
     rows_file, seen_file = (out.with_name(f"{out.name}.{word}") for word in ("rows", "seen"))
     work = maps.dense_dir / "stereo" / ".cell"
@@ -89,38 +87,36 @@ def _fused_in_cells(
     try:
         with rows_file.open("wb") as all_rows, seen_file.open("wb") as all_seen:
             for cell in cells:
-                places = maps.write_cell(cell, work)
+                images = maps.write_cell(cell, work)
                 box = (cell.low - cell.margin, cell.high + cell.margin)
                 low, high = (np.clip(side, *bounds).astype(np.float32) for side in box)
                 options.bounding_box = (low, high)
                 _fused(work, work / "fused.ply", options, progress)
                 rows = read_ply(work / "fused.ply")["vertex"]
-                held = cell.holds(np.stack([rows[axis] for axis in "xyz"], axis=1))
+                held = cell.holds(columns(rows, "xyz"))
                 all_rows.write(rows[held].tobytes())
-                all_seen.write(_visibility(work / "fused.ply.vis", held, places))
+                all_seen.write(_visibility(work / "fused.ply.vis", held, images))
                 count, dtype = count + int(held.sum()), rows.dtype
                 progress.advance()
         _joined(out, row_header(count, dtype), rows_file)
         _joined(out.with_name(out.name + ".vis"), np.uint64(count).tobytes(), seen_file)
     finally:
-        for left in (rows_file, seen_file):
-            left.unlink(missing_ok=True)
+        for file in (rows_file, seen_file):
+            file.unlink(missing_ok=True)
         shutil.rmtree(work, ignore_errors=True)
     return count
 
 
-def _visibility(file: Path, held: NDArray[np.bool_], places: Sequence[int]) -> bytes:
-    """The lists of a .vis file (COLMAP, `mvs/fusion.cc`: a count, then the images, of each point) of the points
-    `held`; `places` are what its images are in the whole set."""
+def _visibility(file: Path, held: Bool, images: Sequence[int]) -> bytes:
+    """Return the lists of a .vis file (COLMAP, `mvs/fusion.cc`: a count, then the images, of each point) of the points
+    `held`; `images` are the indices of the cell's images in the whole set."""
     words = np.fromfile(file, "<u4", offset=8)
-    starts, place = np.empty(len(held) + 1, np.intp), 0
+    starts = np.zeros(len(held) + 1, np.intp)
     for row in range(len(held)):
-        starts[row] = place
-        place += 1 + int(words[place])
-    starts[len(held)] = place
+        starts[row + 1] = starts[row] + 1 + int(words[starts[row]])
     is_count = np.zeros(len(words), bool)
     is_count[starts[:-1]] = True
-    words[~is_count] = np.array(places, "<u4")[words[~is_count]]
+    words[~is_count] = np.array(images, "<u4")[words[~is_count]]
     return words[np.repeat(held, np.diff(starts))].tobytes()
 
 

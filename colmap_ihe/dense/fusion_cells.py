@@ -1,7 +1,7 @@
-"""Space cut into cells, so that a large set is fused one cell at a time, from what its images show of it.
+"""Cut space into cells, so that a large set is fused one cell at a time, from what its images show of it.
 
-Cells are boxes that fill space and do not overlap: each point of the cloud belongs to one of them, and none is
-missing or twice at a border. They are cut at medians of what the depth maps show, like the cells of a k-d tree.
+Cells are boxes that fill space and do not overlap: each point of the cloud belongs to exactly one of them. They are cut
+at medians of what the depth maps show, like the cells of a k-d tree.
 """
 
 from __future__ import annotations
@@ -12,9 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-_F64 = NDArray[np.float64]
-_I64 = NDArray[np.int64]
-_Bool = NDArray[np.bool_]
+from colmap_ihe.dense.camera import Bool, Float64, Int64
 
 _MARGIN = 0.02  # of the distance of what is seen: depths that are fused differ by half of that at most
 _LEAST_GAIN = 0.95  # a cut that leaves a side more than this share of the cost is not worth it
@@ -22,19 +20,22 @@ _LEAST_GAIN = 0.95  # a cut that leaves a side more than this share of the cost 
 
 @dataclass(frozen=True)
 class PixelCoverage:
-    """What images show, on a grid: `points` (N, 3) in the world, `image` (N,) the place of the image that shows
-    each, in rising order, `pixel` (N, 2) where, `distance` (N,) how far away, `step` (N,) of the grid in pixels."""
+    """Hold what images show, on a grid.
 
-    points: _F64
-    image: _I64
-    pixel: _I64
-    distance: _F64
-    step: _I64
+    `points` (N, 3) in the world, `image` (N,) the index of the image that shows each, in rising order, `pixel` (N, 2)
+    where, `distance` (N,) how far away, `step` (N,) of the grid in pixels.
+    """
+
+    points: Float64
+    image: Int64
+    pixel: Int64
+    distance: Float64
+    step: Int64
 
 
 @dataclass(frozen=True)
 class Price:
-    """What it takes to hold a pixel of an image, and what comes of a pixel with depth, in any unit."""
+    """Hold the cost of a pixel of an image, and of what is made of a pixel with depth, in any unit."""
 
     map: float
     point: float
@@ -42,55 +43,59 @@ class Price:
 
 @dataclass(frozen=True)
 class Cell:
-    """A box, `low` <= x < `high` (3,), open to infinity at the outside; the images that see into it or to within
-    `margin` of it, by place; and the price of what they show there."""
+    """Describe a box, `low` <= x < `high` (3,), open to infinity at the outside.
 
-    low: _F64
-    high: _F64
+    `images` are the indices of those that see into it or to within `margin` of it; `cost` is the price of what they
+    show there.
+    """
+
+    low: Float64
+    high: Float64
     margin: float
     images: tuple[int, ...]
     cost: float
 
-    def holds(self, points: NDArray[np.floating], margin: float = 0.0) -> _Bool:
-        """(N,) whether each of `points` (N, 3) lies in the box, or that near to it."""
+    def holds(self, points: NDArray[np.floating], margin: float = 0.0) -> Bool:
+        """Return (N,), true where `points` (N, 3) lie in the box, or within `margin` of it."""
         return np.asarray(((points >= self.low - margin) & (points < self.high + margin)).all(axis=1))
 
 
-def cells_of(seen: PixelCoverage, price: Price, most: float) -> list[Cell]:
-    """Cells that cost `most` at most, where cutting can bring that about: of each image only the window counts in
-    which it shows the cell."""
+def cells_of(coverage: PixelCoverage, price: Price, most: float) -> list[Cell]:
+    """Return cells that cost `most` at most, where cutting can achieve that.
+
+    Of each image only the window counts in which it shows the cell.
+    """
+
+    def cut(whole: Cell) -> Iterator[Cell]:
+        inner = coverage.points[whole.holds(coverage.points)]
+        if whole.cost > most and len(inner):
+            pairs = []
+            for axis in range(3):
+                low, high = whole.low.copy(), whole.high.copy()
+                low[axis] = high[axis] = np.median(inner[:, axis])
+                pairs.append([_cell(coverage, price, *box) for box in ((whole.low, high), (low, whole.high))])
+            dearer, _, halves = min(
+                (max(half.cost for half in pair), n, pair) for n, pair in enumerate(pairs)
+            )
+            if dearer <= _LEAST_GAIN * whole.cost:
+                for half in halves:
+                    yield from cut(half)
+                return
+        yield whole
+
     everywhere = np.full(3, np.inf)
-    return list(_cut(seen, price, most, -everywhere, everywhere))
+    return list(cut(_cell(coverage, price, -everywhere, everywhere)))
 
 
-def _cut(seen: PixelCoverage, price: Price, most: float, low: _F64, high: _F64) -> Iterator[Cell]:
-    here = _cell(seen, price, low, high)
-    best: tuple[Cell, Cell] | None = None
-    if here.cost > most:
-        inner = seen.points[here.holds(seen.points)]
-        pairs = []
-        for axis in range(3) if len(inner) else ():
-            middle = np.median(inner[:, axis])
-            left, right = high.copy(), low.copy()
-            left[axis] = right[axis] = middle
-            pairs.append((_cell(seen, price, low, left), _cell(seen, price, right, high)))
-        best = min(pairs, key=lambda pair: max(cell.cost for cell in pair), default=None)
-    if best is None or max(cell.cost for cell in best) > _LEAST_GAIN * here.cost:
-        yield here
-        return
-    for cell in best:
-        yield from _cut(seen, price, most, cell.low, cell.high)
-
-
-def _cell(seen: PixelCoverage, price: Price, low: _F64, high: _F64) -> Cell:
+def _cell(coverage: PixelCoverage, price: Price, low: Float64, high: Float64) -> Cell:
     box = Cell(low, high, 0.0, (), 0.0)
-    inside = box.holds(seen.points)
-    margin = _MARGIN * float(np.median(seen.distance[inside])) if inside.any() else 0.0
-    near = box.holds(seen.points, margin)
-    images, starts = np.unique(seen.image[near], return_index=True)
+    inside = box.holds(coverage.points)
+    margin = _MARGIN * float(np.median(coverage.distance[inside])) if inside.any() else 0.0
+    near = box.holds(coverage.points, margin)
+    images, starts = np.unique(coverage.image[near], return_index=True)
     if not len(images):
         return box
-    pixel, step = seen.pixel[near], seen.step[near][starts]
+    pixel, step = coverage.pixel[near], coverage.step[near][starts]
     sides = np.maximum.reduceat(pixel, starts) - np.minimum.reduceat(pixel, starts) + 2 * step[:, None]
-    cost = price.map * float(sides.prod(axis=1).sum()) + price.point * float((seen.step[inside] ** 2).sum())
-    return Cell(low, high, margin, tuple(int(i) for i in images), cost)
+    pixels, shown = float(sides.prod(axis=1).sum()), float((coverage.step[inside] ** 2).sum())
+    return Cell(low, high, margin, tuple(images.tolist()), price.map * pixels + price.point * shown)

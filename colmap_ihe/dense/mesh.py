@@ -1,9 +1,9 @@
-"""A surface with vertex colours from the fused cloud: Poisson reconstruction, trimmed, then simplified.
+"""Make a surface with vertex colours from the fused cloud: Poisson reconstruction, trimmed, then simplified.
 
-Poisson's own time and memory go by points and cells, and where cells are larger than the distance of the points,
-most of them say nothing new. So the depth of its octree is chosen for the number of faces that is wanted, and
-the cloud thinned to about one point for each half cell, which also makes its density alike everywhere: there the
-trim, which COLMAP counts in levels of the octree, means the same on every scene.
+Poisson's time and memory grow with points and cells, and where cells are larger than the distance of the points, most
+points add nothing. So the depth of its octree is chosen for the expected number of faces, and the cloud thinned to
+about one point for each half cell. That also makes its density alike everywhere, so that the trim, which COLMAP counts
+in levels of the octree, means the same on every scene.
 """
 
 from __future__ import annotations
@@ -18,21 +18,21 @@ import numpy as np
 
 from colmap_ihe.colmap.native import apply_options, called, pycolmap
 from colmap_ihe.colmap.process import ColmapProcesses
-from colmap_ihe.dense.ply import Rows, read_mesh, read_ply, write_mesh, write_rows
-from colmap_ihe.dense.texture.mesh import F32, I32, I64, U8, Mesh, without_small_parts
+from colmap_ihe.dense.camera import Float32, Int32, Int64, UInt8
+from colmap_ihe.dense.ply import COLOURS, Rows, columns, read_mesh, read_ply, write_mesh, write_rows
+from colmap_ihe.dense.texture.mesh import Mesh, without_small_parts
 from colmap_ihe.errors import MappingError, NativeError
 from colmap_ihe.machine.progress import SILENT, Progress
 
 _KD_TREE = 4  # FLANN's exact one, KDTreeSingleIndex
 
+_NORMAL = ("nx", "ny", "nz")
 _MIN_POINTS = 100
 _DEPTHS = range(5, 14)
 _SCALE = 1.1  # of Poisson's cube over the box of the points
-_FINER = 4  # times as many faces as wanted: what simplification takes away is where the surface is flat
+_FINER = 4  # times as many faces as expected: simplification removes them where the surface is flat
 _FACES_PER_CELL = 2.1
-_LEVELS_TRIMMED = (
-    2.0  # below the octree's depth; the surface then reaches about three cells beyond the points
-)
+_LEVELS_TRIMMED = 2.0  # below the octree's depth; the surface then reaches three cells beyond the points
 _CELLS_BEYOND = 2.5  # that it may reach at most, which the density alone does not bound
 _SMALL_PART = 0.002  # of the area of the largest part
 _SMALL_CELLS = 200  # the area of a small part in any case
@@ -40,7 +40,7 @@ _SMALL_CELLS = 200  # the area of a small part in any case
 
 @dataclass(frozen=True)
 class Surface:
-    """How a mesh was made, for the record; `faces_before` as Poisson left them."""
+    """Describe how a mesh was made, for the record; `faces_before` simplification."""
 
     depth: int
     trim: float
@@ -57,17 +57,17 @@ def reconstruct_surface(
     options: Mapping[str, Any] | None = None,
     progress: Progress = SILENT,
 ) -> Surface:
-    """Meshes the PLY file `cloud`, with normals and colours, to `mesh` with at most `faces` faces.
+    """Mesh the PLY file `cloud`, with normals and colours, to `mesh` with at most `faces` faces.
 
-    `options` goes to pycolmap.PoissonMeshingOptions, over what is chosen for the cloud. Raises `MappingError`
+    `options` goes to pycolmap.PoissonMeshingOptions, over the values chosen for the cloud. Raises `MappingError`
     where the points give no surface, `NativeError`.
     """
     progress.start(4, "parts of the surface")
     points = _sound(read_ply(cloud)["vertex"])
     _require_points(len(points))
-    depth = _depth(_positions(points), faces)
+    depth = _depth(columns(points, "xyz"), faces)
     native = poisson_options({"depth": depth, "trim": depth - _LEVELS_TRIMMED, **(options or {})})
-    thin = thinned(points, 2 * _cells_per_unit(_positions(points), native.depth))
+    thin = thinned(points, 2 * _cells_per_unit(columns(points, "xyz"), native.depth))
     del points
     _require_points(len(thin))
     parts = [mesh.with_name(f".{mesh.stem}.{word}.part.ply") for word in ("cloud", "poisson", "simple")]
@@ -76,7 +76,7 @@ def reconstruct_surface(
         progress.advance()
         _poisson(parts[0], parts[1], native, progress)
         progress.advance()
-        cell = 1 / _cells_per_unit(_positions(thin), native.depth)
+        cell = 1 / _cells_per_unit(columns(thin, "xyz"), native.depth)
         surface = _trimmed(parts[1], thin, cell)
         before = len(surface.faces)
         if before > faces:
@@ -98,39 +98,40 @@ def reconstruct_surface(
 
 
 def poisson_options(values: Mapping[str, Any]) -> pycolmap.PoissonMeshingOptions:
-    """Raises `OptionError`."""
+    """Return pycolmap's options with `values` set. Raises `OptionError`."""
     native = pycolmap.PoissonMeshingOptions()
     apply_options(native, values, "mesh.colmap")
     return native
 
 
 def thinned(points: Rows, cells_per_unit: float) -> Rows:
-    """The mean of position, normal and colour of the points in each cell of a grid; normals have length one."""
-    key = _cells(_positions(points), cells_per_unit)
+    """Return the mean position, normal and colour of the points in each cell of a grid; normals have length one."""
+    key = _cells(columns(points, "xyz"), cells_per_unit)
     _, inverse, counts = np.unique(key, return_inverse=True, return_counts=True)
     mean = np.empty(len(counts), points.dtype)
     for name in points.dtype.names or ():
         values = np.bincount(inverse, points[name]) / counts
         mean[name] = np.rint(values) if points.dtype[name].kind == "u" else values
-    length = np.sqrt(sum(mean[name].astype(np.float64) ** 2 for name in ("nx", "ny", "nz")))
-    for name in ("nx", "ny", "nz"):
+    length = np.sqrt(sum(mean[name].astype(np.float64) ** 2 for name in _NORMAL))
+    for name in _NORMAL:
         mean[name] /= np.maximum(length, 1e-6)
     return mean[length > 1e-6]
 
 
-def nearest_colours(vertices: F32, points: Rows) -> U8:
-    """(V, 3) uint8: the mean colour of the three points nearest to each vertex."""
+def nearest_colours(vertices: Float32, points: Rows) -> UInt8:
+    """Return (V, 3) uint8, the mean colour of the three points nearest to each vertex."""
     rows, _ = _nearest(vertices, points, min(3, len(points)))
-    colours = np.stack([points[name] for name in ("red", "green", "blue")], axis=1)
-    return np.asarray(np.rint(colours[rows].mean(axis=1)), np.uint8)
+    return np.asarray(np.rint(columns(points, COLOURS)[rows].mean(axis=1)), np.uint8)
 
 
 def _poisson(cloud: Path, mesh: Path, options: pycolmap.PoissonMeshingOptions, progress: Progress) -> None:
-    """Poisson in a process of its own, which can be stopped, and which it aborts on a cloud it makes nothing of.
-    Raises `Cancelled`, `NativeError`."""
+    """Run Poisson in a process of its own, which can be stopped; on some clouds it aborts its process.
+
+    Raises `Cancelled`, `NativeError`.
+    """
     try:
-        with ColmapProcesses() as apart:
-            apart.call(_meshed, (cloud, mesh, options.todict()), progress)
+        with ColmapProcesses() as processes:
+            processes.call(_meshed, (cloud, mesh, options.todict()), progress)
     except NativeError as error:
         raise NativeError(
             f"Poisson meshing: {error}",
@@ -145,38 +146,35 @@ def _meshed(job: tuple[Path, Path, dict[str, Any]], _progress: Progress) -> None
 
 
 def _sound(points: Rows) -> Rows:
-    """Without points that are not numbers or have no normal."""
-    values = np.stack([points[name] for name in ("x", "y", "z", "nx", "ny", "nz")])
-    sound: Rows = points[np.isfinite(values).all(axis=0) & (np.abs(values[3:]).sum(axis=0) > 0)]
+    """Remove points that are not numbers or have no normal."""
+    normals = columns(points, _NORMAL)
+    finite = np.isfinite(columns(points, "xyz")).all(axis=1) & np.isfinite(normals).all(axis=1)
+    sound: Rows = points[finite & normals.any(axis=1)]
     return sound
 
 
 def _require_points(count: int) -> None:
     if count < _MIN_POINTS:
         raise MappingError(
-            f"a surface needs {_MIN_POINTS} points, the dense cloud has {count} apart from each other",
+            f"a surface needs {_MIN_POINTS} points, the dense cloud has {count} distinct ones",
             hint="see the warnings of the dense stage, or leave the mesh out with --no-mesh",
         )
 
 
-def _positions(points: Rows) -> F32:
-    return np.stack([points[axis] for axis in "xyz"], axis=1)
-
-
-def _cells_per_unit(positions: F32, depth: int) -> float:
+def _cells_per_unit(positions: Float32, depth: int) -> float:
     side = _SCALE * float(np.ptp(positions, axis=0).max())
     return float(2**depth) / max(side, 1e-12)
 
 
-def _cells(positions: F32, cells_per_unit: float) -> I64:
-    """(N,) int64: the number of the cell of each point."""
+def _cells(positions: Float32, cells_per_unit: float) -> Int64:
+    """Return (N,) int64, the number of the cell of each point."""
     cell = ((positions - positions.min(axis=0)) * cells_per_unit).astype(np.int64)
     return np.asarray((cell[:, 0] << 42) | (cell[:, 1] << 21) | cell[:, 2])
 
 
-def _depth(positions: F32, faces: int) -> int:
-    """The deepest octree that gives no more than `_FINER` times the wanted faces, and has two points or more in
-    its cells."""
+def _depth(positions: Float32, faces: int) -> int:
+    """Return the depth of the deepest octree that gives at most `_FINER` times the expected faces, and whose cells
+    hold two points on average."""
     limit = min(_FINER * faces / _FACES_PER_CELL, len(positions) / 2)
     depth = _DEPTHS[0]
     for deeper in _DEPTHS[1:]:
@@ -187,7 +185,7 @@ def _depth(positions: F32, faces: int) -> int:
 
 
 def _trimmed(path: Path, points: Rows, cell: float) -> Mesh:
-    """Poisson's mesh without what lies far from the cloud, and without floating parts. Raises `MappingError`."""
+    """Return Poisson's mesh without faces far from the cloud and floating parts. Raises `MappingError`."""
     mesh = read_mesh(path) if path.is_file() else None
     if mesh is not None and len(mesh.faces):
         _, squared = _nearest(mesh.vertices, points, 1)
@@ -202,8 +200,8 @@ def _trimmed(path: Path, points: Rows, cell: float) -> Mesh:
     return mesh
 
 
-def _nearest(vertices: F32, points: Rows, count: int) -> tuple[I32, F32]:
-    """(V, count) rows of the points nearest to each vertex, and the squares of their distances."""
-    tree = cv2.flann.Index(_positions(points), {"algorithm": _KD_TREE})
+def _nearest(vertices: Float32, points: Rows, count: int) -> tuple[Int32, Float32]:
+    """Return (V, count), the rows of the points nearest to each vertex, and the squares of their distances."""
+    tree = cv2.flann.Index(columns(points, "xyz"), {"algorithm": _KD_TREE})
     rows, squared = tree.knnSearch(vertices, count, params={"checks": -1})
     return np.asarray(rows, np.int32), np.asarray(squared, np.float32)

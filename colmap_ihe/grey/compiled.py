@@ -22,7 +22,7 @@ def _load() -> ctypes.CDLL:
     except OSError as error:
         raise CapabilityError(
             f"{path}: the compiled part of colmap-ihe cannot be loaded ({error})",
-            hint="install colmap-ihe with pip, which builds it, as in `pip install .`",
+            hint="install colmap-ihe with pip, which builds it, as in `pip install .` in its clone",
         ) from error
     for name in ("occupied", "gather", "pack_cells", "pack_table"):
         getattr(library, name).restype = ctypes.c_size_t

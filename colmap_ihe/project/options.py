@@ -212,7 +212,7 @@ class MeshOptions(_Section):
     faces: Annotated[int, Field(ge=100, le=50_000_000)] = 300_000
     """The most triangles that the mesh is simplified to."""
     texture: Literal["auto"] | bool = "auto"
-    """`auto`: a textured mesh beside that with vertex colours where xatlas and trimesh are installed."""
+    """True and `auto`: a textured mesh beside that with vertex colours."""
     texture_size: Annotated[int, Field(ge=256, le=16_384)] = 4096
     """The longest side of the texture in pixels; it is smaller where the photographs show no more."""
     colmap: ColmapOptions = Field(default_factory=dict)

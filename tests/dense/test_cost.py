@@ -1,4 +1,4 @@
-"""What dense stereo is said to take."""
+"""Test the estimate of what dense stereo takes."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ SIZES = [(3000, 2000)] * 20
 
 
 def test_memory_bounds_how_many_maps_are_made_at_a_time() -> None:
-    one = STEREO_BYTES_A_PIXEL * 6_000_000
+    bytes_a_map = STEREO_BYTES_A_PIXEL * 6_000_000
     assert dense_cost(SIZES, 100_000, "sgm", 8, 0).at_once == 8
-    assert dense_cost(SIZES, 100_000, "sgm", 8, 3 * one).at_once == 2
-    assert dense_cost(SIZES, 100_000, "sgm", 8, one // 2).at_once == 1
-    assert dense_cost(SIZES, 1500, "sgm", 8, 3 * one).at_once == 8
+    assert dense_cost(SIZES, 100_000, "sgm", 8, 3 * bytes_a_map).at_once == 2
+    assert dense_cost(SIZES, 100_000, "sgm", 8, bytes_a_map // 2).at_once == 1
+    assert dense_cost(SIZES, 1500, "sgm", 8, 3 * bytes_a_map).at_once == 8
 
 
 def test_the_estimate_grows_with_pixels_and_not_beyond_the_bound_of_fusion() -> None:
@@ -34,10 +34,10 @@ def test_portrait_and_landscape_shrink_alike() -> None:
 
 
 def test_what_was_never_measured_is_not_told() -> None:
-    found = dense_cost(SIZES, 3000, "patchmatch", 8, 0)
-    assert (found.minutes, found.at_once) == (None, None)
-    assert "PatchMatch" in found.in_words()
-    assert "min" not in found.in_words()
+    cost = dense_cost(SIZES, 3000, "patchmatch", 8, 0)
+    assert (cost.minutes, cost.at_once) == (None, None)
+    assert "PatchMatch" in cost.in_words()
+    assert "min" not in cost.in_words()
 
 
 def test_fusion_gets_the_same_memory_though_a_little_more_or_less_is_free() -> None:

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
+import shutil
 import time
-from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from functools import partial
 from pathlib import Path
-from typing import Any
+from types import SimpleNamespace
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -20,6 +20,7 @@ from colmap_ihe.dense import backend as dense
 from colmap_ihe.dense import depth_maps
 from colmap_ihe.dense.depth_maps import DepthCounts, sgm_depth_maps, write_map
 from colmap_ihe.dense.fusion import fuse
+from colmap_ihe.dense.ply import COLOURS, columns, read_ply
 from colmap_ihe.dense.undistort import undistort
 from colmap_ihe.errors import Cancelled, CapabilityError, OptionError, ProjectError
 from colmap_ihe.machine.progress import Silent
@@ -74,33 +75,22 @@ def test_depth_maps_are_the_plane(project: Path, counts: DepthCounts) -> None:
 @pytest.mark.usefixtures("counts")
 def test_fusion_keeps_its_normal_check_and_has_colour(project: Path) -> None:
     strict = fuse(project / "dense", options={"max_normal_error": 10.0})
-    cloud = _read_ply(project / "dense" / "fused.ply")
+    cloud = read_ply(project / "dense" / "fused.ply")["vertex"]
     assert len(cloud) == strict
     loose = fuse(project / "dense", options={"max_normal_error": 180.0})
     assert strict > 0.9 * loose
     # One point a pixel of the union of the views, which is about one view and a half.
     assert 60_000 < strict < 200_000
-    points = np.column_stack([cloud[axis] for axis in "xyz"])
+    points = columns(cloud, "xyz")
     distance = np.abs((points - [0, 0, 4]) @ NORMAL)
     assert np.percentile(distance, 90) < 0.02, f"{np.percentile(distance, 90):.4f} at a distance of 4"
-    normals = np.column_stack([cloud[f"n{axis}"] for axis in "xyz"])
+    normals = columns(cloud, ("nx", "ny", "nz"))
     angles = np.degrees(np.arccos(np.clip(normals @ NORMAL, -1, 1)))
     assert np.median(angles) < 3
-    red, green, blue = (cloud[name].astype(float).mean() for name in ("red", "green", "blue"))
-    assert green / red == pytest.approx(COLOUR[1] / COLOUR[0], abs=0.02)
-    assert blue / red == pytest.approx(COLOUR[2] / COLOUR[0], abs=0.02)
+    colour = columns(cloud, COLOURS).mean(axis=0)
+    assert colour / colour[0] == pytest.approx(np.array(COLOUR) / COLOUR[0], abs=0.02)
     assert (project / "dense" / "fused.ply.vis").stat().st_size > 0
     assert not list((project / "dense").glob("*.part*"))
-
-
-def _read_ply(path: Path) -> NDArray[np.void]:
-    content = path.read_bytes()
-    end = content.index(b"end_header\n") + len(b"end_header\n")
-    lines = content[:end].decode().split("\n")
-    number = next(int(line.split()[2]) for line in lines if line.startswith("element vertex"))
-    kinds = {"float": "<f4", "uchar": "u1"}
-    fields = [(line.split()[2], kinds[line.split()[1]]) for line in lines if line.startswith("property")]
-    return np.frombuffer(content[end:], np.dtype(fields), number)
 
 
 def test_maps_that_are_there_are_kept_and_missing_ones_made(project: Path, counts: DepthCounts) -> None:
@@ -141,7 +131,7 @@ def test_cancelled_depth_maps_leave_whole_files_only(project: Path, counts: Dept
 
 @pytest.mark.usefixtures("counts")
 def test_a_map_under_way_is_told_to_stop(project: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    started, told = [], []
+    started, stopped = [], []
 
     def endless(*arguments: object) -> None:
         check = arguments[-1]
@@ -153,7 +143,7 @@ def test_a_map_under_way_is_told_to_stop(project: Path, monkeypatch: pytest.Monk
                 check()
                 time.sleep(0.02)
         except Cancelled:
-            told.append(True)
+            stopped.append(True)
             raise
 
     class CancelledWhileRunning(Silent):
@@ -167,7 +157,7 @@ def test_a_map_under_way_is_told_to_stop(project: Path, monkeypatch: pytest.Monk
     monkeypatch.setattr(depth_maps, "depth_and_normals", endless)
     with pytest.raises(Cancelled), ThreadPoolExecutor(1) as executor:
         sgm_depth_maps(project / "dense", executor=executor, progress=CancelledWhileRunning())
-    assert len(told) == 1
+    assert len(stopped) == 1
     assert not (project / "dense" / "stereo" / ".stop").exists()
     missing.write_bytes(content)
 
@@ -181,25 +171,21 @@ def test_undistortion_can_shrink(project: Path, tmp_path: Path) -> None:
 
 
 def test_a_missing_colour_twin_is_named(project: Path, tmp_path: Path) -> None:
+    colour = Path(shutil.copytree(project / "colour", tmp_path / "colour"))
+    (colour / NAMES[-1]).unlink()
     with pytest.raises(ProjectError, match=r"1 of 5 images of the model .* first e\.png"):
-        for name in NAMES[:-1]:
-            (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
-            (tmp_path / name).write_bytes((project / "colour" / name).read_bytes())
-        undistort(project / "sparse", project / "grey", tmp_path, tmp_path / "dense")
+        undistort(project / "sparse", project / "grey", colour, tmp_path / "dense")
 
 
 def test_cancelling_is_heard(project: Path, tmp_path: Path) -> None:
     progress = Silent()
     progress.cancelled = True
     folders = (project / "sparse", project / "grey", project / "colour", tmp_path / "dense")
-    calls: list[Callable[[], object]] = [
-        lambda: undistort(*folders, progress=progress),
-        lambda: sgm_depth_maps(project / "dense", progress=progress),
-        lambda: fuse(project / "dense", progress=progress),
-    ]
-    for call in calls:
+    with pytest.raises(Cancelled):
+        undistort(*folders, progress=progress)
+    for work in (sgm_depth_maps, fuse):
         with pytest.raises(Cancelled):
-            call()
+            work(project / "dense", progress=progress)
 
 
 def test_maps_are_written_as_colmap_reads_them(tmp_path: Path) -> None:
@@ -233,36 +219,20 @@ def test_backends(monkeypatch: pytest.MonkeyPatch) -> None:
         dense.pick_backend("patchmatch")
     assert "pycolmap-cuda12" in caught.value.hint
     monkeypatch.setattr(pycolmap, "has_cuda", True)  # the wheel with CUDA, where no driver finds a device
-    for driver, devices in (
-        (None, 0),
-        (Driver(error=100), 0),
-        (Driver(devices=0), 0),
-        (Driver(devices=2), 2),
-    ):
-        monkeypatch.setattr("ctypes.CDLL", partial(loaded, driver))
+    no_driver = Mock(side_effect=OSError("libcuda.so.1: cannot open shared object file"))
+    drivers = [no_driver, *(Mock(return_value=d) for d in (driver(2, error=100), driver(0), driver(2)))]
+    for loads, devices in zip(drivers, (0, 0, 0, 2), strict=True):
+        monkeypatch.setattr("ctypes.CDLL", loads)
         assert cuda_devices() == devices
         assert dense.pick_backend("auto") == ("patchmatch" if devices else "sgm")
     assert dense.pick_backend("sgm") == "sgm"
 
 
-class Driver:
-    """What CUDA's driver answers."""
-
-    def __init__(self, error: int = 0, devices: int = 0) -> None:
-        self.error, self.devices = error, devices
-
-    def cuInit(self, _flags: int) -> int:  # noqa: N802  its name
-        return self.error
-
-    def cuDeviceGetCount(self, count: Any) -> int:  # noqa: N802
-        count._obj.value = self.devices
-        return 0
-
-
-def loaded(driver: Driver | None, _name: str) -> Driver:
-    if driver is None:
-        raise OSError("libcuda.so.1: cannot open shared object file")
-    return driver
+def driver(devices: int, error: int = 0) -> SimpleNamespace:
+    """Stand for CUDA's driver, with its answers."""
+    return SimpleNamespace(
+        cuInit=lambda _flags: error, cuDeviceGetCount=lambda count: setattr(count._obj, "value", devices)
+    )
 
 
 def test_an_unknown_fusion_option_is_refused(project: Path) -> None:

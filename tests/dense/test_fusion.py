@@ -2,19 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 from PIL import Image
-from plane import SIZE, K, make_project
+from plane import SIZE, Centre, K, make_project
 
 from colmap_ihe.colmap.native import pycolmap
 from colmap_ihe.dense import fusion
-from colmap_ihe.dense.depth_maps import depth_file, read_depth, sgm_depth_maps
+from colmap_ihe.dense.depth_maps import depth_file, read_planes, sgm_depth_maps
 from colmap_ihe.dense.fusion_cells import PixelCoverage, Price, cells_of
-from colmap_ihe.dense.ply import read_ply
+from colmap_ihe.dense.ply import columns, read_ply
 from colmap_ihe.dense.undistort import mask_of, read_mask, undistort
 from colmap_ihe.errors import Cancelled
 from colmap_ihe.machine.progress import Silent
@@ -24,22 +25,22 @@ FEW = dict(list(STRIP.items())[:5])
 A_MAP = fusion.fusion_bytes(SIZE[0] * SIZE[1])
 
 
-def folders(root: Path) -> tuple[Path, Path, Path, Path]:
-    return root / "sparse", root / "grey", root / "colour", root / "dense"
+def dense_of(root: Path, views: Mapping[str, Centre]) -> Path:
+    """Return the dense workspace of a project with its depth maps, and with the masks in `root`."""
+    make_project(root, views)
+    folders = (root / "sparse", root / "grey", root / "colour", root / "dense")
+    undistort(*folders, masks_dir=root / "masks")
+    sgm_depth_maps(root / "dense")
+    return root / "dense"
 
 
 def positions(dense: Path) -> NDArray[np.float32]:
-    rows = read_ply(dense / "fused.ply")["vertex"]
-    return np.stack([rows[axis] for axis in "xyz"], axis=1)
+    return columns(read_ply(dense / "fused.ply")["vertex"], "xyz")
 
 
 @pytest.fixture(scope="module")
 def strip(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    root = tmp_path_factory.mktemp("strip")
-    make_project(root, STRIP)
-    undistort(*folders(root))
-    sgm_depth_maps(root / "dense")
-    return root / "dense"
+    return dense_of(tmp_path_factory.mktemp("strip"), STRIP)
 
 
 def test_cells_give_the_cloud_that_one_fusion_gives(strip: Path) -> None:
@@ -66,15 +67,15 @@ def test_every_point_of_cells_says_which_images_see_it(strip: Path) -> None:
     assert words[:2].view("<u8")[0] == count
     model = pycolmap.Reconstruction(strip / "sparse")
     order = [model.images[i].name for i in model.reg_image_ids()]
-    points, place = positions(strip), 2
+    points, start = positions(strip), 2
     for row in range(count):
-        images = words[place + 1 : place + 1 + words[place]]
+        images = words[start + 1 : start + 1 + words[start]]
         assert len(images) >= 1
         if row % 997 == 0:
             centres = np.array([STRIP[order[i]][0] for i in images])
             assert np.abs(centres - points[row, 0]).max() < SIZE[0] / K[0, 0] * 4
-        place += 1 + len(images)
-    assert place == len(words)
+        start += 1 + len(images)
+    assert start == len(words)
 
 
 def test_cells_can_be_cancelled_and_leave_nothing(strip: Path) -> None:
@@ -131,7 +132,6 @@ def test_what_cannot_be_cut_stays_one_cell() -> None:
 
 
 def test_what_a_mask_hides_has_no_depth_and_no_point(tmp_path: Path) -> None:
-    make_project(tmp_path, FEW)
     masks = tmp_path / "masks"
     masks.mkdir()
     hidden = 1.0  # everything right of this x of the world, in all images
@@ -139,31 +139,23 @@ def test_what_a_mask_hides_has_no_depth_and_no_point(tmp_path: Path) -> None:
         white = np.full(SIZE[::-1], 255, np.uint8)
         white[:, max(0, min(SIZE[0], int(K[0, 2] + (hidden - x) / 4 * K[0, 0]))) :] = 0
         Image.fromarray(white).save(masks / f"{name}.png")
-    dense = tmp_path / "dense"
-    undistort(*folders(tmp_path), masks_dir=masks)
-    sgm_depth_maps(dense)
+    dense = dense_of(tmp_path, FEW)
     assert fusion.fuse(dense) > 10_000
     for name in FEW:
         mask = read_mask(dense, name)
         assert mask is not None
         assert set(np.unique(mask)) <= {0, 255}
-        assert not read_depth(depth_file(dense, name))[mask == 0].any()
+        assert not read_planes(depth_file(dense, name))[0][mask == 0].any()
     # The plane is at z = 4 in its middle, and slanted: the border is as far off as that makes it.
     assert positions(dense)[:, 0].max() < hidden + 0.15
 
 
 def test_fusion_keeps_to_masks_where_depth_maps_do_not(tmp_path: Path) -> None:
     """As those of PatchMatch, which knows of no masks."""
-    make_project(tmp_path, FEW)
-    black = tmp_path / "masks"
-    black.mkdir()
+    dense = dense_of(tmp_path, FEW)
+    assert fusion.fuse(dense) > 10_000
     for name in FEW:
-        Image.fromarray(np.zeros(SIZE[::-1], np.uint8)).save(black / f"{name}.png")
-    undistort(*folders(tmp_path))
-    sgm_depth_maps(tmp_path / "dense")
-    assert fusion.fuse(tmp_path / "dense") > 10_000
-    for name in FEW:
-        mask = mask_of(tmp_path / "dense", name)
+        mask = mask_of(dense, name)
         mask.parent.mkdir(exist_ok=True)
-        mask.write_bytes((black / mask.name).read_bytes())
-    assert fusion.fuse(tmp_path / "dense") == 0
+        Image.fromarray(np.zeros(SIZE[::-1], np.uint8)).save(mask)
+    assert fusion.fuse(dense) == 0

@@ -24,10 +24,7 @@ _FIELDS = [
 
 def cloud_of(positions: object, normals: object, colours: object) -> Rows:
     values = np.column_stack([np.asarray(positions, float), np.asarray(normals, float), np.asarray(colours)])
-    rows = np.empty(len(values), _FIELDS)
-    for k, name in enumerate(rows.dtype.names or ()):
-        rows[name] = values[:, k]
-    return rows
+    return np.asarray(np.rec.fromarrays(list(values.T), dtype=_FIELDS)).view(_FIELDS)
 
 
 def sphere(count: int = 20_000, radius: float = 1.0, centre: tuple[float, float, float] = (0, 0, 0)) -> Rows:
@@ -41,10 +38,10 @@ def sphere(count: int = 20_000, radius: float = 1.0, centre: tuple[float, float,
 @pytest.mark.parametrize("scale", [0.01, 1000.0])
 def test_a_sphere_of_any_size(tmp_path: Path, scale: float) -> None:
     write_rows(tmp_path / "cloud.ply", sphere(radius=scale))
-    made = surface.reconstruct_surface(tmp_path / "cloud.ply", tmp_path / "mesh.ply", 1500)
+    result = surface.reconstruct_surface(tmp_path / "cloud.ply", tmp_path / "mesh.ply", 1500)
     mesh = read_mesh(tmp_path / "mesh.ply")
-    assert len(mesh.faces) == made.faces
-    assert 1400 < made.faces <= 1500 < made.faces_before < 8 * 1500
+    assert len(mesh.faces) == result.faces
+    assert 1400 < result.faces <= 1500 < result.faces_before < 8 * 1500
     radii = np.linalg.norm(mesh.vertices, axis=1) / scale
     assert 0.98 < radii.min() <= radii.max() < 1.02
     assert (mesh.vertices[mesh.colours[:, 0] > mesh.colours[:, 2], 0] > -0.1 * scale).all()

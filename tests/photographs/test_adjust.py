@@ -18,7 +18,7 @@ from colmap_ihe.project.options import Options
 from colmap_ihe.project.options_file import load_options
 from colmap_ihe.project.recipe import Recipe
 
-pytest.importorskip("pywt", reason="denoising needs PyWavelets: pip install 'colmap-ihe[denoise]'")
+pytest.importorskip("pywt", reason="denoising needs PyWavelets: pip install '.[denoise]'")
 
 SIZE = (300, 340)
 WELL_E = 2000.0

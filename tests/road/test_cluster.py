@@ -368,7 +368,7 @@ def test_without_dask(new_project: Make, quick_options: MakeOptions, monkeypatch
     monkeypatch.setitem(sys.modules, "distributed", None)
     with pytest.raises(CapabilityError, match="needs Dask") as failure:
         reconstruct(new_project(), quick_options("cluster.address=local:2"))
-    assert "colmap-ihe[cluster]" in failure.value.hint
+    assert "pip install '.[cluster]'" in failure.value.hint
 
 
 def test_errors_reach_the_caller_as_they_were(tmp_path: Path) -> None:

@@ -189,7 +189,7 @@ def test_a_face_without_its_corners_is_refused(tmp_path: Path) -> None:
     write_mesh(tmp_path / "a.ply", mesh)
     whole = (tmp_path / "a.ply").read_bytes()
     (tmp_path / "a.ply").write_bytes(whole[:-4] + (99).to_bytes(4, "little"))
-    with pytest.raises(ProjectError, match="a face has a corner that is not there"):
+    with pytest.raises(ProjectError, match="a face has a corner that does not exist"):
         read_mesh(tmp_path / "a.ply")
 
 

@@ -12,7 +12,8 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from colmap_ihe.dense.stereo.views import Float64, StereoCamera, StereoView, UInt8
+from colmap_ihe.dense.camera import Float64, PinholeCamera, UInt8
+from colmap_ihe.dense.stereo.views import StereoView
 
 REFERENCE_SIZE = (400, 300)
 FOCAL = 420.0
@@ -52,7 +53,7 @@ def camera(
     yaw_deg: float = 0.0,
     size: tuple[int, int] = REFERENCE_SIZE,
     focal: float = FOCAL,
-) -> StereoCamera:
+) -> PinholeCamera:
     """A camera at `centre` that looks along +z, first turned about y, then rolled about its own axis."""
     roll, yaw = np.radians([roll_deg, yaw_deg])
     turn = np.array([[np.cos(yaw), 0, -np.sin(yaw)], [0, 1, 0], [np.sin(yaw), 0, np.cos(yaw)]])
@@ -60,10 +61,10 @@ def camera(
     rotation = tilt @ turn
     translation = -rotation @ np.asarray(centre, float)
     K = np.array([[focal, 0, size[0] / 2], [0, focal, size[1] / 2], [0, 0, 1]])
-    return StereoCamera(K, np.column_stack([rotation, translation]), size)
+    return PinholeCamera(K, np.column_stack([rotation, translation]), size)
 
 
-def render(seen_by: StereoCamera, planes: Sequence[Plane], noise: float = 1.0) -> tuple[StereoView, Float64]:
+def render(seen_by: PinholeCamera, planes: Sequence[Plane], noise: float = 1.0) -> tuple[StereoView, Float64]:
     """What the camera sees, and its true depth (H, W), 0 where it sees nothing."""
     width, height = seen_by.size
     u, v = np.meshgrid(np.arange(width) + 0.5, np.arange(height) + 0.5)
@@ -86,7 +87,7 @@ def render(seen_by: StereoCamera, planes: Sequence[Plane], noise: float = 1.0) -
     return StereoView(seen_by.K, seen_by.cam_from_world, seen_by.size, grey_u8), depth
 
 
-def sparse_points(seen_by: StereoCamera, depth: Float64, step: int = 15) -> Float64:
+def sparse_points(seen_by: PinholeCamera, depth: Float64, step: int = 15) -> Float64:
     """(N, 3): world points of every `step`th pixel that sees something."""
     v, u = np.mgrid[step // 2 : depth.shape[0] : step, step // 2 : depth.shape[1] : step].reshape(2, -1)
     z = depth[v, u]

@@ -1,4 +1,4 @@
-"""Depth and normals of one photograph from its neighbours: the entrance to this room."""
+"""Compute depth and normals of one photograph from its neighbours."""
 
 from __future__ import annotations
 
@@ -8,49 +8,37 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
+from colmap_ihe.dense.camera import Float32, Float64, UInt8
 from colmap_ihe.dense.stereo.match import match_around, match_whole_range
 from colmap_ihe.dense.stereo.merge import filled, merge, without_speckles
 from colmap_ihe.dense.stereo.normals import normals_from_inverse_depth
 from colmap_ihe.dense.stereo.rectify import PairLeftOutError, RectifiedPair, rectify
 from colmap_ihe.dense.stereo.refine import compare, prepared, refined
-from colmap_ihe.dense.stereo.views import Float32, Float64, StereoView, UInt8, sizes_coarse_to_fine
+from colmap_ihe.dense.stereo.views import StereoView, sizes_coarse_to_fine
 
-
-@dataclass(frozen=True, kw_only=True)
-class StereoOptions:
-    """What may be set; the defaults were measured with benchmarks/dense.py."""
-
-    # Longer side of the size at which the whole range of depths is searched.
-    coarsest_px: int = 400
-    # Gauss-Newton steps at each size.
-    iterations: int = 2
-    # A source supports a pixel whose window correlates with it at least so well.
-    min_correlation: float = 0.4
-    # One supporting source is enough if it correlates at least so well.
-    min_single_correlation: float = 0.6
-    # Where windows are too flat to correlate, sources that agree in depth are enough if the grey values
-    # vary by at least so much (variance of 8-bit values): a wall does, the sky does not.
-    min_variance: float = 1.0
-    # Smaller patches are dropped, in pixels of each size.
-    speckle_px: int = 60
-    # Half of the window of the normals, in pixels.
-    normal_radius_px: int = 6
+# Measured with benchmarks/dense.py.
+_COARSEST_PX = 400  # longer side of the size at which the whole range of depths is searched
+_ITERATIONS = 2  # Gauss-Newton steps at each size
+_MIN_CORRELATION = 0.4  # of the window of a pixel with a source that supports it
+_MIN_SINGLE_CORRELATION = 0.6  # with which one supporting source is enough
+# Variance of 8-bit values. Where windows are too flat to correlate, sources that agree in depth are enough if the
+# grey values vary by at least so much: a wall does, the sky does not.
+_MIN_VARIANCE = 1.0
+_SPECKLE_PX = 60  # smaller patches are dropped, in pixels of each size
+_NORMAL_RADIUS_PX = 6  # half of the window of the normals
 
 
 @dataclass(frozen=True)
 class DepthResult:
-    """What is known of one reference.
+    """Hold the maps of one reference.
 
     `depth` (H, W) float32 along the optical axis in world units, 0 for none; `normals` (H, W, 3)
-    float32 unit vectors in the camera frame towards the camera, 0 for none; `support` (H, W) uint8 how
-    many sources confirm each pixel; `pairs_used` and `pairs_left_out` (with the reason) name sources by
-    their place in the given order.
+    float32 unit vectors in the camera frame towards the camera, 0 for none; `pairs_left_out` the reasons
+    by the index of a source.
     """
 
     depth: Float32
     normals: Float32
-    support: UInt8
-    pairs_used: tuple[int, ...]
     pairs_left_out: Mapping[int, str]
 
 
@@ -58,96 +46,70 @@ def depth_and_normals(
     reference: StereoView,
     sources: Sequence[StereoView],
     points_world: Float64,
-    options: StereoOptions | None = None,
     check: Callable[[], None] = lambda: None,
 ) -> DepthResult:
-    """Depth and normals of `reference` from `sources`.
+    """Return depth and normals of `reference` from `sources`.
 
     `points_world` (N, 3): sparse points that the reference sees; they bound the search. `check` is called
     between steps and may raise to stop. With no usable source the maps are empty.
     """
     if points_world.ndim != 2 or points_world.shape[1] != 3:
         raise ValueError(f"{points_world.shape=}, expected (N, 3)")
-    options = options or StereoOptions()
-    sizes = sizes_coarse_to_fine(reference.size, options.coarsest_px)
-    pairs, left_out = _rectified(reference, sources, sizes, points_world)
-    inverse = np.zeros(reference.grey_u8.shape, np.float32)
-    support = np.zeros(reference.grey_u8.shape, np.uint8)
-    known: Float32 | None = None
-    for place, size in enumerate(sizes if pairs else []):
-        small = reference.resized(size)
-        smaller = [sources[index].resized(_scaled(sources[index], size, reference)) for index in pairs]
-        at_size = [by_size[place] for by_size in pairs.values()]
-        inverse, support = _match_at_size(small, smaller, at_size, known, options, check)
-        if not support.any():
-            inverse, support = np.zeros_like(reference.grey_u8, np.float32), np.zeros_like(reference.grey_u8)
-            break
-        known = filled(inverse)
-    held = inverse > 0
-    depth = np.where(held, 1 / np.where(held, inverse, 1), 0).astype(np.float32)
-    normals = normals_from_inverse_depth(inverse, reference.K, options.normal_radius_px)
-    return DepthResult(depth, normals, support, tuple(pairs), left_out)
-
-
-def _rectified(
-    reference: StereoView,
-    sources: Sequence[StereoView],
-    sizes: Sequence[tuple[int, int]],
-    points_world: Float64,
-) -> tuple[dict[int, list[RectifiedPair]], dict[int, str]]:
-    """The common frames of each usable source at every size, and the reasons of the others, by place in
-    `sources`.
-    """
+    sizes = sizes_coarse_to_fine(reference.size, _COARSEST_PX)
     pairs: dict[int, list[RectifiedPair]] = {}
     left_out: dict[int, str] = {}
     for index, source in enumerate(sources):
+        cameras = [
+            (reference.camera_resized(s), source.camera_resized(_scaled(source, s, reference))) for s in sizes
+        ]
         try:
-            pairs[index] = [
-                rectify(
-                    reference.camera_resized(size),
-                    source.camera_resized(_scaled(source, size, reference)),
-                    points_world,
-                )
-                for size in sizes
-            ]
+            pairs[index] = [rectify(*pair, points_world) for pair in cameras]
         except PairLeftOutError as reason:
             left_out[index] = str(reason)
-    return pairs, left_out
+    inverse = np.zeros(reference.grey_u8.shape, np.float32)
+    for step, size in enumerate(sizes if pairs else []):
+        smaller = [sources[index].resized(_scaled(sources[index], size, reference)) for index in pairs]
+        matches = [(by_size[step], source) for by_size, source in zip(pairs.values(), smaller, strict=True)]
+        prior = None
+        if step:
+            coarser = cv2.resize(filled(inverse), size, interpolation=cv2.INTER_LINEAR)
+            prior = np.asarray(coarser, np.float32)
+        inverse = _match_at_size(reference.resized(size), matches, prior, check)
+        if not inverse.any():
+            inverse = np.zeros(reference.grey_u8.shape, np.float32)
+            break
+    held = inverse > 0
+    depth = np.where(held, 1 / np.where(held, inverse, 1), 0).astype(np.float32)
+    normals = normals_from_inverse_depth(inverse, reference.K, _NORMAL_RADIUS_PX)
+    return DepthResult(depth, normals, left_out)
 
 
 def _match_at_size(
     reference: StereoView,
-    sources: Sequence[StereoView],
-    pairs: Sequence[RectifiedPair],
-    known: Float32 | None,
-    options: StereoOptions,
+    matches: Sequence[tuple[RectifiedPair, StereoView]],
+    prior: Float32 | None,
     check: Callable[[], None],
-) -> tuple[Float32, UInt8]:
-    """Inverse depth (H, W) float32, 0 for none, and its support at the size of `reference`.
+) -> Float32:
+    """Return inverse depth (H, W) float32, 0 for none, at the size of `reference`.
 
-    `known` is the inverse depth of the size before, without holes, or None at the coarsest.
+    `matches` are the frames and views of its sources at that size; `prior` (H, W) is the inverse depth from the size
+    before, without holes, or None at the coarsest.
     """
-    prior = None
-    if known is not None:
-        prior = np.asarray(cv2.resize(known, reference.size, interpolation=cv2.INTER_LINEAR), np.float32)
     maps = []
-    for pair, source in zip(pairs, sources, strict=True):
+    for pair, source in matches:
         check()
         if prior is None:
             maps.append(match_whole_range(pair, reference, source))
         else:
             maps.append(match_around(pair, reference, source, prior))
-    one_pixel = [_one_pixel(pair) for pair in pairs]
+    one_pixel = [_one_pixel(pair) for pair, _ in matches]
     inverse, merged = merge(maps, one_pixel)
     if not merged.any():
-        return inverse, merged
-    inverse, support = _confirmed(
-        reference, sources, inverse, merged, float(np.median(one_pixel)), options, check
-    )
+        return inverse
+    sources = [source for _, source in matches]
+    inverse = _confirmed(reference, sources, inverse, merged, float(np.median(one_pixel)), check)
     # Speckles by the coarsest pair: by the finest, a steep surface falls apart into single pixels.
-    inverse = without_speckles(inverse, options.speckle_px, max(one_pixel))
-    support[inverse == 0] = 0
-    return inverse, support
+    return without_speckles(inverse, _SPECKLE_PX, max(one_pixel))
 
 
 def _confirmed(
@@ -156,37 +118,35 @@ def _confirmed(
     inverse: Float32,
     merged: UInt8,
     one_pixel: float,
-    options: StereoOptions,
     check: Callable[[], None],
-) -> tuple[Float32, UInt8]:
-    """`inverse` refined, and kept where enough sources look alike at it."""
+) -> Float32:
+    """Refine `inverse`, and keep it where enough sources look like the reference there."""
     reference = prepared(view)
-    moved = refined(reference, sources, filled(inverse), one_pixel, options.iterations)
+    moved = refined(reference, sources, filled(inverse), one_pixel, _ITERATIONS)
     check()
     support = np.zeros(inverse.shape, np.uint8)
     alike = np.zeros(inverse.shape, np.uint8)
     best = np.full(inverse.shape, -1, np.float32)
     for source in sources:
-        found = compare(reference, source, moved)
-        support += found.correlation >= options.min_correlation
-        alike += found.likeness >= options.min_correlation
-        np.maximum(best, found.correlation, out=best)
+        fit = compare(reference, source, moved)
+        support += fit.correlation >= _MIN_CORRELATION
+        alike += fit.likeness >= _MIN_CORRELATION
+        np.maximum(best, fit.correlation, out=best)
     keep = (inverse > 0) & (moved > 0)
     if view.mask_u8 is not None:
         keep &= view.mask_u8 > 0
-    agree = (merged >= 2) & (alike >= 2) & (reference.variance >= options.min_variance)
-    keep &= (support >= 2) | agree | (best >= options.min_single_correlation)
-    support = np.maximum(support, np.minimum(alike, merged))
-    return np.where(keep, moved, 0).astype(np.float32), np.where(keep, support, 0).astype(np.uint8)
+    agree = (merged >= 2) & (alike >= 2) & (reference.variance >= _MIN_VARIANCE)
+    keep &= (support >= 2) | agree | (best >= _MIN_SINGLE_CORRELATION)
+    return np.where(keep, moved, 0).astype(np.float32)
 
 
 def _scaled(source: StereoView, size: tuple[int, int], reference: StereoView) -> tuple[int, int]:
-    """The size of `source` when `reference` has `size`."""
+    """Return the size of `source` when `reference` has `size`."""
     scale = size[0] / reference.size[0]
     return max(1, round(source.size[0] * scale)), max(1, round(source.size[1] * scale))
 
 
 def _one_pixel(pair: RectifiedPair) -> float:
-    """Change of inverse depth in the middle of the frame that moves a match by one pixel."""
+    """Return the change of inverse depth in the middle of the frame that moves a match by one pixel."""
     per_inverse_depth = pair.disparity_per_inverse_depth()
     return 1.0 / float(per_inverse_depth[pair.height // 2, pair.width // 2])

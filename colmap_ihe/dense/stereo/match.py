@@ -1,8 +1,8 @@
-"""Semi-global matching of one pair: first over the whole range, then around what is already known.
+"""Match one pair semi-globally: first over the whole range of depths, then around a given depth.
 
 Hirschmueller 2008, "Stereo processing by semiglobal matching and mutual information", as OpenCV has it.
-The second step samples the source where the known depth says that the reference's pixels should be.
-So its search is a few pixels wide however deep the scene is, and slanted surfaces look fronto-parallel to it.
+The second step samples the source where the given depth puts the reference's pixels. So its search is a few pixels
+wide however deep the scene is, and slanted surfaces look fronto-parallel to it.
 """
 
 from __future__ import annotations
@@ -12,8 +12,9 @@ import math
 import cv2
 import numpy as np
 
+from colmap_ihe.dense.camera import Bool, Float32, UInt8
 from colmap_ihe.dense.stereo.rectify import RectifiedPair, inside
-from colmap_ihe.dense.stereo.views import Bool, Float32, StereoView, UInt8
+from colmap_ihe.dense.stereo.views import StereoView
 
 SUBPIXELS = 16
 LEFT_RIGHT_TOLERANCE_PX = 1.0
@@ -21,7 +22,7 @@ RESIDUAL_RANGE_PX = 32
 
 
 def match_whole_range(pair: RectifiedPair, reference: StereoView, source: StereoView) -> Float32:
-    """Inverse depth in the reference (H, W) float32, 0 for none, from the pair's whole range of disparities.
+    """Return inverse depth in the reference (H, W) float32, 0 for none, from the pair's whole range of disparities.
 
     Matched from both sides; kept where the two agree within `LEFT_RIGHT_TOLERANCE_PX`.
     """
@@ -38,27 +39,25 @@ def match_whole_range(pair: RectifiedPair, reference: StereoView, source: Stereo
     return _inverse_depth(pair, reference, source, disparity, agree[:, count:-count])
 
 
-def match_around(pair: RectifiedPair, reference: StereoView, source: StereoView, known: Float32) -> Float32:
-    """Inverse depth in the reference (H, W) float32, 0 for none, within some pixels of `known` (H, W),
-    which is > 0.
-    """
+def match_around(pair: RectifiedPair, reference: StereoView, source: StereoView, prior: Float32) -> Float32:
+    """Return inverse depth in the reference (H, W) float32, 0 for none, within some pixels of `prior` (H, W) > 0."""
     pad = RESIDUAL_RANGE_PX // 2
-    expected = pair.reference_in_frame(known, pad, cv2.INTER_LINEAR)
-    # Outside the reference nothing is known and nothing will be kept: any disparity will do there.
+    expected = pair.reference_in_frame(prior, pad)
+    # Outside the reference there is no prior and nothing is kept: any disparity will do there.
     expected *= pair.disparity_per_inverse_depth(pad)
     left = pair.reference_in_frame(reference.grey_u8, pad)
     x, y = pair.source_pixels(expected, pad)
     right = cv2.remap(source.grey_u8, x, y, cv2.INTER_LINEAR)
     residual = _semi_global(left, np.asarray(right, np.uint8), -pad, RESIDUAL_RANGE_PX)
     columns, rows = _grid(residual.shape)
-    found = residual >= -pad
+    matched = residual >= -pad
     disparity = residual + cv2.remap(expected, columns - residual, rows, cv2.INTER_LINEAR)
     inner = slice(pad, -pad)
-    return _inverse_depth(pair, reference, source, disparity[:, inner], found[:, inner])
+    return _inverse_depth(pair, reference, source, disparity[:, inner], matched[:, inner])
 
 
 def _semi_global(left: UInt8, right: UInt8, first: int, count: int) -> Float32:
-    """Disparities of `left` (H, W) float32 from `first` on; less than `first` where there is none."""
+    """Return disparities of `left` (H, W) float32 from `first` on; less than `first` where there is none."""
     block = 3
     matcher = cv2.StereoSGBM.create(
         minDisparity=first,
@@ -75,20 +74,18 @@ def _semi_global(left: UInt8, right: UInt8, first: int, count: int) -> Float32:
 
 
 def _inverse_depth(
-    pair: RectifiedPair, reference: StereoView, source: StereoView, disparity: Float32, found: Bool
+    pair: RectifiedPair, reference: StereoView, source: StereoView, disparity: Float32, matched: Bool
 ) -> Float32:
-    """Disparities in the frame, where `found` and seen by the source, to inverse depth in the reference's
-    pixels.
-    """
+    """Turn disparities in the frame, where `matched` and seen by the source, into inverse depth in the reference."""
     x, y = pair.source_pixels(disparity)
     scale = pair.disparity_per_inverse_depth()
-    held = found & inside(x, y, source) & (scale > 0) & (disparity > 0)
+    held = matched & inside(x, y, source) & (scale > 0) & (disparity > 0)
     inverse = np.where(held, disparity / np.where(held, scale, 1), 0).astype(np.float32)
     return pair.to_reference(inverse, reference.size)
 
 
 def _grid(shape: tuple[int, ...]) -> tuple[Float32, Float32]:
-    """Column and row numbers of every pixel, as cv2.remap wants them."""
+    """Return column and row numbers of every pixel, as cv2.remap expects them."""
     rows, columns = np.indices(shape, dtype=np.float32)
     return columns, rows
 
@@ -98,5 +95,5 @@ def _mirrored(image: UInt8) -> UInt8:
 
 
 def _multiple_of_16(count: float) -> int:
-    """OpenCV's semi-global matcher takes disparities in sixteens."""
+    """Round up to the multiple of 16 disparities that OpenCV's semi-global matcher expects."""
     return max(16, math.ceil(count / 16) * 16)

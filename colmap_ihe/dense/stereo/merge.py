@@ -1,4 +1,4 @@
-"""Depth maps of one reference, one a source, made one: kept where they agree, filled where asked."""
+"""Merge the depth maps of one reference, one from each source, where they agree; fill holes, drop speckles."""
 
 from __future__ import annotations
 
@@ -7,16 +7,16 @@ from collections.abc import Sequence
 import cv2
 import numpy as np
 
-from colmap_ihe.dense.stereo.views import Float32, UInt8
+from colmap_ihe.dense.camera import Float32, UInt8
 
 
 def merge(inverse_depths: Sequence[Float32], one_pixel: Sequence[float]) -> tuple[Float32, UInt8]:
-    """The inverse depth most sources agree on, and how many they are.
+    """Return the inverse depth that most sources agree on, and how many they are.
 
     `inverse_depths` K x (H, W) float32, 0 for none; `one_pixel` K values: the change of inverse depth
     that moves a match by one pixel in each. Two agree when they differ by at most the larger of their
     two pixels. Of equally large groups the one with the finest member wins; its members are averaged
-    with weights 1 / one_pixel^2, the variance a match of fixed precision has. Returns (H, W) float32
+    with weights 1 / one_pixel^2, as for matches of the same precision. Returns (H, W) float32
     and (H, W) uint8.
     """
     shape = inverse_depths[0].shape
@@ -43,33 +43,32 @@ def merge(inverse_depths: Sequence[Float32], one_pixel: Sequence[float]) -> tupl
 
 
 def filled(inverse_depth: Float32) -> Float32:
-    """`inverse_depth` (H, W) float32 with its holes (0) filled smoothly from around them.
+    """Return `inverse_depth` (H, W) float32 with its holes (0) filled smoothly from around them.
 
-    Each hole takes the average of what is known at the finest level of an image pyramid that knows anything
-    there. Raises ValueError if nothing is known.
+    Each hole takes the average at the finest level of an image pyramid that holds a depth there. Raises
+    ValueError if no pixel has a depth.
     """
     if not (inverse_depth > 0).any():
         raise ValueError("no pixel has a depth, expected at least one to fill the others from")
-    held = (inverse_depth > 0).astype(np.float32)
-    return _pull_push(inverse_depth, held)
+    return _pull_push(inverse_depth, (inverse_depth > 0).astype(np.float32))
 
 
 def _pull_push(total: Float32, weight: Float32) -> Float32:
     height, width = weight.shape
-    known = total / np.maximum(weight, np.float32(1e-6))
+    mean = total / np.maximum(weight, np.float32(1e-6))
     if weight.min() > 0:
-        return known.astype(np.float32)
+        return mean.astype(np.float32)
     half = ((width + 1) // 2, (height + 1) // 2)
     coarser = _pull_push(
         np.asarray(cv2.resize(total, half, interpolation=cv2.INTER_AREA), np.float32),
         np.asarray(cv2.resize(weight, half, interpolation=cv2.INTER_AREA), np.float32),
     )
     enlarged = cv2.resize(coarser, (width, height), interpolation=cv2.INTER_LINEAR)
-    return np.where(weight > 0, known, enlarged).astype(np.float32)
+    return np.where(weight > 0, mean, enlarged).astype(np.float32)
 
 
 def without_speckles(inverse_depth: Float32, smallest_px: int, one_pixel: float) -> Float32:
-    """`inverse_depth` (H, W) without connected patches of fewer than `smallest_px` pixels.
+    """Return `inverse_depth` (H, W) without connected patches of fewer than `smallest_px` pixels.
 
     Neighbours are connected if they differ by at most two of `one_pixel`.
     """

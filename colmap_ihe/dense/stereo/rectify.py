@@ -1,4 +1,4 @@
-"""Rectification of a pair: a frame in which a point lies on the same row of both images.
+"""Rectify a pair: find a frame in which a point lies on the same row of both images.
 
 The frame is turned along the baseline (Fusiello, Trucco and Verri 2000, "A compact algorithm for
 rectification of stereo pairs"), whatever its direction, so that vertical baselines and rolled cameras
@@ -14,15 +14,8 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from colmap_ihe.dense.stereo.views import (
-    Array,
-    Bool,
-    Float32,
-    Float64,
-    StereoCamera,
-    StereoView,
-    cv_homography,
-)
+from colmap_ihe.dense.camera import Array, Bool, Float32, Float64, PinholeCamera
+from colmap_ihe.dense.stereo.views import StereoView, cv_homography
 
 MIN_AXIS_ANGLE_DEG = 30.0
 MAX_AREA_RATIO = 3.0
@@ -30,12 +23,12 @@ MIN_OVERLAP = 0.05
 
 
 class PairLeftOutError(Exception):
-    """This pair cannot be matched in a common plane; `str(error)` is the reason."""
+    """Tell that a pair cannot be matched in a common plane; `str(error)` is the reason."""
 
 
 @dataclass(frozen=True)
 class RectifiedPair:
-    """The common frame of a reference and a source.
+    """Describe the common frame of a reference and a source.
 
     `from_reference` and `from_source` (3, 3) map homogeneous pixels to rectified pixels, whose origin
     is the principal point; `left`, `top`, `width`, `height` is the part of the rectified plane that
@@ -56,30 +49,31 @@ class RectifiedPair:
     disparities: tuple[float, float]
     depth_row: Float64
 
-    def reference_in_frame(self, image: Array, pad: int, flags: int = cv2.INTER_LINEAR) -> Array:
-        """`image` (H, W) of the reference seen in the frame: (height, width + 2 pad), 0 outside."""
-        return self._in_frame(image, self.from_reference, self.left - pad, pad, flags)
+    def reference_in_frame(self, image: Array, pad: int) -> Array:
+        """Return `image` (H, W) of the reference in the frame: (height, width + 2 pad), 0 outside."""
+        return self._in_frame(image, self.from_reference, self.left - pad, pad)
 
-    def source_in_frame(self, image: Array, pad: int, shift: int, flags: int = cv2.INTER_LINEAR) -> Array:
-        """`image` (H, W) of the source in the frame, moved right by `shift` pixels; 0 outside."""
-        return self._in_frame(image, self.from_source, self.left - pad - shift, pad, flags)
+    def source_in_frame(self, image: Array, pad: int, shift: int) -> Array:
+        """Return `image` (H, W) of the source in the frame, moved right by `shift` pixels; 0 outside."""
+        return self._in_frame(image, self.from_source, self.left - pad - shift, pad)
 
-    def _in_frame(self, image: Array, homography: Float64, left: int, pad: int, flags: int) -> Array:
-        moved = np.array([[1, 0, -left], [0, 1, -self.top], [0, 0, 1.0]]) @ homography
+    def _in_frame(self, image: Array, homography: Float64, left: int, pad: int) -> Array:
         size = (self.width + 2 * pad, self.height)
-        return np.asarray(cv2.warpPerspective(image, cv_homography(moved), size, flags=flags))
+        return np.asarray(cv2.warpPerspective(image, self._cv_map(homography, left), size))
+
+    def _cv_map(self, homography: Float64, left: int) -> Float64:
+        """Return `homography` to a frame whose top left is (`left`, `top`), for OpenCV."""
+        return cv_homography(np.array([[1, 0, -left], [0, 1, -self.top], [0, 0, 1.0]]) @ homography)
 
     def disparity_per_inverse_depth(self, pad: int = 0) -> Float32:
-        """(height, width + 2 pad) float32: disparity in pixels of a point whose inverse depth in the
-        reference is 1.
-        """
+        """Return (height, width + 2 pad) float32: disparity in pixels at inverse depth 1 in the reference."""
         u = np.arange(self.width + 2 * pad) + (self.left - pad + 0.5)
         v = np.arange(self.height) + (self.top + 0.5)
         row = self.depth_row * self.focal_px * self.baseline
         return np.asarray(row[0] * u[None, :] + (row[1] * v[:, None] + row[2]), np.float32)
 
     def source_pixels(self, disparity: Float32, pad: int = 0) -> tuple[Float32, Float32]:
-        """Where the source sees rectified pixel (u - disparity, v): x and y as cv2.remap wants them."""
+        """Return x and y, for cv2.remap, at which the source sees rectified pixel (u - disparity, v)."""
         inverse = np.linalg.inv(self.from_source)
         u = (np.arange(disparity.shape[1]) + (self.left - pad + 0.5)).astype(np.float32)[None, :] - disparity
         v = np.arange(self.height)[:, None] + (self.top + 0.5)
@@ -87,21 +81,19 @@ class RectifiedPair:
         return rows[0] / rows[2] - np.float32(0.5), rows[1] / rows[2] - np.float32(0.5)
 
     def to_reference(self, inverse_depth: Float32, size: tuple[int, int]) -> Float32:
-        """`inverse_depth` (height, width), 0 for none, resampled to the reference's pixels, `size` wide
-        and high.
+        """Return `inverse_depth` (height, width), 0 for none, resampled to the reference's pixels, `size` (W, H).
 
-        Where some neighbours hold nothing the others are averaged, if they carry more than half the weight.
+        Where some neighbours have no depth the others are averaged, if they carry more than half the weight.
         """
-        moved = np.array([[1, 0, -self.left], [0, 1, -self.top], [0, 0, 1.0]]) @ self.from_reference
+        moved = self._cv_map(self.from_reference, self.left)
         flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
-        held = (inverse_depth > 0).astype(np.float32)
-        weight = cv2.warpPerspective(held, cv_homography(moved), size, flags=flags)
-        total = cv2.warpPerspective(inverse_depth, cv_homography(moved), size, flags=flags)
+        weight = cv2.warpPerspective((inverse_depth > 0).astype(np.float32), moved, size, flags=flags)
+        total = cv2.warpPerspective(inverse_depth, moved, size, flags=flags)
         return np.where(weight > 0.5, total / np.maximum(weight, 0.5), 0).astype(np.float32)
 
 
-def rectify(reference: StereoCamera, source: StereoCamera, points_world: Float64) -> RectifiedPair:
-    """The common frame of two views that both see `points_world` (N, 3), N >= 1.
+def rectify(reference: PinholeCamera, source: PinholeCamera, points_world: Float64) -> RectifiedPair:
+    """Return the common frame of two views that both see `points_world` (N, 3), N >= 1.
 
     Raises PairLeftOutError, with the reason, where no plane suits both views: the baseline is within
     `MIN_AXIS_ANGLE_DEG` of a viewing direction, the frame would be more than `MAX_AREA_RATIO` times the
@@ -130,7 +122,7 @@ def rectify(reference: StereoCamera, source: StereoCamera, points_world: Float64
 
 
 def inside(x: Float32, y: Float32, view: StereoView) -> Bool:
-    """Whether OpenCV pixel positions lie on the view's image and not on its mask."""
+    """Tell which OpenCV pixel positions lie on the view's image and are not masked out."""
     width, height = view.size
     held = (x >= 0) & (x <= width - 1) & (y >= 0) & (y <= height - 1)
     if view.mask_u8 is not None:
@@ -138,8 +130,8 @@ def inside(x: Float32, y: Float32, view: StereoView) -> Bool:
     return np.asarray(held)
 
 
-def _rotation(reference: StereoCamera, source: StereoCamera) -> tuple[float, Float64]:
-    """Length of the baseline, and the rotation from the reference's camera to the rectified frame."""
+def _rotation(reference: PinholeCamera, source: PinholeCamera) -> tuple[float, Float64]:
+    """Return the length of the baseline, and the rotation from the reference's camera to the rectified frame."""
     offset = reference.rotation @ (source.centre - reference.centre)
     baseline = float(np.linalg.norm(offset))
     if baseline == 0:
@@ -159,8 +151,8 @@ def _rotation(reference: StereoCamera, source: StereoCamera) -> tuple[float, Flo
     return baseline, np.array([x, np.cross(z, x), z])
 
 
-def _scale_at_centre(plane_from_pixels: Float64, view: StereoCamera) -> float:
-    """Square root of the area that the view's central pixel covers on the plane z = 1."""
+def _scale_at_centre(plane_from_pixels: Float64, view: PinholeCamera) -> float:
+    """Return the square root of the area that the view's central pixel covers on the plane z = 1."""
     width, height = view.size
     centre = np.array([width / 2, height / 2, 1.0])
     corners = (centre + np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0]])) @ plane_from_pixels.T
@@ -170,20 +162,20 @@ def _scale_at_centre(plane_from_pixels: Float64, view: StereoCamera) -> float:
 
 
 def _robust_range(disparity: Float64) -> tuple[float, float]:
-    """The range of most disparities, widened for what the sparse points do not show."""
+    """Return the range of most disparities, widened for depths without sparse points."""
     low, high = np.percentile(disparity, [1, 99])
     margin = 0.25 * (high - low) + 4.0
     return max(0.0, float(low - margin)), float(high + margin)
 
 
 def _overlap(
-    reference: StereoCamera,
-    source: StereoCamera,
+    reference: PinholeCamera,
+    source: PinholeCamera,
     from_reference: Float64,
     from_source: Float64,
     disparities: tuple[float, float],
 ) -> tuple[int, int, int, int]:
-    """Left, top, width and height of what the reference can share with the source."""
+    """Return left, top, width and height of the part that the reference can share with the source."""
     boxes = []
     for view, homography in ((reference, from_reference), (source, from_source)):
         corners = view.corners() @ homography.T

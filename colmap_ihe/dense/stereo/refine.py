@@ -1,4 +1,4 @@
-"""Sub-pixel refinement of one reference's depth against all its sources at once.
+"""Refine the depth of one reference to less than a pixel, against all its sources at once.
 
 The semi-global matcher prefers whole pixels (its cost is sampled at them). Here every pixel's inverse
 depth moves along its ray until a small window looks most alike in the reference and in all sources that
@@ -15,8 +15,9 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
+from colmap_ihe.dense.camera import Bool, Float32, Float64
 from colmap_ihe.dense.stereo.rectify import inside
-from colmap_ihe.dense.stereo.views import Bool, Float32, Float64, StereoView
+from colmap_ihe.dense.stereo.views import StereoView
 
 WINDOW_PX = 7
 NOISE_VARIANCE = 4.0
@@ -24,7 +25,7 @@ NOISE_VARIANCE = 4.0
 
 @dataclass(frozen=True)
 class Reference:
-    """The reference's grey values with the local statistics that every comparison needs."""
+    """Hold the reference's grey values with the local statistics that every comparison needs."""
 
     view: StereoView
     grey: Float32
@@ -34,7 +35,7 @@ class Reference:
 
 @dataclass(frozen=True)
 class Comparison:
-    """How the reference and one source look at the present depth: all (H, W) float32.
+    """Compare the reference and one source at the present depth: all (H, W) float32.
 
     `correlation` -1..1 is 0 where there is nothing to compare; `likeness` -1..1 is 1 there, and the
     same elsewhere; both are -1 where the source does not see the pixel. `numerator / denominator` is
@@ -48,31 +49,31 @@ class Comparison:
 
 
 def prepared(view: StereoView) -> Reference:
-    """`view` with its local means and variances."""
+    """Return `view` with its local means and variances."""
     grey = view.grey_u8.astype(np.float32)
     mean = _window_mean(grey)
     return Reference(view, grey, mean, np.maximum(_window_mean(grey * grey) - mean * mean, 0))
 
 
 def compare(reference: Reference, source: StereoView, inverse_depth: Float32) -> Comparison:
-    """How a source supports `inverse_depth` (H, W) float32, > 0, of the reference."""
+    """Tell how a source supports `inverse_depth` (H, W) float32, > 0, of the reference."""
     x, y, dx, dy, seen = _project(reference.view, source, inverse_depth)
     # One pixel along the epipolar line, for the derivative by central difference.
     length: Float32 = np.maximum(np.sqrt(dx * dx + dy * dy), np.float32(1e-12))
     half = np.float32(0.5) / length
     half_x, half_y = dx * half, dy * half
-    here = _sample(source, x, y)
+    grey = _sample(source, x, y)
     slope = _sample(source, x + half_x, y + half_y) - _sample(source, x - half_x, y - half_y)
-    mean = _window_mean(here)
+    mean = _window_mean(grey)
     slope_mean = _window_mean(slope)
-    variance = np.maximum(_window_mean(here * here) - mean * mean, 0)
-    covariance = _window_mean(here * reference.grey) - mean * reference.mean
+    variance = np.maximum(_window_mean(grey * grey) - mean * mean, 0)
+    covariance = _window_mean(grey * reference.grey) - mean * reference.mean
     expected = np.sqrt((variance + NOISE_VARIANCE) * (reference.variance + NOISE_VARIANCE))
     correlation = np.where(seen, covariance / expected, -1)
     likeness = np.where(seen, (covariance + NOISE_VARIANCE) / expected, -1)
     gain = np.sqrt((reference.variance + NOISE_VARIANCE) / (variance + NOISE_VARIANCE))
     slope_reference = _window_mean(slope * reference.grey) - slope_mean * reference.mean
-    slope_source = _window_mean(slope * here) - slope_mean * mean
+    slope_source = _window_mean(slope * grey) - slope_mean * mean
     slope_square = np.maximum(_window_mean(slope * slope) - slope_mean * slope_mean, 0)
     numerator = length * gain * (slope_reference - gain * slope_source)
     denominator = length * length * gain * gain * slope_square
@@ -86,17 +87,16 @@ def refined(
     one_pixel: float,
     iterations: int,
 ) -> Float32:
-    """`inverse_depth` (H, W) float32, > 0, moved to where the sources agree best, at most `one_pixel` an
-    iteration.
-    """
+    """Return `inverse_depth` (H, W) float32, > 0, moved to where the sources agree best, by `one_pixel` at most
+    in each iteration."""
     for _ in range(iterations):
         numerator = np.zeros_like(inverse_depth)
         denominator = np.zeros_like(inverse_depth)
         for source in sources:
-            found = compare(reference, source, inverse_depth)
-            weight = np.square(np.clip((found.correlation - 0.3) / 0.7, 0, 1))
-            numerator += weight * found.numerator
-            denominator += weight * found.denominator
+            fit = compare(reference, source, inverse_depth)
+            weight = np.square(np.clip((fit.correlation - 0.3) / 0.7, 0, 1))
+            numerator += weight * fit.numerator
+            denominator += weight * fit.denominator
         floor = np.float32(1e-3 / one_pixel**2)
         step = numerator / (denominator + floor)
         inverse_depth = inverse_depth + np.clip(step, -one_pixel, one_pixel)
@@ -106,7 +106,7 @@ def refined(
 def _project(
     reference: StereoView, source: StereoView, inverse_depth: Float32
 ) -> tuple[Float32, Float32, Float32, Float32, Bool]:
-    """OpenCV position in the source, its derivative by inverse depth, and whether the source sees it."""
+    """Return OpenCV positions in the source, their derivative by inverse depth, and whether the source sees them."""
     rotation = source.rotation @ reference.rotation.T
     translation = source.cam_from_world[:, 3] - rotation @ reference.cam_from_world[:, 3]
     infinite: Float64 = source.K @ rotation @ np.linalg.inv(reference.K)

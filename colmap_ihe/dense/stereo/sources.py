@@ -1,43 +1,33 @@
-"""Which photographs are matched with a reference."""
+"""Choose the photographs that are matched with a reference."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from colmap_ihe.dense.camera import Float64, Int64, PinholeCamera
 from colmap_ihe.dense.stereo.rectify import PairLeftOutError, rectify
-from colmap_ihe.dense.stereo.views import Float64, StereoCamera
 
 # A shared point counts by the angle between its rays: too narrow is imprecise, too wide looks different.
 ANGLES_DEG = (1.5, 3.0, 20.0, 35.0)
 WORTH = (0.0, 1.0, 1.0, 0.0)
 
 
-@dataclass(frozen=True)
-class Sources:
-    """The sources of one reference, best first, and the better ones that were left out, with the reason."""
-
-    chosen: tuple[int, ...]
-    left_out: Mapping[int, str]
-
-
 def choose_sources(
     reference: int,
-    cameras: Mapping[int, StereoCamera],
+    cameras: Mapping[int, PinholeCamera],
     points_world: Float64,
-    seen_point: npt.NDArray[np.int64],
-    seen_by: npt.NDArray[np.int64],
+    seen_point: Int64,
+    seen_by: Int64,
     count: int,
-) -> Sources:
-    """The `count` cameras best suited to match with camera `reference`.
+) -> tuple[list[int], dict[int, str]]:
+    """Return the `count` cameras best suited to match with camera `reference`, best first, and the better ones that
+    cannot be rectified with it, with the reason.
 
     `points_world` (N, 3), N >= 1, are the sparse points the reference sees; `seen_point` and `seen_by`
     (M,) say that the point in that row is seen by that camera too. A camera's score is the number of
-    points it shares, each weighed by the angle between its rays (`ANGLES_DEG`, `WORTH`). Cameras that
-    cannot be rectified with the reference give their place to the next.
+    points it shares, each weighed by the angle between its rays (`ANGLES_DEG`, `WORTH`).
     """
     points = points_world[seen_point]
     to_reference = _unit(cameras[reference].centre - points)
@@ -56,7 +46,7 @@ def choose_sources(
             chosen.append(other)
         except PairLeftOutError as reason:
             left_out[other] = str(reason)
-    return Sources(tuple(chosen), left_out)
+    return chosen, left_out
 
 
 def _unit(vectors: Float64) -> Float64:

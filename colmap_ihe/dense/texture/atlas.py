@@ -1,4 +1,4 @@
-"""Where on the texture each face lies.
+"""Lay out the faces on the texture.
 
 A chart is a patch of neighbouring faces with one label: as the photograph shows it, so that a texel is a pixel and
 its colour that pixel's. Faces that no photograph shows are laid flat along an axis. xatlas packs the charts.
@@ -6,14 +6,14 @@ its colour that pixel's. Faces that no photograph shows are laid flat along an a
 
 from __future__ import annotations
 
-import importlib
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from colmap_ihe.dense.texture.mesh import F64, I32, I64, Mesh, components, face_normals
-from colmap_ihe.dense.texture.raster import TextureView
+from colmap_ihe.dense.camera import Float64, Int32, Int64, PinholeCamera
+from colmap_ihe.dense.texture.mesh import Mesh, components, face_normals
+from colmap_ihe.dense.texture.raster import areas
 from colmap_ihe.errors import CapabilityError
 
 _PADDING = 3  # texels between charts
@@ -23,30 +23,40 @@ _UNSEEN_FACES_PER_TEXEL = 0.25
 
 @dataclass(frozen=True)
 class Patches:
-    """A mesh cut along the borders of labels: `vertex` (P,) is the row in the mesh of each corner of the cut one,
-    `faces` (F, 3) int32 are in its rows, `patch` (F,) numbers the patches, `place` (P, 2) float64 is where each
-    lies on the photograph of its label, in pixels."""
+    """Hold a mesh cut along the borders of labels.
 
-    vertex: I64
-    faces: I32
-    patch: I64
-    place: F64
+    `vertex` (P,) is the row in the mesh of each corner of the cut mesh, `label` (P,) the label of the faces around
+    it, `pixel` (P, 2) float64 its position on the photograph of that label; `faces` (F, 3) int32 are rows of
+    corners, `patch` (F,) numbers the patches.
+    """
+
+    vertex: Int64
+    label: Int64
+    pixel: Float64
+    faces: Int32
+    patch: Int64
 
 
 @dataclass(frozen=True)
 class Atlas:
-    """`texel` (N, 2) float64 from the top left of a texture of `size` (width, height), of the rows `source` (N,)
-    of the cut mesh; `faces` (F, 3) int32 are in rows of these; `scale` is texels per pixel of the photographs."""
+    """Hold the layout of a texture of `size` (width, height).
 
-    texel: F64
-    source: I64
-    faces: I32
+    `texel` (N, 2) float64, from the top left, is the position of the rows `source` (N,) of the cut mesh; `faces`
+    (F, 3) int32 are rows of these; `scale` is texels per pixel of the photographs.
+    """
+
+    texel: Float64
+    source: Int64
+    faces: Int32
     size: tuple[int, int]
     scale: float
 
 
-def cut(mesh: Mesh, labels: I32, views: Sequence[TextureView], pairs: I64) -> Patches:
-    """`labels` (F,) are rows of `views`, and behind them the sides of a box (see `select.box_labels`)."""
+def cut(mesh: Mesh, labels: Int32, views: Sequence[PinholeCamera], pairs: Int64) -> Patches:
+    """Cut a mesh along its `labels` (F,): rows of `views`, and above them sides of a box (see `select.box_labels`).
+
+    `pairs` (E, 2) are neighbouring faces.
+    """
     joined = pairs[labels[pairs[:, 0]] == labels[pairs[:, 1]]]
     patch = components(len(mesh.faces), joined)
     key = patch[:, None] * len(mesh.vertices) + mesh.faces
@@ -55,37 +65,39 @@ def cut(mesh: Mesh, labels: I32, views: Sequence[TextureView], pairs: I64) -> Pa
     faces = rows.reshape(-1, 3).astype(np.int32)
     label = np.zeros(len(vertex), np.int64)
     label[faces] = labels[:, None]
-    place = np.zeros((len(vertex), 2))
+    pixel = np.zeros((len(vertex), 2))
     for number, view in enumerate(views):
-        here = label == number
-        place[here] = view.project(mesh.vertices[vertex[here]])[0]
+        members = label == number
+        pixel[members] = view.project(mesh.vertices[vertex[members]])[0]
     density = _texels_per_unit(mesh)
     for side in range(6):
-        here = label == len(views) + side
-        place[here] = np.delete(mesh.vertices[vertex[here]], side % 3, axis=1) * density
-    return Patches(vertex, faces, patch, place)
+        members = label == len(views) + side
+        pixel[members] = np.delete(mesh.vertices[vertex[members]], side % 3, axis=1) * density
+    return Patches(vertex, label, pixel, faces, patch)
 
 
 def _texels_per_unit(mesh: Mesh) -> float:
-    """For faces that no photograph shows: a few texels a face, whose colours are those of its corners."""
+    """Return the density for faces that no photograph shows: a few texels a face, coloured by its corners."""
     area = np.linalg.norm(face_normals(mesh.corners()), axis=1).sum() / 2
     return float(np.sqrt(len(mesh.faces) / _UNSEEN_FACES_PER_TEXEL / max(area, 1e-30)))
 
 
 def pack(patches: Patches, largest: int) -> Atlas:
-    """Lays the patches side by side on a texture of sides up to `largest`, in the photographs' resolution where
-    that has room. Raises `CapabilityError` where the patches are too many, ImportError without xatlas."""
-    xatlas = importlib.import_module("xatlas")
-    corners = patches.place[patches.faces]
-    one, other = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
-    area = float(np.abs(one[:, 0] * other[:, 1] - one[:, 1] * other[:, 0]).sum() / 2)
+    """Lay the patches side by side on a texture of sides up to `largest`, in the photographs' resolution if they fit.
+
+    Raises `CapabilityError` where the patches are too many.
+    """
+    import xatlas  # here, for commands that make no texture
+
+    corners = patches.pixel[patches.faces]
+    area = float(areas(corners).sum())
     scale = min(1.0, largest * float(np.sqrt(_FILL / max(area, 1e-12))))
     # Small numbers near zero keep all digits of float32.
     origin = np.full((int(patches.patch.max(initial=0)) + 1, 2), np.inf)
     np.minimum.at(origin, np.repeat(patches.patch, 3), corners.reshape(-1, 2))
-    shift = np.zeros_like(patches.place)
+    shift = np.zeros_like(patches.pixel)
     shift[patches.faces] = origin[patches.patch][:, None]
-    local = patches.place - shift
+    local = patches.pixel - shift
     for _ in range(6):
         atlas = xatlas.Atlas()
         atlas.add_uv_mesh(
@@ -104,6 +116,6 @@ def pack(patches: Patches, largest: int) -> Atlas:
             return Atlas(texel, np.asarray(source, np.int64), np.asarray(faces, np.int32), size, scale)
         scale *= 0.97 * largest / max(size)
     raise CapabilityError(
-        f"{int(patches.patch.max()) + 1} patches have no room on a texture of {largest} pixels",
+        f"{len(origin)} patches do not fit on a texture of {largest} pixels",
         hint="raise mesh.texture_size, or lower mesh.faces",
     )

@@ -1,57 +1,33 @@
-"""Triangles to pixels: who covers which pixel centre, and who is in front.
-
-Pixels are COLMAP's: the centre of the top left pixel is (0.5, 0.5).
-"""
+"""Find the pixel centres that triangles cover, and the nearest triangle at each."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
-from colmap_ihe.dense.texture.mesh import F32, F64, I64, Bool
+from colmap_ihe.dense.camera import Bool, Float32, Float64, Int64
 
 _CHUNK = 2_000_000  # candidate pixels at a time: about 200 MB
 _INSIDE = -1e-6  # of barycentric coordinates, so that no pixel falls between two triangles
 
 
 @dataclass(frozen=True)
-class TextureView:
-    """A pinhole camera: `calibration` K (3, 3), `cam_from_world` (3, 4), `size` (width, height)."""
-
-    calibration: F64
-    cam_from_world: F64
-    size: tuple[int, int]
-
-    @property
-    def centre(self) -> F64:
-        """(3,): where it stands."""
-        return np.asarray(-self.cam_from_world[:, :3].T @ self.cam_from_world[:, 3])
-
-    def project(self, points: F32) -> tuple[F64, F64]:
-        """Of (..., 3) points: pixels (..., 2), and depths (...) along the axis. Where the depth is not positive,
-        pixels are nan."""
-        seen = points.astype(np.float64) @ self.cam_from_world[:, :3].T + self.cam_from_world[:, 3]
-        depth = seen[..., 2]
-        with np.errstate(divide="ignore", invalid="ignore"):
-            pixels = (seen @ self.calibration.T)[..., :2] / depth[..., None]
-        return np.where((depth > 0)[..., None], pixels, np.nan), depth
-
-
-@dataclass(frozen=True)
 class Covered:
-    """Pixel centres in triangles: `pixel` (N,) row-major numbers, `face` (N,) rows of the triangles, `weights`
-    (N, 3) float64 barycentric coordinates."""
+    """Hold pixel centres in triangles: `pixel` (N,) row-major numbers, `face` (N,) rows of the triangles, `weights`
+    (N, 3) barycentric coordinates."""
 
-    pixel: I64
-    face: I64
-    weights: F64
+    pixel: npt.NDArray[np.integer[Any]]
+    face: npt.NDArray[np.integer[Any]]
+    weights: npt.NDArray[np.floating[Any]]
 
 
-def covered(corners: F64, size: tuple[int, int]) -> Iterator[Covered]:
-    """Every pixel centre of a picture of `size` (width, height) in every triangle of `corners` (F, 3, 2), in
-    parts. Triangles with a corner that is not finite, or without area, cover nothing."""
+def covered(corners: Float64, size: tuple[int, int]) -> Iterator[Covered]:
+    """Yield, in parts, every pixel centre of a picture of `size` (width, height) in every triangle of `corners`
+    (F, 3, 2). Triangles with a corner that is not finite, or without area, cover nothing."""
     width, height = size
     sound: Bool = np.asarray(np.isfinite(corners).all(axis=(1, 2)))
     bounded = np.clip(np.where(sound[:, None, None], corners, 0), -1e6, 1e6)
@@ -69,12 +45,11 @@ def covered(corners: F64, size: tuple[int, int]) -> Iterator[Covered]:
         start = end
 
 
-def _inside(corners: F64, faces: I64, low: I64, span: I64, count: I64, width: int) -> Covered:
-    """Of the pixels in the boxes of `faces`, those inside the triangles."""
+def _inside(corners: Float64, faces: Int64, low: Int64, span: Int64, count: Int64, width: int) -> Covered:
+    """Return those pixels in the boxes of `faces` that are inside the triangles."""
     face = np.repeat(faces, count[faces])
     starts = np.repeat(np.cumsum(count[faces]) - count[faces], count[faces])
-    place = np.arange(len(face)) - starts
-    row, column = np.divmod(place, span[face, 0])
+    row, column = np.divmod(np.arange(len(face)) - starts, span[face, 0])
     column, row = column + low[face, 0], row + low[face, 1]
     a, b, c = (corners[:, k] for k in range(3))
     double_area = _cross(b - a, c - a)
@@ -89,12 +64,17 @@ def _inside(corners: F64, faces: I64, low: I64, span: I64, count: I64, width: in
     return Covered((row * width + column)[inside], face[inside], weights)
 
 
-def _cross(one: F64, other: F64) -> F64:
-    return np.asarray(one[:, 0] * other[:, 1] - one[:, 1] * other[:, 0])
+def areas(corners: Float64) -> Float64:
+    """Return (F,), the areas of triangles of `corners` (F, 3, 2)."""
+    return np.abs(_cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])) / 2
 
 
-def depth_picture(pixels: F64, depths: F64, size: tuple[int, int]) -> F32:
-    """(H, W) float32: the depth of the nearest triangle at each pixel centre, infinite where there is none.
+def _cross(a: Float64, b: Float64) -> Float64:
+    return np.asarray(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0])
+
+
+def depth_picture(pixels: Float64, depths: Float64, size: tuple[int, int]) -> Float32:
+    """Return (H, W) float32: the depth of the nearest triangle at each pixel centre, infinite where there is none.
 
     `pixels` (F, 3, 2) and `depths` (F, 3) are the corners in a view; 1 / depth is linear on the picture.
     """

@@ -1,4 +1,4 @@
-"""Which photograph each face takes its colours from: the best that sees it, in patches as large as may be."""
+"""Choose the photograph that gives each face its colours: the best that sees it, in patches as large as possible."""
 
 from __future__ import annotations
 
@@ -8,8 +8,9 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from colmap_ihe.dense.texture.mesh import F32, I32, I64, U8, Bool, Mesh, face_normals
-from colmap_ihe.dense.texture.raster import TextureView, depth_picture
+from colmap_ihe.dense.camera import Bool, Float32, Int32, Int64, PinholeCamera, UInt8
+from colmap_ihe.dense.texture.mesh import Mesh, face_normals
+from colmap_ihe.dense.texture.raster import areas, depth_picture
 
 UNSEEN = -1
 _KEPT = 6  # views a face may choose from
@@ -19,7 +20,7 @@ _BEFORE = 0.02  # relative depth of a step: whatever is nearer than that stands 
 _MARGIN_PX = 5  # side of the square in which such a step hides a face, since edges of a mesh are not exact
 _NEIGHBOUR = 0.4  # what a neighbour with the same view is worth, as a natural logarithm of quality
 _ROUNDS = 30
-# Corners, middles of the sides and the centre of a face: where it is looked whether it is seen.
+# Corners, middles of the sides and the centre of a face: the points that must all be seen.
 _SAMPLES = np.array(
     [[1, 0, 0], [0, 1, 0], [0, 0, 1], [0.5, 0.5, 0], [0, 0.5, 0.5], [0.5, 0, 0.5], [1 / 3, 1 / 3, 1 / 3]]
 )
@@ -27,27 +28,28 @@ _SAMPLES = np.array(
 
 @dataclass
 class Candidates:
-    """The best views of each face so far: `view` (F, K) int32, `UNSEEN` where there is none, and `quality`
+    """Hold the best views of each face so far: `view` (F, K) int32, `UNSEEN` where there is none, and `quality`
     (F, K) float32, zero there."""
 
-    view: I32
-    quality: F32
+    view: Int32
+    quality: Float32
 
     @classmethod
     def none(cls, faces: int) -> Candidates:
+        """Return candidates of a mesh of which no view has been added."""
         return cls(np.full((faces, _KEPT), UNSEEN, np.int32), np.zeros((faces, _KEPT), np.float32))
 
-    def add(self, number: int, quality: F32) -> None:
-        """The view `number` with its `quality` (F,), zero where it does not see a face."""
+    def add(self, number: int, quality: Float32) -> None:
+        """Add the view `number` with its `quality` (F,), zero where it does not see a face."""
         worst = np.argmin(self.quality, axis=1)
         rows = np.flatnonzero(quality > self.quality[np.arange(len(worst)), worst])
         self.view[rows, worst[rows]] = number
         self.quality[rows, worst[rows]] = quality[rows]
 
 
-def quality_in(mesh: Mesh, view: TextureView, mask: Callable[[], U8 | None] = lambda: None) -> F32:
-    """(F,) float32: how well `view` shows each face, zero where it does not: its area on the picture in pixels,
-    times the cosine of the angle at which it is seen. `mask()` (H, W) is 0 where the picture is not to be used."""
+def quality_in(mesh: Mesh, view: PinholeCamera, mask: Callable[[], UInt8 | None] = lambda: None) -> Float32:
+    """Return (F,) float32: how well `view` shows each face, zero where it does not: its area on the picture in
+    pixels, times the cosine of the viewing angle. `mask()` (H, W) uint8 is 0 where the picture must not be used."""
     pixels, depths = view.project(mesh.vertices)
     corners = mesh.corners()
     normals = face_normals(corners)
@@ -56,8 +58,7 @@ def quality_in(mesh: Mesh, view: TextureView, mask: Callable[[], U8 | None] = la
         np.linalg.norm(normals, axis=1) * np.linalg.norm(rays, axis=1), 1e-30
     )
     shown = pixels[mesh.faces]
-    one, other = shown[:, 1] - shown[:, 0], shown[:, 2] - shown[:, 0]
-    area = np.abs(one[:, 0] * other[:, 1] - one[:, 1] * other[:, 0]) / 2
+    area = areas(shown)
     possible = (facing > _LEAST_FACING) & (np.nan_to_num(area) > 0)
     quality = np.zeros(len(mesh.faces), np.float32)
     rows = np.flatnonzero(possible)
@@ -69,8 +70,8 @@ def quality_in(mesh: Mesh, view: TextureView, mask: Callable[[], U8 | None] = la
     return quality
 
 
-def _seen(corners: F32, view: TextureView, nearest: F32) -> Bool:
-    """(F,) whether all of each face is on the picture and nothing stands before it.
+def _seen(corners: Float32, view: PinholeCamera, nearest: Float32) -> Bool:
+    """Return (F,), true where all of a face is on the picture and nothing hides it.
 
     A sample is hidden where the farthest surface within a pixel is nearer, since depth changes within a pixel; or
     where anything close by is much nearer, since a silhouette in the mesh is a few pixels off that in the picture.
@@ -90,8 +91,8 @@ def _seen(corners: F32, view: TextureView, nearest: F32) -> Bool:
     return seen
 
 
-def choose(candidates: Candidates, pairs: I64) -> I32:
-    """(F,) int32: the view of each face, `UNSEEN` where none sees it. `pairs` (E, 2) are neighbouring faces.
+def choose(candidates: Candidates, pairs: Int64) -> Int32:
+    """Return (F,) int32: the view of each face, `UNSEEN` where none sees it. `pairs` (E, 2) are neighbouring faces.
 
     Iterated conditional modes (Besag 1986): every face takes the view whose quality, with a bonus for each
     neighbour of the same view, is highest; half of the faces at a time, since all at once would swap for ever.
@@ -100,40 +101,33 @@ def choose(candidates: Candidates, pairs: I64) -> I32:
     with np.errstate(divide="ignore"):
         value = np.log(candidates.quality.astype(np.float64))
     chosen = candidates.view[rows, np.argmax(value, axis=1)]
-    one = np.concatenate((pairs[:, 0], pairs[:, 1]))
-    other = np.concatenate((pairs[:, 1], pairs[:, 0]))
+    face, neighbour = np.concatenate((pairs, pairs[:, ::-1])).T
     draw = np.random.default_rng(0)
     for _ in range(_ROUNDS):
-        agrees = np.stack(
-            [
-                np.bincount(one, candidates.view[one, k] == chosen[other], len(rows))
-                for k in range(candidates.view.shape[1])
-            ],
-            axis=1,
-        )
+        votes = [np.bincount(face, view[face] == chosen[neighbour], len(rows)) for view in candidates.view.T]
+        agrees = np.stack(votes, axis=1)
         best = candidates.view[rows, np.argmax(value + _NEIGHBOUR * agrees, axis=1)]
         changes = (best != chosen) & (draw.random(len(rows)) < 0.5)
         if not (best != chosen).any():
             break
         chosen = np.where(changes, best, chosen)
-    return _without_specks(candidates, chosen, one, other)
+    return _without_specks(candidates, chosen, face, neighbour)
 
 
-def _without_specks(candidates: Candidates, chosen: I32, one: I64, other: I64) -> I32:
-    """Where a face disagrees with all neighbours and can take the view of one of them, it does."""
+def _without_specks(candidates: Candidates, chosen: Int32, face: Int64, neighbour: Int64) -> Int32:
+    """Give a face that disagrees with all its neighbours the view of one of them, where that view sees it."""
     for _ in range(3):
-        alone = np.bincount(one, chosen[one] == chosen[other], len(chosen)) == 0
-        here = np.flatnonzero(alone[one] & (chosen[one] != UNSEEN))
-        possible = (candidates.view[one[here]] == chosen[other[here]][:, None]).any(axis=1)
-        here = here[possible & (chosen[other[here]] != UNSEEN)]
+        alone = np.bincount(face, chosen[face] == chosen[neighbour], len(chosen)) == 0
+        rows = np.flatnonzero(alone[face] & (chosen[face] != UNSEEN) & (chosen[neighbour] != UNSEEN))
+        rows = rows[(candidates.view[face[rows]] == chosen[neighbour[rows]][:, None]).any(axis=1)]
         chosen = chosen.copy()
-        chosen[one[here]] = chosen[other[here]]
+        chosen[face[rows]] = chosen[neighbour[rows]]
     return chosen
 
 
-def box_labels(mesh: Mesh, chosen: I32, views: int) -> I32:
-    """`chosen`, with faces that no photograph shows labelled by the side of a box that they face: `views` + 0 .. 5
-    for -x, -y, -z, x, y, z."""
+def box_labels(mesh: Mesh, chosen: Int32, views: int) -> Int32:
+    """Return `chosen` (F,), with faces that no photograph shows labelled by the side of a box that they face:
+    `views` + 0 .. 5 for -x, -y, -z, x, y, z."""
     normals = face_normals(mesh.corners())
     axis = np.argmax(np.abs(normals), axis=1)
     side = axis + 3 * (normals[np.arange(len(axis)), axis] > 0)

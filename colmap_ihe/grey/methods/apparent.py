@@ -98,7 +98,7 @@ def _effect() -> Float32:
     except ImportError as error:
         raise CapabilityError(
             "the conversion `apparent` needs the package colour-science, which is not installed",
-            hint="pip install 'colmap-ihe[conversions]'",
+            hint="in the clone of colmap-ihe: pip install '.[conversions]'",
         ) from error
     white = np.array(chromaticity_of_white())
     v, u = np.mgrid[-_BELOW : _ABOVE + 1, -_LEFT : _RIGHT + 1] * _STEP

@@ -63,7 +63,7 @@ def connected(
         from colmap_ihe.machine.cluster.executor import ClusterExecutor
     except ImportError as error:
         raise CapabilityError(
-            f"a cluster needs Dask: {error}", hint="pip install 'colmap-ihe[cluster]'"
+            f"a cluster needs Dask: {error}", hint="in the clone of colmap-ihe: pip install '.[cluster]'"
         ) from error
     logging.getLogger("distributed").setLevel(logging.CRITICAL)  # what matters of it we say ourselves
     with ExitStack() as stack:

@@ -39,7 +39,7 @@ def require_wavelets() -> Any:
     except ImportError as error:
         raise CapabilityError(
             "denoising needs PyWavelets, which is not installed",
-            hint="pip install 'colmap-ihe[denoise]', or leave develop.denoise at 0",
+            hint="in the clone of colmap-ihe: pip install '.[denoise]'; or leave develop.denoise at 0",
         ) from error
     return pywt
 

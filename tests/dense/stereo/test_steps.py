@@ -6,20 +6,21 @@ import numpy as np
 import pytest
 from planes import REFERENCE_SIZE, camera, plane, render, sparse_points
 
+from colmap_ihe.dense.camera import Float32, Float64, PinholeCamera
 from colmap_ihe.dense.stereo.match import match_around, match_whole_range
 from colmap_ihe.dense.stereo.merge import filled, merge, without_speckles
 from colmap_ihe.dense.stereo.normals import normals_from_inverse_depth
 from colmap_ihe.dense.stereo.rectify import PairLeftOutError, rectify
 from colmap_ihe.dense.stereo.refine import prepared, refined
 from colmap_ihe.dense.stereo.sources import choose_sources
-from colmap_ihe.dense.stereo.views import Float32, Float64, StereoCamera, StereoView, sizes_coarse_to_fine
+from colmap_ihe.dense.stereo.views import StereoView, sizes_coarse_to_fine
 
 SLANTED = plane(4.0, 0.3, -0.2, (4.0, 4.0), seed=1)
 REFERENCE = camera([0, 0, 0])
 POINTS = np.random.default_rng(5).uniform([-1, -0.8, 3.5], [1, 0.8, 5.0], (60, 3))
 
 
-def _pixels(points: Float64, seen_by: StereoCamera) -> Float64:
+def _pixels(points: Float64, seen_by: PinholeCamera) -> Float64:
     homogeneous = (points @ seen_by.rotation.T + seen_by.cam_from_world[:, 3]) @ seen_by.K.T
     return np.asarray(homogeneous / homogeneous[:, 2:])
 
@@ -28,7 +29,7 @@ def _pixels(points: Float64, seen_by: StereoCamera) -> Float64:
     "source",
     [camera([0.5, 0, 0]), camera([-0.1, 0.6, 0.2], roll_deg=90), camera([1.2, 0.1, 0], yaw_deg=-15)],
 )
-def test_a_point_lies_on_one_row_and_its_disparity_gives_its_depth(source: StereoCamera) -> None:
+def test_a_point_lies_on_one_row_and_its_disparity_gives_its_depth(source: PinholeCamera) -> None:
     pair = rectify(REFERENCE, source, POINTS)
     in_reference = _pixels(POINTS, REFERENCE) @ pair.from_reference.T
     in_source = _pixels(POINTS, source) @ pair.from_source.T
@@ -63,7 +64,7 @@ def test_nothing_of_the_reference_is_cropped() -> None:
         (camera([9.0, 0, 0]), "overlap in less than"),
     ],
 )
-def test_pairs_are_left_out_by_rule(source: StereoCamera, reason: str) -> None:
+def test_pairs_are_left_out_by_rule(source: PinholeCamera, reason: str) -> None:
     with pytest.raises(PairLeftOutError, match=reason):
         rectify(REFERENCE, source, POINTS)
 
@@ -126,30 +127,28 @@ def test_refinement_takes_out_a_tenth_of_a_disparity_pixel() -> None:
     one_pixel = 1 / (420 * 0.4)
     exact = (1 / truth).astype(np.float32)
     start = exact + np.float32(0.4 * one_pixel)
-    found = refined(prepared(view), sources, start, one_pixel, iterations=3)
-    error_px = np.abs(found - exact)[20:-20, 60:-60] / one_pixel
+    inverse = refined(prepared(view), sources, start, one_pixel, iterations=3)
+    error_px = np.abs(inverse - exact)[20:-20, 60:-60] / one_pixel
     assert 0.001 < np.median(error_px) < 0.06, f"{np.median(error_px):.4f} pixels"
 
 
 def test_sources_are_chosen_by_shared_points_and_angle() -> None:
-    centres: dict[int, list[float]] = {
-        1: [0, 0, 0],
-        2: [0.02, 0, 0],
-        3: [0.5, 0, 0],
-        4: [0.8, 0, 0],
-        5: [4.0, 0, 0],
-        6: [0.1, 0, 0.6],
-    }
-    cameras = {key: camera(centre) for key, centre in centres.items()}
-    rows = np.arange(len(POINTS))
     # Camera 4 shares only half of the points; 2 is too near, 5 too far, 6 has the baseline along the view.
-    seen = {1: rows, 2: rows, 3: rows, 4: rows[::2], 5: rows, 6: rows}
-    seen_point = np.concatenate(list(seen.values()))
-    seen_by = np.concatenate([np.full(len(points), key) for key, points in seen.items()])
-    found = choose_sources(1, cameras, POINTS, seen_point, seen_by, 4)
-    assert found.chosen == (3, 4)
-    assert list(found.left_out) == [6]
-    assert choose_sources(1, cameras, POINTS, seen_point, seen_by, 1).chosen == (3,)
+    centres: list[list[float]] = [
+        [0, 0, 0],
+        [0.02, 0, 0],
+        [0.5, 0, 0],
+        [0.8, 0, 0],
+        [4.0, 0, 0],
+        [0.1, 0, 0.6],
+    ]
+    cameras = {key: camera(centre) for key, centre in enumerate(centres, start=1)}
+    pairs = np.array([(row, key) for key in cameras for row in range(0, len(POINTS), 2 if key == 4 else 1)])
+    seen_point, seen_by = pairs.T
+    chosen, left_out = choose_sources(1, cameras, POINTS, seen_point, seen_by, 4)
+    assert chosen == [3, 4]
+    assert list(left_out) == [6]
+    assert choose_sources(1, cameras, POINTS, seen_point, seen_by, 1)[0] == [3]
 
 
 def test_sizes_double() -> None:
@@ -175,23 +174,23 @@ def test_matching_leaves_out_what_the_source_does_not_see() -> None:
     source, _ = render(camera([0.4, 0, 0]), [front, back])
     view, truth = render(REFERENCE, [front, back])
     points = sparse_points(REFERENCE, truth)
-    found = match_whole_range(rectify(REFERENCE, source, points), view, source)
+    inverse = match_whole_range(rectify(REFERENCE, source, points), view, source)
     v, u = np.mgrid[:300, :400] + 0.5
     rays = np.stack([u, v, np.ones_like(u)], axis=-1) @ np.linalg.inv(REFERENCE.K).T
     in_source = _pixels((rays * truth[..., None]).reshape(-1, 3), source)[:, 0].reshape(300, 400)
-    assert (found[in_source < -2] > 0).mean() < 0.1
+    assert (inverse[in_source < -2] > 0).mean() < 0.1
     # Beside its left rim the front plane hides 22 columns of the back one from the source: only the check
     # from both sides finds that.
     hidden = (truth > 4) & (u > 107) & (u < 128) & (v > 85) & (v < 215)
-    assert (found[hidden] > 0).mean() < 0.09, f"{(found[hidden] > 0).mean():.3f}"
-    errors = np.abs(found[found > 0] * truth[found > 0] - 1)
+    assert (inverse[hidden] > 0).mean() < 0.09, f"{(inverse[hidden] > 0).mean():.3f}"
+    errors = np.abs(inverse[inverse > 0] * truth[inverse > 0] - 1)
     assert np.median(errors) < 0.01
     mask_u8 = np.full((300, 400), 255, np.uint8)
     mask_u8[:, 200:] = 0
     masked = StereoView(source.K, source.cam_from_world, source.size, source.grey_u8, mask_u8)
-    found = match_whole_range(rectify(REFERENCE, source, points), view, masked)
-    assert (found[in_source > 205] > 0).mean() < 0.02
-    assert (found[(in_source > 20) & (in_source < 150)] > 0).mean() > 0.7
+    inverse = match_whole_range(rectify(REFERENCE, source, points), view, masked)
+    assert (inverse[in_source > 205] > 0).mean() < 0.02
+    assert (inverse[(in_source > 20) & (in_source < 150)] > 0).mean() > 0.7
 
 
 def test_matching_around_what_is_known_finds_the_rest() -> None:
@@ -200,8 +199,8 @@ def test_matching_around_what_is_known_finds_the_rest() -> None:
     pair = rectify(REFERENCE, source, sparse_points(REFERENCE, truth))
     one_pixel = 1 / (420 * 0.4)
     exact = (1 / truth).astype(np.float32)
-    found = match_around(pair, view, source, exact + np.float32(5 * one_pixel))
-    held = found > 0
+    inverse = match_around(pair, view, source, exact + np.float32(5 * one_pixel))
+    held = inverse > 0
     assert 0.7 < held.mean() < 1
-    errors_px = np.abs(found - exact)[held] / one_pixel
+    errors_px = np.abs(inverse - exact)[held] / one_pixel
     assert 0.001 < np.median(errors_px) < 0.2, f"{np.median(errors_px):.3f} pixels"

@@ -7,14 +7,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from colmap_ihe.dense.texture.atlas import cut, pack
-from colmap_ihe.dense.texture.bake import bake, corner_colours, corner_labels, texels_of
+from colmap_ihe.dense.camera import PinholeCamera, UInt8
+from colmap_ihe.dense.texture.atlas import Patches, cut, pack
+from colmap_ihe.dense.texture.bake import bake, corner_colours, texels_of
 from colmap_ihe.dense.texture.level import seam_offsets
-from colmap_ihe.dense.texture.mesh import U8, Mesh, components, face_normals, neighbours, without_small_parts
-from colmap_ihe.dense.texture.raster import TextureView, covered, depth_picture
+from colmap_ihe.dense.texture.mesh import Mesh, components, face_normals, neighbours, without_small_parts
+from colmap_ihe.dense.texture.raster import covered, depth_picture
 from colmap_ihe.dense.texture.select import UNSEEN, Candidates, box_labels, choose, quality_in
-
-pytest.importorskip("xatlas", reason="needs the extra `mesh`")
 
 SIZE = (200, 200)
 
@@ -44,17 +43,17 @@ def joined(*meshes: Mesh) -> Mesh:
     )
 
 
-def camera(x: float = 0.0, y: float = 0.0, z: float = -4.0, focal: float = 300.0) -> TextureView:
+def camera(x: float = 0.0, y: float = 0.0, z: float = -4.0, focal: float = 300.0) -> PinholeCamera:
     """Looks along +z; 4 before the square, which then is 150 pixels wide."""
     K = np.array([[focal, 0, SIZE[0] / 2], [0, focal, SIZE[1] / 2], [0, 0, 1]])
-    return TextureView(K, np.column_stack((np.eye(3), [-x, -y, -z])), SIZE)
+    return PinholeCamera(K, np.column_stack((np.eye(3), [-x, -y, -z])), SIZE)
 
 
-def picture(view: TextureView, colour: object, z: float = 0.0) -> U8:
+def picture(view: PinholeCamera, colour: object, z: float = 0.0) -> UInt8:
     """What `view` sees of a plane at `z` with `colour(x, y)`, (N, 3) of (N,) twice."""
     column, row = np.meshgrid(np.arange(SIZE[0]) + 0.5, np.arange(SIZE[1]) + 0.5)
     centre = view.centre
-    away = (z - centre[2]) / view.calibration[0, 0]
+    away = (z - centre[2]) / view.K[0, 0]
     x = centre[0] + (column - SIZE[0] / 2) * away
     y = centre[1] + (row - SIZE[1] / 2) * away
     assert callable(colour)
@@ -66,7 +65,7 @@ def ramp(x: Any, y: Any) -> Any:
     return np.stack((120 + 60 * x, 120 + 60 * y, 120 + 30 * x - 30 * y), axis=1)
 
 
-def labelled(mesh: Mesh, views: list[TextureView]) -> tuple[Any, Any]:
+def labelled(mesh: Mesh, views: list[PinholeCamera]) -> tuple[Any, Any]:
     candidates = Candidates.none(len(mesh.faces))
     for number, view in enumerate(views):
         candidates.add(number, quality_in(mesh, view))
@@ -74,15 +73,18 @@ def labelled(mesh: Mesh, views: list[TextureView]) -> tuple[Any, Any]:
     return choose(candidates, pairs), pairs
 
 
-def textured(mesh: Mesh, views: list[TextureView], pictures: list[U8], *, level: bool = True) -> Any:
-    """(F, 3): the texture at the centre of each face."""
+def patched(mesh: Mesh, views: list[PinholeCamera]) -> Patches:
     chosen, pairs = labelled(mesh, views)
-    labels = box_labels(mesh, chosen, len(views))
-    patches = cut(mesh, labels, views, pairs)
+    return cut(mesh, box_labels(mesh, chosen, len(views)), views, pairs)
+
+
+def textured(mesh: Mesh, views: list[PinholeCamera], pictures: list[UInt8], *, level: bool = True) -> Any:
+    """(F, 3): the texture at the centre of each face."""
+    patches = patched(mesh, views)
     atlas = pack(patches, 1024)
-    colours, known = corner_colours(patches, labels, pictures, mesh.colours)
-    offsets = seam_offsets(patches, colours, known) if level else np.zeros_like(colours)
-    texture = bake(atlas, patches, labels, pictures, offsets, mesh.colours)
+    colours, seen = corner_colours(patches, pictures, mesh.colours)
+    offsets = seam_offsets(patches, colours, seen) if level else np.zeros_like(colours)
+    texture = bake(atlas, patches, pictures, offsets, mesh.colours)
     assert texture.shape == (atlas.size[1], atlas.size[0], 3)
     column, row = np.floor(atlas.texel[atlas.faces].mean(axis=1)).astype(int).T
     return texture[row, column].astype(float)
@@ -114,9 +116,9 @@ def test_depth_has_the_nearest_face_in_front() -> None:
 
 def test_a_plane_has_the_colours_of_its_photograph() -> None:
     mesh, view = grid(), camera()
-    found = textured(mesh, [view], [picture(view, ramp)])
+    colours = textured(mesh, [view], [picture(view, ramp)])
     centres = mesh.corners().mean(axis=1)
-    assert np.abs(found - ramp(centres[:, 0], centres[:, 1])).max() < 3
+    assert np.abs(colours - ramp(centres[:, 0], centres[:, 1])).max() < 3
 
 
 def test_what_is_hidden_has_no_colour_of_what_stands_before_it() -> None:
@@ -131,18 +133,15 @@ def test_what_is_hidden_has_no_colour_of_what_stands_before_it() -> None:
         (left, top), (right, bottom) = np.rint(corners.min(axis=0)), np.rint(corners.max(axis=0))
         pixels[int(top) : int(bottom), int(left) : int(right)] = (255, 0, 0)
         pictures.append(pixels)
-    found = textured(mesh, views, pictures, level=False)
-    chosen, _ = labelled(mesh, views)
-    behind = np.abs(mesh.corners().mean(axis=1)[: len(wall.faces), :2]).max(axis=1) < 0.35
-    assert set(chosen[: len(wall.faces)][behind]) <= {1, UNSEEN}
-    assert (
-        chosen[: len(wall.faces)][behind] == 1
-    ).mean() > 0.25  # the rest is behind the screen from there too
+    colours = textured(mesh, views, pictures, level=False)[: len(wall.faces)]
+    chosen = labelled(mesh, views)[0][: len(wall.faces)]
     centres = wall.corners().mean(axis=1)
-    seen = chosen[: len(wall.faces)] != UNSEEN
-    error = np.abs(found[: len(wall.faces)] - ramp(centres[:, 0], centres[:, 1])).max(axis=1)
-    assert error[seen].max() < 4
-    assert np.abs(found[: len(wall.faces)][~seen] - 77).max(initial=0) <= 1  # its vertex colours
+    behind = np.abs(centres[:, :2]).max(axis=1) < 0.35
+    assert set(chosen[behind]) <= {1, UNSEEN}
+    assert (chosen[behind] == 1).mean() > 0.25  # the rest is behind the screen from there too
+    seen = chosen != UNSEEN
+    assert np.abs(colours - ramp(centres[:, 0], centres[:, 1])).max(axis=1)[seen].max() < 4
+    assert np.abs(colours[~seen] - 77).max(initial=0) <= 1  # its vertex colours
 
 
 def test_faces_that_look_away_or_lie_outside_are_not_seen() -> None:
@@ -185,23 +184,21 @@ def test_photographs_of_different_exposure_meet_without_a_seam(level: bool) -> N
     mesh = grid(20)
     views = [camera(x=-1.05), camera(x=1.05)]
     pictures = [picture(views[0], lambda x, y: 0.8 * ramp(x, y)), picture(views[1], ramp)]
-    found = textured(mesh, views, pictures, level=level)
+    colours = textured(mesh, views, pictures, level=level)
     chosen, pairs = labelled(mesh, views)
     assert set(chosen) == {0, 1}
     across = chosen[pairs[:, 0]] != chosen[pairs[:, 1]]
-    jump = np.abs(found[pairs[:, 0]] - found[pairs[:, 1]]).mean(axis=1)
+    jump = np.abs(colours[pairs[:, 0]] - colours[pairs[:, 1]]).mean(axis=1)
     if level:
         assert jump[across].mean() < 1.5 * jump[~across].mean() + 1
-        assert np.abs(found.mean(axis=0) - 0.9 * 120).max() < 12
+        assert np.abs(colours.mean(axis=0) - 0.9 * 120).max() < 12
     else:
         assert jump[across].mean() > 15
 
 
 def test_every_face_has_a_texel_and_charts_do_not_touch() -> None:
     mesh, views = grid(20), [camera(x=-1.05), camera(x=1.05)]
-    chosen, pairs = labelled(mesh, views)
-    labels = box_labels(mesh, chosen, len(views))
-    patches = cut(mesh, labels, views, pairs)
+    patches = patched(mesh, views)
     atlas = pack(patches, 256)
     assert max(atlas.size) <= 256
     texels = texels_of(atlas)
@@ -212,13 +209,12 @@ def test_every_face_has_a_texel_and_charts_do_not_touch() -> None:
     for shifted in (owner[1:], owner[:, 1:]):
         beside = owner[: shifted.shape[0], : shifted.shape[1]]
         assert not ((shifted != beside) & (shifted >= 0) & (beside >= 0)).any()
-    assert (corner_labels(patches, labels)[patches.faces] == labels[:, None]).all()
+    assert (patches.label[patches.faces] == box_labels(mesh, labelled(mesh, views)[0], 2)[:, None]).all()
 
 
 def test_a_small_texture_is_of_smaller_scale() -> None:
     mesh, view = grid(), camera(focal=380.0)
-    chosen, pairs = labelled(mesh, [view])
-    patches = cut(mesh, box_labels(mesh, chosen, 1), [view], pairs)
+    patches = patched(mesh, [view])
     full, small = pack(patches, 1024), pack(patches, 64)
     assert full.scale == 1.0
     assert max(small.size) <= 64
@@ -240,10 +236,10 @@ def test_what_belongs_together() -> None:
     ("faces", "colours", "words"),
     [
         (np.zeros((1, 4), np.int32), np.zeros((3, 3), np.uint8), r"faces\.shape"),
-        (np.array([[0, 1, 3]], np.int32), np.zeros((3, 3), np.uint8), "vertices up to 3 of 3"),
+        (np.array([[0, 1, 3]], np.int32), np.zeros((3, 3), np.uint8), "does not exist: 3 of 3"),
         (np.zeros((0, 3), np.int32), np.zeros((2, 3), np.uint8), "2 colours of 3"),
     ],
 )
-def test_a_broken_mesh_is_refused(faces: Any, colours: U8, words: str) -> None:
+def test_a_broken_mesh_is_refused(faces: Any, colours: UInt8, words: str) -> None:
     with pytest.raises(ValueError, match=words):
         Mesh(np.zeros((3, 3), np.float32), faces, colours)

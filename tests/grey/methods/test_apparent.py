@@ -82,4 +82,4 @@ def test_without_colour_science_it_says_what_to_install(monkeypatch: pytest.Monk
     room._effect.cache_clear()
     with pytest.raises(CapabilityError, match="colour-science") as caught:
         room.apparent(np.zeros((4, 4, 3), np.float32))
-    assert caught.value.hint == "pip install 'colmap-ihe[conversions]'"
+    assert caught.value.hint == "in the clone of colmap-ihe: pip install '.[conversions]'"

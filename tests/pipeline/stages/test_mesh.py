@@ -1,14 +1,14 @@
-"""The mesh at the end of the road, on the small demo."""
+"""The mesh, the last stage, on the small demo."""
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+import trimesh
 from PIL import Image
 
 from colmap_ihe.dense.ply import read_mesh, read_ply, write_rows
@@ -24,20 +24,14 @@ from colmap_ihe.project.options import Options
 MakeOptions = Callable[..., Options]
 
 
-def record(project: Path) -> dict[str, Any]:
-    found: dict[str, Any] = json.loads((project / "records/mesh.json").read_text())
-    return found
-
-
 def test_it_leaves_a_mesh_with_colours_and_one_with_a_texture(
     finished: Path, finished_summary: dict[str, Any]
 ) -> None:
-    trimesh: Any = pytest.importorskip("trimesh", reason="needs the extra `mesh`")
     dense = finished / "workspace/dense/0"
     mesh = read_mesh(dense / "mesh.ply")
     assert 1000 < len(mesh.faces) == finished_summary["mesh_faces"] <= 2000
     assert mesh.colours.std() > 10
-    loaded = trimesh.load(dense / "mesh.glb", process=False).geometry["mesh"]
+    loaded = trimesh.load_scene(dense / "mesh.glb", process=False).geometry["mesh"]
     assert len(loaded.faces) == len(mesh.faces)
     picture = loaded.visual.material.baseColorTexture
     assert list(picture.size) == finished_summary["mesh_texture"]
@@ -64,11 +58,11 @@ def test_it_leaves_a_mesh_with_colours_and_one_with_a_texture(
     with Image.open(dense / "mesh.jpeg") as beside:
         assert beside.size == picture.size
     assert not list(dense.glob("*.part*"))
-    upright = trimesh.load(dense / "mesh.glb").graph["mesh"][0]
+    upright = trimesh.load_scene(dense / "mesh.glb").graph["mesh"][0]
     assert np.allclose(upright[:3, :3] @ upright[:3, :3].T, np.eye(3), atol=1e-5)
 
 
-def test_it_may_be_left_out_and_is_options_are_checked_first(
+def test_it_may_be_left_out_and_its_options_are_checked_first(
     finished: Path, quick_options: MakeOptions
 ) -> None:
     done = reconstruct(finished, quick_options("mesh.enabled=false"))
