@@ -118,7 +118,7 @@ def gather(run: RunContext, summary: Mapping[str, Any], progress: Progress) -> C
 def _result(summary: Mapping[str, Any]) -> str:
     if summary["registered_images"] is None:
         return f"{summary['images']} photographs, converted to grey."
-    parts = [f"{summary['registered_images']} of {summary['images']} photographs have their place"]
+    parts = [f"{summary['registered_images']} of {summary['images']} photographs are registered"]
     if summary["dense_points"]:
         parts.append(f"the dense cloud has {summary['dense_points']:,} points")
     error = f"mean reprojection error {summary['mean_reprojection_error_px']:.2f} px"
