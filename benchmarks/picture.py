@@ -1,4 +1,4 @@
-"""The picture of the README from a finished demo: photograph, grey, depth, cloud.
+"""The picture of docs/dense.md from a finished demo: photograph, grey, depth, cloud.
 
 python benchmarks/picture.py DEMO_FOLDER [-o docs/images/demo.jpg] [--view 6]
 """

@@ -40,7 +40,7 @@ def contents_of(project: Path, options: Options) -> Contents:
 def test_a_page_shows_the_whole_project(finished: Path, quick_options: MakeOptions) -> None:
     html = (finished / "report/index.html").read_text()
     assert "portico_01" in html
-    assert "8 of 8 photographs have their place" in html
+    assert "8 of 8 photographs are registered" in html
     found = contents_of(finished, quick_options())
     assert len(found.photographs) == len(found.cameras) == 8
     assert all(p.points > 30 and p.error_px and p.coverage and p.thumbnail for p in found.photographs)
