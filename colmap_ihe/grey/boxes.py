@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from colmap_ihe.grey import kernels
 from colmap_ihe.grey.histogram import LINEAR_EDGES, Histogram
 from colmap_ihe.grey.rules import Rules
-from colmap_ihe.machine.executor import local_workers
+from colmap_ihe.machine.threads import local_workers
 
 Triplet = tuple[int, int, int]
 """Weights of red, green and blue in hundredths."""

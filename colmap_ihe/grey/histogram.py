@@ -17,7 +17,7 @@ from colmap_ihe.grey import kernels
 from colmap_ihe.grey.rules import Rules
 from colmap_ihe.grey.sums import IMAGE_MASS, MOST, MOST_IMAGES, Sums, Weighting
 from colmap_ihe.grey.weights import Encoding
-from colmap_ihe.machine.executor import local_workers
+from colmap_ihe.machine.threads import local_workers
 
 _CODES = 256
 _MAGIC = b"colmap-ihe histogram 2\n"

@@ -14,10 +14,9 @@ from colmap_ihe.colmap.native import logged_to
 from colmap_ihe.errors import OptionError, PhotographError
 from colmap_ihe.machine import memory, scratch
 from colmap_ihe.machine.cluster.connect import workers_for
-from colmap_ihe.machine.executor import local_workers
 from colmap_ihe.machine.files import guard_folder, require_same_folder, room_on_disk, write_json
 from colmap_ihe.machine.progress import SILENT, RunProgress
-from colmap_ihe.machine.threads import limited
+from colmap_ihe.machine.threads import limited, local_workers
 from colmap_ihe.photographs.discover import discover
 from colmap_ihe.pipeline import outputs, preflight, stages
 from colmap_ihe.pipeline import resource_check as foreseen

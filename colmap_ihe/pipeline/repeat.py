@@ -9,8 +9,8 @@ from typing import Any
 
 from colmap_ihe.errors import OptionError
 from colmap_ihe.machine import threads
-from colmap_ihe.machine.executor import local_workers
 from colmap_ihe.machine.files import digest_file, read_json, write_json
+from colmap_ihe.machine.threads import local_workers
 from colmap_ihe.pipeline import environment as surroundings
 from colmap_ihe.pipeline.input_digests import masks_in
 from colmap_ihe.project.folder import Project
