@@ -16,14 +16,13 @@ from colmap_ihe.fit.counting import CountOptions, SetCounts, gather
 from colmap_ihe.fit.histogram_file import StoredCounts
 from colmap_ihe.fit.trial import coarse_grid, measure
 from colmap_ihe.fit.trial_result import REFERENCE, SAME, TrialResult, choose, in_words
-from colmap_ihe.grey.boxes import Triplet
 from colmap_ihe.grey.conversions import CONVERSIONS
 from colmap_ihe.grey.convert import Tone
 from colmap_ihe.grey.equalise import curve_of
 from colmap_ihe.grey.histogram import Histogram, mass_of
-from colmap_ihe.grey.ihe import count_levels, fit_cells, fit_histogram, likely_winner, white_point
+from colmap_ihe.grey.ihe import count_levels, fit_cells, fit_histogram, white_point
 from colmap_ihe.grey.sums import Weighting
-from colmap_ihe.grey.weights import FIXED, Encoding, Formula, Grey, Weights, triplets
+from colmap_ihe.grey.weights import FIXED, Encoding, Formula, Grey, Triplet, Weights, triplets
 from colmap_ihe.machine.executor import in_order
 from colmap_ihe.machine.progress import Progress
 from colmap_ihe.photographs.colour_counts import sampled
@@ -230,22 +229,21 @@ class _SetFit:
             return total
 
         self.progress.start(len(grid), "triplets")
-        if self.encoding == "linear" and not self.recount:
-            found = fit_cells(self.gathered.histogram, grid)
+        if self.encoding == "linear" and self.recount:
+            fit = fit_histogram(self.gathered.histogram, grid, recount)
         else:
-            again = recount if self.encoding == "linear" else None
-            found = fit_histogram(self.gathered.histogram, grid, again, self.progress.advance)
-        return replace(found, contrast=self.gathered.contrast.share_of(found.triplet))
+            fit = fit_cells(self.gathered.histogram, grid)
+            self.progress.advance(len(grid))
+        return replace(fit, contrast=self.gathered.contrast.share_of(fit.triplet))
 
     def tried(self, trial: Trial) -> tuple[Grey, ChosenGrey]:
         """The candidate that matches best on a few pairs; guarded IHE where no pair overlaps. The paper's IHE of a
         linear set is estimated."""
         grid = triplets(self.options.step)
-        papers = likely_winner(self.gathered.histogram, grid)
         greys: dict[str, Grey] = {
             "rec709": self.grey("rec709"),
             "ihe": self.flattest(self.gathered.contrast.admitted(grid)),
-            "ihe of the paper": self.weights("ihe", _shares(papers)),
+            "ihe of the paper": self.weights("ihe", fit_cells(self.gathered.histogram, grid).triplet),
             **{name: self.grey(name) for name in ("snr", "mean", "green")},
         }
         screen = {n: self.weights("grid", w.triplet) for n, w in coarse_grid(self.encoding).items()}

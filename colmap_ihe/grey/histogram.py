@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import Any
@@ -14,9 +15,8 @@ from numpy.typing import NDArray
 
 from colmap_ihe.errors import WeightsError
 from colmap_ihe.grey import kernels
-from colmap_ihe.grey.rules import Rules
 from colmap_ihe.grey.sums import IMAGE_MASS, MOST, MOST_IMAGES, Sums, Weighting
-from colmap_ihe.grey.weights import Encoding
+from colmap_ihe.grey.weights import Encoding, Triplet
 from colmap_ihe.machine.threads import local_workers
 
 _CODES = 256
@@ -93,16 +93,14 @@ class Histogram:
     def _masses(self, place: NDArray[Any]) -> NDArray[np.uint64]:
         return self._counted.at(place) if self._weighed is None else self._weighed[place]
 
-    def levels(self, rules: Rules) -> NDArray[np.uint64]:
-        """The grey histograms (m, 256) of a coded set by each rule: quicker than through `occupied` if few."""
-        if self._weighed is not None:
-            place = np.flatnonzero(self._weighed)
-            planes = np.ascontiguousarray(kernels.codes_at(place).T, np.float32)
-            return kernels.count_boxes(planes, self._weighed[place], rules)
+    def levels(self, triplets: Sequence[Triplet]) -> dict[Triplet, NDArray[np.int64]]:
+        """Return the grey histograms, (256,) each, of a coded set by weights in hundredths."""
+        ordered = sorted(triplets, key=lambda t: (t[2], t[0]))  # as they are counted quickest
+        masses = self._counted if self._weighed is None else self._weighed
         workers = local_workers()
         with ThreadPoolExecutor(workers) as pool:
-            parts = pool.map(lambda n: kernels.count_table(self._counted, rules, n, workers), range(workers))
-            return np.asarray(sum(parts), np.uint64)
+            parts = pool.map(lambda n: kernels.count_levels(masses, ordered, n, workers), range(workers))
+            return dict(zip(ordered, np.asarray(sum(parts), np.int64), strict=True))
 
     def __add__(self, other: Histogram) -> Histogram:
         if (self.encoding, self.weighting) != (other.encoding, other.weighting):

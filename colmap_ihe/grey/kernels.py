@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ctypes
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -10,12 +11,11 @@ from numpy.typing import NDArray
 
 from colmap_ihe.grey.compiled import C, at, check, length
 from colmap_ihe.grey.rules import LEVELS, Rules
-
-Gathered = tuple[NDArray[np.uint8], NDArray[np.uint8], NDArray[np.uint64]]
-"""Least and greatest codes of M boxes, planes (3, M), and their mass, (M,)."""
+from colmap_ihe.grey.weights import Triplet
 
 CELLS = 1 << 24
 FULL = 65535
+_RUN = 16  # places that kernels.c counts together
 
 
 class Table:
@@ -121,63 +121,50 @@ def occupied(low: NDArray[np.uint16]) -> NDArray[np.uint64]:
 
 
 def gather(
-    keys: NDArray[np.uint64], masses: NDArray[np.uint64], bits: int, heavy: int
-) -> tuple[Gathered, Gathered]:
-    """Keys of `occupied` and their masses, (M,) each: those heavier than `heavy`, and the others in cubes of
-    2^bits codes."""
+    keys: NDArray[np.uint64], masses: NDArray[np.uint64], bits: int
+) -> tuple[NDArray[np.uint8], NDArray[np.uint8], NDArray[np.uint64]]:
+    """Gather keys of `occupied` and their masses, (M,) each, in N cubes of 2^bits codes. Returns the least and greatest
+    codes of each cube, planes (3, N), and its mass (N,)."""
     n = len(keys)
     check(keys, np.uint64, (n,))
     check(masses, np.uint64, (n,))
     low, high = np.empty((3, n), np.uint8), np.empty((3, n), np.uint8)
     mass = np.empty(n, np.uint64)
-    cubes = ctypes.c_size_t()
-    places = (at(low), at(high), at(mass), ctypes.byref(cubes))
-    m = C.gather(at(keys), length(n), at(masses), ctypes.c_uint32(bits), ctypes.c_uint64(heavy), *places)
-    alone, together = slice(0, m), slice(n - cubes.value, n)
-    return (low[:, alone], high[:, alone], mass[alone]), (low[:, together], high[:, together], mass[together])
+    outputs = (at(low), at(high), at(mass))
+    cubes = C.gather(at(keys), length(n), at(masses), ctypes.c_uint32(bits), *outputs)
+    return low[:, :cubes], high[:, :cubes], mass[:cubes]
 
 
-def count_boxes(planes: NDArray[np.float32], mass: NDArray[np.uint64], rules: Rules) -> NDArray[np.uint64]:
-    """Grey histograms (m, 256) of boxes of one colour each: planes (3, M), mass (M,)."""
-    _check_boxes(planes, mass, rules)
-    out = np.zeros((len(rules), LEVELS), np.uint64)
-    C.count_boxes(at(planes), at(mass), length(len(mass)), at(rules), length(len(rules)), at(out))
-    return out
-
-
-def count_table(table: Table, rules: Rules, part: int = 0, parts: int = 1) -> NDArray[np.uint64]:
-    """Grey histograms (m, 256) of the colours in a table, or in one of some even parts of it."""
-    check(rules, np.float32, (len(rules), 6))
-    out = np.zeros((len(rules), LEVELS), np.uint64)
+def count_levels(
+    counts: Table | NDArray[np.uint64], triplets: Sequence[Triplet], part: int = 0, parts: int = 1
+) -> NDArray[np.uint64]:
+    """Return the grey histograms (m, 256) of the colours in a table or in sums (2^24,), or in one of some even parts
+    of it, for weights in hundredths: a colour has the grey `(i R + j G + k B + 50) // 100`. Quickest where
+    neighbours in `triplets` are alike, most of all in blue."""
     start, end = (ctypes.c_uint32(CELLS // 16 * n // parts * 16) for n in (part, part + 1))
-    counts = (at(table.low), at(table.high))
-    C.count_table(*counts, start, end, at(rules), length(len(rules)), at(out))
-    return out
+    if isinstance(counts, Table):
+        masses: tuple[ctypes.c_void_p | None, ...] = (at(counts.low), at(counts.high), None)
+    else:
+        check(counts, np.uint64, (CELLS,))
+        occupied_places = (counts > 0).astype(np.uint16)
+        masses = (at(occupied_places), None, at(counts))
+    weights = np.array([(red, blue) for red, _, blue in triplets], np.int16)
+    out = np.zeros((len(weights), LEVELS + 2 * _RUN), np.uint64)
+    C.count_levels(*masses, start, end, at(weights), length(len(weights)), at(out))
+    return np.cumsum(out, axis=0, dtype=np.uint64)[:, _RUN:-_RUN]
 
 
-def bound_boxes(
-    low: NDArray[np.float32],
-    high: NDArray[np.float32],
-    mass: NDArray[np.uint64],
-    rules: Rules,
-    known: NDArray[np.uint64],
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """For each rule a lower bound of Q, the sum of squared counts, over all ways in which the pixels of each
-    box may fall in the run of levels that it reaches, and Q for an even spread: (m,) each. `known` are counts
-    (m, 256) to which those of the boxes are added.
-
-    For any prices p of the levels, Q = sum n^2 >= sum (2 p n - p^2), and the sum of n p is at least each box's
-    mass times the least price in its run. With the even spread for prices the bound is close.
-    """
+def estimate_boxes(
+    low: NDArray[np.float32], high: NDArray[np.float32], mass: NDArray[np.uint64], rules: Rules
+) -> NDArray[np.float64]:
+    """Return for each rule the sum of squared counts, (m,), with the mass of each box, (M,), spread evenly over the
+    levels from its least to its greatest colour, planes (3, M)."""
     _check_boxes(low, mass, rules)
     check(high, np.float32, low.shape)
-    check(known, np.uint64, (len(rules), LEVELS))
-    bound, even = np.empty(len(rules)), np.empty(len(rules))
-    runs = np.empty((LEVELS, LEVELS), np.uint64)
+    squares, runs = np.empty(len(rules)), np.empty((LEVELS, LEVELS), np.uint64)
     boxes = (at(low), at(high), at(mass), length(len(mass)))
-    out = (at(runs), at(bound), at(even))
-    C.bound_boxes(*boxes, at(rules), length(len(rules)), at(known), *out)
-    return bound, even
+    C.estimate_boxes(*boxes, at(rules), length(len(rules)), at(runs), at(squares))
+    return squares
 
 
 def quantile_boxes(

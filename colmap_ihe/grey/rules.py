@@ -12,15 +12,7 @@ _FINE = 4
 
 Rules = NDArray[np.float32]
 """(m, 6): red, green, blue, fine, scale, offset; the level of a colour is `floor(floor(fine (red R + green G +
-blue B)) scale + offset)`, at most 255. See `coded_rules` and `linear_rules`."""
-
-
-def coded_rules(triplets: Sequence[tuple[int, int, int]]) -> Rules:
-    """Levels of gamma-coded values for weights in hundredths: `(i R + j G + k B + 50) // 100`, exactly."""
-    rules = np.empty((len(triplets), 6), np.float32)
-    rules[:, :3] = triplets
-    rules[:, 3:] = (1, 0.01, 0.505)  # 0.005 from every integer at least, and float32 errs by 0.00003
-    return rules
+blue B)) scale + offset)`, at most 255. See `parts_rule` and `linear_rules`."""
 
 
 def parts_rule(numerators: NDArray[np.float64], parts: int) -> Rules | None:

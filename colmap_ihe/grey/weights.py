@@ -13,6 +13,9 @@ from colmap_ihe.errors import WeightsError
 Encoding = Literal["coded", "linear"]
 """`coded`: gamma-coded values as stored in a JPEG. `linear`: sensor values after black subtraction."""
 
+Triplet = tuple[int, int, int]
+"""Weights of red, green and blue in hundredths."""
+
 Curve = tuple[int, ...]
 """Where the levels of an equalised grey begin, see `Weights`."""
 
