@@ -18,8 +18,9 @@ from isal import isal_zlib
 
 from colmap_ihe.errors import WeightsError
 from colmap_ihe.fit.counting import SetCounts
+from colmap_ihe.grey import kernels
 from colmap_ihe.grey.contrast import Contrast
-from colmap_ihe.grey.histogram import Histogram, inflated
+from colmap_ihe.grey.histogram import Histogram
 from colmap_ihe.grey.sums import Sums
 from colmap_ihe.grey.weights import Encoding
 from colmap_ihe.machine.files import read_at_most, write_bytes
@@ -103,7 +104,7 @@ def _stored(head: Mapping[str, Any], bodies: bytes) -> StoredCounts:
         size = part["deflated"]
         if type(size) is not int or not 0 <= size <= len(bodies) - at:
             raise ValueError("its parts do not fit into it")
-        sums = Sums(**part["sums"], cells=inflated(bodies[at : at + size], part["bytes"]))
+        sums = Sums(**part["sums"], cells=_inflated(bodies[at : at + size], part["bytes"]))
         at += size
         histogram = Histogram(sums.encoding, sums.weighting)
         histogram.add_sums(sums)
@@ -118,6 +119,17 @@ def _stored(head: Mapping[str, Any], bodies: bytes) -> StoredCounts:
     if type(sample) not in (int, float) or not 0 < sample <= 1 or not isinstance(development, dict):
         raise ValueError(f"{sample=!r:.40}")
     return StoredCounts(gathered, float(sample), development)
+
+
+def _inflated(deflated: bytes, size: int) -> bytes:
+    """`size` bytes out of what was deflated. Raises ValueError or IsalError unless they are as many and no more."""
+    if type(size) is not int or not 0 <= size <= kernels.PACKED_BYTES * kernels.CELLS:
+        raise ValueError(f"{size!r:.40} bytes of cells")
+    unpack = isal_zlib.decompressobj()
+    cells = bytes(unpack.decompress(deflated, size + 1))
+    if len(cells) != size or not unpack.eof or unpack.unused_data:
+        raise ValueError(f"{len(cells)} bytes of cells, expected {size}")
+    return cells
 
 
 def _text(value: object) -> str:

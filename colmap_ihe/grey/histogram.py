@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -10,17 +9,14 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from isal import isal_zlib
 from numpy.typing import NDArray
 
-from colmap_ihe.errors import WeightsError
 from colmap_ihe.grey import kernels
 from colmap_ihe.grey.sums import IMAGE_MASS, MOST, MOST_IMAGES, Sums, Weighting
 from colmap_ihe.grey.weights import Encoding, Triplet
 from colmap_ihe.machine.threads import local_workers
 
 _CODES = 256
-_MAGIC = b"colmap-ihe histogram 2\n"
 
 LINEAR_EDGES: NDArray[np.int64] = np.ceil(65535 * (np.arange(_CODES + 1) / _CODES) ** 2).astype(np.int64)
 """Cell c of linear 16-bit input holds the values LINEAR_EDGES[c] <= v < LINEAR_EDGES[c + 1]: even steps
@@ -76,7 +72,7 @@ class Histogram:
         if self._weighed is not None:
             place = np.flatnonzero(self._counted.low)
             self._weighed[place] += self._counted.at(place) * np.uint64(mass_of(rgb, "image"))
-            self._counted.put(place, np.zeros(len(place), np.uint64))
+            self._counted.clear(place)
         self.images += 1
         self.pixels += pixels
 
@@ -103,18 +99,8 @@ class Histogram:
             return dict(zip(ordered, np.asarray(sum(parts), np.int64), strict=True))
 
     def __add__(self, other: Histogram) -> Histogram:
-        if (self.encoding, self.weighting) != (other.encoding, other.weighting):
-            raise ValueError(
-                f"{self.encoding=} {self.weighting=} and {other.encoding=} {other.weighting=} do not add: "
-                "their values differ in kind"
-            )
-        total = Histogram(self.encoding, self.weighting)
-        total.images = self.images + other.images
-        total.pixels = self.pixels + other.pixels
-        for part in (self, other):
-            total._counted += part._counted
-            if total._weighed is not None and part._weighed is not None:
-                total._weighed += part._weighed
+        total = _of_sums(self.sums())
+        total.add_sums(other.sums())
         return total
 
     def cells(self) -> Cells:
@@ -130,9 +116,9 @@ class Histogram:
 
     def taken(self) -> Sums:
         """What was counted; the histogram is then empty, and counts on in the same memory."""
-        found = self.sums(emptied=True)
+        sums = self.sums(emptied=True)
         self.images = self.pixels = 0
-        return found
+        return sums
 
     def sums(self, *, emptied: bool = False) -> Sums:
         """What was counted."""
@@ -164,46 +150,11 @@ class Histogram:
     def __reduce__(self) -> tuple[Any, ...]:
         return _of_sums, (self.sums(),)
 
-    def to_bytes(self) -> bytes:
-        """The histogram as a file: a line of JSON, then its cells as `kernels.packed` writes them, deflated."""
-        sums = self.sums()
-        head = {**sums.head(), "bytes": len(sums.cells)}
-        return _MAGIC + json.dumps(head).encode() + b"\n" + bytes(isal_zlib.compress(sums.cells, 1))
-
-    @classmethod
-    def from_bytes(cls, data: bytes, source: str = "histogram") -> Histogram:
-        """Reads what `to_bytes` wrote. Raises `WeightsError`, naming `source`, for anything else."""
-        try:
-            if not data.startswith(_MAGIC):
-                raise ValueError(f"it does not begin with {_MAGIC.decode().strip()!r}")
-            line, _, deflated = data[len(_MAGIC) :].partition(b"\n")
-            head = json.loads(line)
-            cells = inflated(deflated, head.pop("bytes"))
-            return _of_sums(Sums(**head, cells=cells))
-        except (  # type: ignore[misc]
-            ValueError, KeyError, TypeError, AttributeError, RecursionError, isal_zlib.IsalError,
-        ) as error:  # fmt: skip
-            raise WeightsError(
-                f"{source}: not a colour histogram ({error})",
-                hint="write one with Histogram.to_bytes",
-            ) from error
-
 
 def _of_sums(sums: Sums) -> Histogram:
-    found = Histogram(sums.encoding, sums.weighting)
-    found.add_sums(sums)
-    return found
-
-
-def inflated(deflated: bytes, size: int) -> bytes:
-    """`size` bytes out of what was deflated. Raises ValueError or IsalError unless they are as many and no more."""
-    if type(size) is not int or not 0 <= size <= kernels.PACKED_BYTES * kernels.CELLS:
-        raise ValueError(f"{size!r:.40} bytes of cells")
-    unpack = isal_zlib.decompressobj()
-    found = bytes(unpack.decompress(deflated, size + 1))
-    if len(found) != size or not unpack.eof or unpack.unused_data:
-        raise ValueError(f"{len(found)} bytes of cells, expected {size}")
-    return found
+    histogram = Histogram(sums.encoding, sums.weighting)
+    histogram.add_sums(sums)
+    return histogram
 
 
 def mass_of(rgb: NDArray[Any], weighting: Weighting) -> int:

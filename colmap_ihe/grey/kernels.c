@@ -136,18 +136,6 @@ void count_colours_16(const uint16_t *rgb, size_t n, const uint8_t *code, uint16
     }
 }
 
-/* Adds one table to another. */
-void add_table(const uint16_t *low, const uint32_t *high, uint16_t *sum_low, uint32_t *sum_high)
-{
-    for (uint32_t place = 0; place < CELLS; place++)
-        if (low[place]) {
-            uint32_t sum = (uint32_t)low[place] + sum_low[place];
-            sum_low[place] = (uint16_t)(sum > FULL ? sum - FULL : sum);
-            if (sum > FULL || high[place])
-                sum_high[place] += high[place] + (sum > FULL);
-        }
-}
-
 /* Places in ascending order, and their counts, as pairs of whole numbers: how many places were passed over since the
  * one before, and the count; seven bits a byte, the least first, and one that says whether there are more. */
 enum { MOST_BYTES = 14 };

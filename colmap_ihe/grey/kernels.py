@@ -30,14 +30,9 @@ class Table:
         """The counts at places (M,): (M,)."""
         return np.asarray(self.low[place] + FULL * self.high[place].astype(np.uint64))
 
-    def put(self, place: NDArray[Any], counts: NDArray[np.uint64]) -> None:
-        """Sets the counts at places (M,), less than 2^48."""
-        full = np.maximum(counts, 1) - 1
-        self.low[place], self.high[place] = counts - full // FULL * FULL, full // FULL
-
-    def __iadd__(self, other: Table) -> Table:
-        C.add_table(at(other.low), at(other.high), at(self.low), at(self.high))
-        return self
+    def clear(self, place: NDArray[Any]) -> None:
+        """Set the counts at places (M,) to 0."""
+        self.low[place] = self.high[place] = 0
 
 
 PACKED_BYTES = 14  # of a cell, at the most
