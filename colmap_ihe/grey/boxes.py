@@ -1,4 +1,4 @@
-"""The colours of a linear set gathered into boxes, each of a short run of grey levels: white points and estimates."""
+"""Gather the colours of a linear set into boxes, each of a short run of grey levels: white points and estimates."""
 
 from __future__ import annotations
 

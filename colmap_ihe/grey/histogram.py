@@ -1,11 +1,10 @@
-"""The joint colour histogram of a set of photographs: all that the fit needs to know of them."""
+"""Count the joint colour histogram of a set of photographs, all that the fit needs of them."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -26,25 +25,11 @@ LINEAR_EDGES[-1] = 65536
 _LINEAR_CODE: NDArray[np.uint8] = np.repeat(np.arange(_CODES, dtype=np.uint8), np.diff(LINEAR_EDGES))
 
 
-@dataclass(frozen=True)
-class Cells:
-    """The occupied cells of a histogram: M boxes of colours, and the pixels in each.
-
-    `low`, `high`: (M, 3) int64, the least and greatest R, G, B of a box, both inclusive; equal for
-    coded input. `mass`: (M,) int64, pixels (or weighted pixels).
-    """
-
-    low: NDArray[np.int64]
-    high: NDArray[np.int64]
-    mass: NDArray[np.int64]
-
-
 class Histogram:
-    """How many pixels of the set have each colour. Adding histograms is pooling their photographs.
+    """Count how many pixels of the set have each colour. Adding histograms is pooling their photographs.
 
     Coded 8-bit input is counted exactly, one cell a colour. Linear 16-bit input is counted in 256
-    cells a channel, even in the square root; `Cells` says what range of values each holds, so that a
-    search over it can bound what the rounding hides. Counts are integers: order and grouping of the
+    cells a channel, even in the square root, see `LINEAR_EDGES`. Counts are integers: order and grouping of the
     images cannot change them. `weighting="image"` gives every photograph the same mass.
     """
 
@@ -59,7 +44,7 @@ class Histogram:
         )
 
     def add(self, rgb: NDArray[np.uint8] | NDArray[np.uint16]) -> None:
-        """Counts one photograph.
+        """Count one photograph.
 
         rgb: (H, W, 3); uint8 gamma-coded for `coded`, uint16 linear with 65535 at sensor saturation
         for `linear`. Raises ValueError on another shape or dtype.
@@ -77,11 +62,11 @@ class Histogram:
         self.pixels += pixels
 
     def table(self) -> NDArray[np.uint64]:
-        """The mass of every cell, (2^24,), at `kernels.place_of` its codes."""
+        """Return the mass of every cell, (2^24,), at `kernels.place_of` its codes."""
         return self._counted.at(slice(None)) if self._weighed is None else self._weighed
 
     def occupied(self) -> tuple[NDArray[np.uint64], NDArray[np.uint64]]:
-        """Keys and masses of the occupied cells, (M,) each, in the order of `kernels.occupied`."""
+        """Return keys and masses of the occupied cells, (M,) each, in the order of `kernels.occupied`."""
         some = self._counted.low if self._weighed is None else (self._weighed > 0).astype(np.uint16)
         keys = kernels.occupied(some)
         return keys, self._masses((keys & np.uint64(kernels.CELLS - 1)).astype(np.intp))
@@ -103,25 +88,22 @@ class Histogram:
         total.add_sums(other.sums())
         return total
 
-    def cells(self) -> Cells:
-        """The occupied cells, ordered by colour."""
+    def colours(self) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        """Return the codes R, G, B of the occupied cells in their order, (M, 3), and the mass in each, (M,)."""
         table = self.table()
-        place = np.flatnonzero(table)
-        codes = kernels.codes_at(place).astype(np.int64)
+        places = np.flatnonzero(table)
+        codes = kernels.codes_at(places).astype(np.int64)
         order = np.lexsort(codes.T[::-1])
-        codes, mass = codes[order], table[place[order]].astype(np.int64)
-        if self.encoding == "coded":
-            return Cells(codes, codes, mass)
-        return Cells(LINEAR_EDGES[codes], LINEAR_EDGES[codes + 1] - 1, mass)
+        return codes[order], table[places[order]].astype(np.int64)
 
     def taken(self) -> Sums:
-        """What was counted; the histogram is then empty, and counts on in the same memory."""
+        """Return what was counted, and empty the histogram, which counts on in the same memory."""
         sums = self.sums(emptied=True)
         self.images = self.pixels = 0
         return sums
 
     def sums(self, *, emptied: bool = False) -> Sums:
-        """What was counted."""
+        """Return what was counted."""
         if self._weighed is None:
             return self._sums(self.pixels, kernels.held(self._counted, emptied=emptied))
         place = np.flatnonzero(self._weighed)
@@ -134,7 +116,7 @@ class Histogram:
         return Sums(self.encoding, self.weighting, self.images, self.pixels, mass, cells)
 
     def add_sums(self, sums: Sums) -> None:
-        """Pools what another histogram counted. Raises ValueError, and adds nothing, where it is of another kind, or
+        """Pool what another histogram counted. Raises ValueError, and adds nothing, where it is of another kind, or
         its cells are not what it says of them."""
         if (self.encoding, self.weighting) != (sums.encoding, sums.weighting):
             raise ValueError(
@@ -158,5 +140,5 @@ def _of_sums(sums: Sums) -> Histogram:
 
 
 def mass_of(rgb: NDArray[Any], weighting: Weighting) -> int:
-    """What one pixel of this photograph counts."""
+    """Return what one pixel of this photograph counts."""
     return 1 if weighting == "pixel" else IMAGE_MASS // math.prod(rgb.shape[:2])

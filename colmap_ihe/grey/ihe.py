@@ -1,4 +1,4 @@
-"""Intensity Histogram Equalisation: the weights whose grey histogram over the set is flattest.
+"""Find the weights whose grey histogram over the set is flattest: Intensity Histogram Equalisation (IHE).
 
 After "Intensity histogram equalisation, a colour-to-grey conversion strategy improving
 photogrammetric reconstruction of urban architectural heritage" (2016), equations 4 to 6. With y the
@@ -22,7 +22,7 @@ from colmap_ihe.grey import kernels
 from colmap_ihe.grey.boxes import Pyramid, estimates_of, whites_of
 from colmap_ihe.grey.contrast import Contrast
 from colmap_ihe.grey.equalise import curve_of
-from colmap_ihe.grey.histogram import Histogram
+from colmap_ihe.grey.histogram import LINEAR_EDGES, Histogram
 from colmap_ihe.grey.rules import LEVELS, linear_rules
 from colmap_ihe.grey.weights import FIXED, Triplet, Weights, triplets
 
@@ -134,9 +134,9 @@ def flatness(histogram: Histogram, triplet: tuple[float, float, float]) -> float
 
 def clipped(histogram: Histogram, weights: Weights) -> float:
     """Return the share of pixels of a linear set that the weights' white point makes white."""
-    cells = histogram.cells()
-    grey = (cells.low + cells.high) / 2 @ np.array(weights.triplet)
-    return float(cells.mass[grey >= weights.white * _SATURATION].sum() / cells.mass.sum())
+    codes, mass = histogram.colours()
+    grey = (LINEAR_EDGES[codes] + LINEAR_EDGES[codes + 1] - 1) / 2 @ np.array(weights.triplet)
+    return float(mass[grey >= weights.white * _SATURATION].sum() / mass.sum())
 
 
 def count_levels(

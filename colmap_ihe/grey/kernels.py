@@ -1,4 +1,4 @@
-"""The compiled inner loops (kernels.c) of the fit: colours counted, and grey levels of what was counted."""
+"""Call the compiled loops (kernels.c) of the fit: colours counted, and grey levels of what was counted."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _RUN = 16  # places that kernels.c counts together
 
 
 class Table:
-    """How often each place of `place_of` was counted: `low + FULL * high`, (2^24,) uint16 and uint32. `low` is 0
+    """Count how often each place of `place_of` was counted: `low + FULL * high`, (2^24,) uint16 and uint32. `low` is 0
     only where nothing was counted, and most pages of `high` are never touched."""
 
     def __init__(self) -> None:
@@ -27,7 +27,7 @@ class Table:
         self.high = np.zeros(CELLS, np.uint32)
 
     def at(self, place: NDArray[Any] | slice) -> NDArray[np.uint64]:
-        """The counts at places (M,): (M,)."""
+        """Return the counts at places (M,): (M,)."""
         return np.asarray(self.low[place] + FULL * self.high[place].astype(np.uint64))
 
     def clear(self, place: NDArray[Any]) -> None:
@@ -40,7 +40,7 @@ _PACKED_AT_ONCE = 1 << 20
 
 
 def held(table: Table, *, emptied: bool = False) -> bytes:
-    """What a table holds, in few bytes, see `packed`; the table may then be empty."""
+    """Return what a table holds in few bytes, see `packed`; with `emptied` the table is empty then."""
     start, passed = ctypes.c_uint32(), ctypes.c_uint32()
     room = np.empty(_PACKED_AT_ONCE, np.uint8)
     into = (ctypes.c_int(emptied), ctypes.byref(start), ctypes.byref(passed), at(room), length(len(room)))
@@ -52,8 +52,8 @@ def held(table: Table, *, emptied: bool = False) -> bytes:
 
 
 def packed(place: NDArray[np.uint32], counts: NDArray[np.uint64]) -> bytes:
-    """Places (M,) in ascending order and their counts (M,), below 2^63, in about two bytes each: how many places lie
-    between, and the count, as whole numbers of seven bits a byte, the least first."""
+    """Pack places (M,) in ascending order and their counts (M,), below 2^63, in about two bytes each: how many places
+    lie between, and the count, as whole numbers of seven bits a byte, the least first."""
     n = len(place)
     check(place, np.uint32, (n,))
     check(counts, np.uint64, (n,))
@@ -62,13 +62,13 @@ def packed(place: NDArray[np.uint32], counts: NDArray[np.uint64]) -> bytes:
 
 
 def check_packed(data: bytes, mass: int) -> None:
-    """Raises ValueError for anything that `packed` could not have given of counts of `mass` in sum."""
+    """Raise ValueError for anything that `packed` could not have given of counts of `mass` in sum."""
     if not C.packed_is_sound(data, length(len(data)), ctypes.c_uint64(mass)):
         raise ValueError(f"its cells are not in order, or do not hold {mass} pixels")
 
 
 def add_packed(data: bytes, mass: int, to: Table | NDArray[np.uint64]) -> None:
-    """Adds what `packed` or `held` gave, counts of `mass` in sum, to a table or to sums (2^24,). Raises ValueError,
+    """Add what `packed` or `held` gave, counts of `mass` in sum, to a table or to sums (2^24,). Raises ValueError,
     and adds nothing, for anything that they could not have given."""
     check_packed(data, mass)
     if isinstance(to, Table):
@@ -79,7 +79,7 @@ def add_packed(data: bytes, mass: int, to: Table | NDArray[np.uint64]) -> None:
 
 
 def count_colours(rgb: NDArray[np.generic], table: Table, code: NDArray[np.uint8]) -> None:
-    """Adds the pixels of rgb, (..., 3) uint8, or uint16 of which `code` (65536,) gives the code of each value,
+    """Add the pixels of rgb, (..., 3) uint8, or uint16 of which `code` (65536,) gives the code of each value,
     to the table, at `place` of their codes."""
     pixels = np.ascontiguousarray(rgb)
     if pixels.dtype == np.uint8:
@@ -93,21 +93,21 @@ def count_colours(rgb: NDArray[np.generic], table: Table, code: NDArray[np.uint8
 
 
 def place_of(codes: NDArray[np.uint8]) -> NDArray[np.int64]:
-    """Where a table of `count_colours` counts the codes (..., 3): ordered by R-G, B-G and G modulo 256, for the
+    """Return where a table of `count_colours` counts the codes (..., 3): ordered by R-G, B-G and G modulo 256, for the
     colours of a photograph lie close together there."""
     red, green, blue = (codes[..., c].astype(np.int64) for c in range(3))
     return np.asarray((red - green & 255) << 16 | (blue - green & 255) << 8 | green)
 
 
 def codes_at(place: NDArray[np.int64]) -> NDArray[np.uint8]:
-    """The codes (M, 3) counted at places (M,)."""
+    """Return the codes (M, 3) counted at places (M,)."""
     green = place & 255
     return np.stack([(place >> 16) + green & 255, green, (place >> 8) + green & 255], axis=1).astype(np.uint8)
 
 
 def occupied(low: NDArray[np.uint16]) -> NDArray[np.uint64]:
-    """Keys of the places (2^24,) that are not 0, (M,), each with its place in the lower 24 bits; sorted so that
-    cubes within cubes of RGB come together."""
+    """Return the keys of the places (2^24,) that are not 0, (M,), each with its place in the lower 24 bits; sorted so
+    that cubes within cubes of RGB come together."""
     check(low, np.uint16, (CELLS,))
     keys = np.empty(C.occupied(at(low), None), np.uint64)
     C.occupied(at(low), at(keys))
@@ -165,7 +165,7 @@ def estimate_boxes(
 def quantile_boxes(
     planes: NDArray[np.float32], mass: NDArray[np.uint64], rules: Rules, width: int, needed: int
 ) -> NDArray[np.uint32]:
-    """For each rule the bin of `width`, a power of two, in which boxes (3, M) in the order of their weighted
+    """Return for each rule the bin of `width`, a power of two, in which boxes (3, M) in the order of their weighted
     sums reach a mass of `needed`: (m,)."""
     _check_boxes(planes, mass, rules)
     most = (1 << 24) // width
@@ -178,7 +178,7 @@ def quantile_boxes(
 
 
 def count_pixels(rgb: NDArray[np.uint16], rules: Rules) -> NDArray[np.uint64]:
-    """Grey histograms (m, 256) of the pixels of rgb, (..., 3) uint16."""
+    """Return the grey histograms (m, 256) of the pixels of rgb, (..., 3) uint16."""
     check(rules, np.float32, (len(rules), 6))
     pixels = np.ascontiguousarray(rgb)
     check(pixels, np.uint16, pixels.shape)
@@ -188,7 +188,7 @@ def count_pixels(rgb: NDArray[np.uint16], rules: Rules) -> NDArray[np.uint64]:
 
 
 def weigh(rgb: NDArray[np.uint8], rule: Rules) -> NDArray[np.uint8]:
-    """Levels of rgb, (H, W, 3) uint8, by one rule, (1, 6): (H, W) uint8."""
+    """Return the levels of rgb, (H, W, 3) uint8, by one rule, (1, 6): (H, W) uint8."""
     check(rule, np.float32, (1, 6))
     pixels = np.ascontiguousarray(rgb)
     check(pixels, np.uint8, (*rgb.shape[:2], 3))

@@ -65,16 +65,6 @@ def test_photographs_of_several_sizes(weighting: Weighting) -> None:
     assert other.triplet != best.triplet  # else the test could not tell the two apart
 
 
-def test_photographs_of_the_demo(small_demo: Any) -> None:
-    from PIL import Image
-
-    images = []
-    for number in (1, 4, 8):
-        with Image.open(small_demo / "images" / f"portico_{number:02}.jpg") as picture:
-            images.append(np.asarray(picture))
-    assert_agrees(fit_histogram(pooled(images), triplets(0.05)), oracle.fit(images, 5))
-
-
 @st.composite
 def odd_images(draw: st.DrawFn) -> NDArray[np.uint8]:
     """Few colours, extremes and flat areas: where bounds are tight and ties are common."""
@@ -175,14 +165,6 @@ def test_white_is_the_998th_thousandth_of_the_grey(triplet: Triplet) -> None:
     # Cells are 4/256 of the square root wide, and count with their middle.
     assert np.percentile(grey, 99.5) * 0.96 < found < np.percentile(grey, 99.95) * 1.04
     assert 0 < found <= 1
-
-
-def test_white_does_not_depend_on_how_the_set_is_split() -> None:
-    images = [linear_scene(seed, 60, 80) for seed in range(4)]
-    whole = pooled(images, "linear")
-    parts = pooled(images[2:], "linear") + pooled(images[:2], "linear")
-    for triplet in oracle.grid(50):
-        assert white_of(whole, triplet) == white_of(parts, triplet)
 
 
 def test_levels_are_counted_in_full_depth() -> None:
