@@ -35,8 +35,9 @@ from colmap_ihe.grey.convert import to_grey
 from colmap_ihe.grey.histogram import Histogram
 from colmap_ihe.grey.ihe import fit_histogram
 from colmap_ihe.grey.weights import triplets
-from colmap_ihe.machine.executor import local_executor, local_workers
+from colmap_ihe.machine.executor import local_executor
 from colmap_ihe.machine.progress import SILENT
+from colmap_ihe.machine.threads import local_workers
 from colmap_ihe.photographs.decode import read_photograph
 from colmap_ihe.photographs.discover import discover
 from colmap_ihe.photographs.png import encode_png

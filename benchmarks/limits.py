@@ -32,7 +32,7 @@ from pathlib import Path
 from colmap_ihe.commandline.bars import print_table
 from colmap_ihe.evaluation.demo.render import render_demo
 from colmap_ihe.machine import memory
-from colmap_ihe.machine.executor import local_workers
+from colmap_ihe.machine.threads import local_workers
 from colmap_ihe.pipeline.estimates import needs_of
 from colmap_ihe.pipeline.records import read_record
 from colmap_ihe.pipeline.resource_check import bytes_on_disk

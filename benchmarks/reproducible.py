@@ -23,7 +23,7 @@ from pathlib import Path
 
 from colmap_ihe.commandline.bars import print_table
 from colmap_ihe.evaluation.demo.render import render_demo
-from colmap_ihe.machine.executor import local_workers
+from colmap_ihe.machine.threads import local_workers
 from colmap_ihe.project.folder import Project
 
 VIEWS, SIZE = 8, (480, 320)

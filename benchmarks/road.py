@@ -37,7 +37,7 @@ from colmap_ihe.evaluation.demo.raycast import bake, render
 from colmap_ihe.evaluation.demo.scene import portico
 from colmap_ihe.evaluation.demo.views import FOCAL_LENGTH_35MM, arc_of_views
 from colmap_ihe.evaluation.truth import TrueImage, Truth, pose_errors, read_truth
-from colmap_ihe.machine.executor import local_workers
+from colmap_ihe.machine.threads import local_workers
 from colmap_ihe.pipeline.reconstruct import Reconstruction, reconstruct
 from colmap_ihe.project.options_file import load_options
 

@@ -40,7 +40,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from colmap_ihe.commandline.bars import print_table
-from colmap_ihe.machine.executor import local_workers
+from colmap_ihe.machine.threads import local_workers
 
 WIDTH, HEIGHT, STEP = 640, 480, (160, 120)  # pixels on the ground; a quarter of a photograph
 FOCAL, FLIGHT = 600.0, 600.0  # pixels, and pixels above the ground, so that there a pixel is a pixel

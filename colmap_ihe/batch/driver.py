@@ -20,8 +20,8 @@ from colmap_ihe.batch.state import BatchState, Phase, publish, time_of
 from colmap_ihe.dense.backend import pick_backend
 from colmap_ihe.errors import KnownError
 from colmap_ihe.machine import memory
-from colmap_ihe.machine.executor import local_workers
 from colmap_ihe.machine.files import file_stamp
+from colmap_ihe.machine.threads import local_workers
 from colmap_ihe.pipeline.job import GRACE_SECONDS, Outcome, ProjectJob, StageProgress, run_job
 from colmap_ihe.project.options_file import load_options
 

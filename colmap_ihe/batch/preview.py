@@ -13,8 +13,9 @@ from colmap_ihe.dense.backend import pick_backend
 from colmap_ihe.dense.cost import dense_cost
 from colmap_ihe.errors import KnownError, PhotographError
 from colmap_ihe.machine import memory
-from colmap_ihe.machine.executor import local_executor, local_workers
+from colmap_ihe.machine.executor import local_executor
 from colmap_ihe.machine.progress import SILENT
+from colmap_ihe.machine.threads import local_workers
 from colmap_ihe.photographs.discover import Capture, discover
 from colmap_ihe.photographs.preview import small_picture
 from colmap_ihe.photographs.survey import Surveyed, survey

@@ -13,8 +13,9 @@ from colmap_ihe.colmap.features_on_workers import extract_in_shards, extraction_
 from colmap_ihe.colmap.native import called, pycolmap
 from colmap_ihe.errors import NativeError, OptionError
 from colmap_ihe.machine import memory
-from colmap_ihe.machine.executor import local_workers, shares_memory
+from colmap_ihe.machine.executor import shares_memory
 from colmap_ihe.machine.progress import Progress
+from colmap_ihe.machine.threads import local_workers
 from colmap_ihe.project.options import CameraOptions, FeaturesOptions
 
 _MODES = {

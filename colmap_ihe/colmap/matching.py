@@ -17,8 +17,9 @@ from colmap_ihe.colmap.native import apply_options, called, cuda_devices, pycolm
 from colmap_ihe.colmap.pair_blocks import matches_bytes
 from colmap_ihe.errors import MappingError, ProjectError
 from colmap_ihe.machine import memory
-from colmap_ihe.machine.executor import local_workers, shares_memory
+from colmap_ihe.machine.executor import shares_memory
 from colmap_ihe.machine.progress import Progress
+from colmap_ihe.machine.threads import local_workers
 from colmap_ihe.project.options import MatchesOptions
 
 EXHAUSTIVE_UP_TO = 200

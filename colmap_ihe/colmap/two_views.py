@@ -17,10 +17,10 @@ from numpy.typing import NDArray
 from colmap_ihe.colmap.features import FEATURE_BYTES_A_PIXEL
 from colmap_ihe.colmap.native import called, pycolmap
 from colmap_ihe.errors import DiskFullError
-from colmap_ihe.machine.executor import local_workers
 from colmap_ihe.machine.memory import workers_for
 from colmap_ihe.machine.progress import SILENT, Progress
 from colmap_ihe.machine.scratch import scratch_folder
+from colmap_ihe.machine.threads import local_workers
 
 _MAX_RATIO, _MAX_ANGLE = 0.8, 0.7  # COLMAP's defaults; angles between descriptors in radians
 _UNIT = 512.0  # the length of a descriptor that COLMAP has cut to 8 bit

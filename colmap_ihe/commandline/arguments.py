@@ -229,7 +229,7 @@ def _add_fit(command: Command) -> None:
         "--recount",
         action=argparse.BooleanOptionalAction,
         default=True,
-        help="of RAW: read the photographs a second time, to count the likely winners at full depth",
+        help="of RAW: read the photographs a second time, to count grey levels at full depth",
     )
     add_development(parser)
     parser.add_argument("--strict", action="store_true", help="stop at a photograph that cannot be used")

@@ -15,8 +15,9 @@ from colmap_ihe.dense.fusion import FUSION_BYTES, fuse
 from colmap_ihe.dense.undistort import sizes_of, undistort
 from colmap_ihe.errors import MappingError
 from colmap_ihe.machine import memory
-from colmap_ihe.machine.executor import local_workers, shares_memory, width_of
+from colmap_ihe.machine.executor import shares_memory, width_of
 from colmap_ihe.machine.progress import Progress
+from colmap_ihe.machine.threads import local_workers
 from colmap_ihe.project.options import DenseOptions
 
 logger = logging.getLogger(__name__)

@@ -16,9 +16,9 @@ from numpy.typing import NDArray
 from colmap_ihe.colmap.native import called, pycolmap
 from colmap_ihe.errors import ProjectError
 from colmap_ihe.machine import memory
-from colmap_ihe.machine.executor import local_workers
 from colmap_ihe.machine.files import require_same_folder, write_bytes
 from colmap_ihe.machine.progress import SILENT, Progress
+from colmap_ihe.machine.threads import local_workers
 from colmap_ihe.photographs.png import encode_png
 
 UNDISTORT_BYTES_A_PIXEL = 8

@@ -1,4 +1,4 @@
-"""What the fit has to know of a set, gathered in chunks: some photographs in, their sums out, in any process.
+"""Gather what the fit needs of a set in chunks: some photographs in, their sums out, in any process.
 
 A chunk is counted by one decoder, where its photographs are decoded, so that only sums leave it; what sums to add
 and in what order makes no difference. If a photograph kills the decoder, what it had counted is lost with it, and is
@@ -11,6 +11,7 @@ import hashlib
 import os
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor
+from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import partial, reduce
 from itertools import groupby
@@ -44,8 +45,8 @@ _SAMPLED_BYTES = 4096  # of a file, twice, for its key
 
 @dataclass(frozen=True)
 class CountOptions:
-    """How photographs are counted: `method` of the fit, whose own sums are gathered too; whether `contrast` is
-    measured. `strict`: a chunk ends at the first photograph that cannot be used."""
+    """Describe how photographs are counted: `method` of the fit, whose own sums are gathered too; whether `contrast`
+    is measured. `strict`: a chunk ends at the first photograph that cannot be used."""
 
     method: str
     weighting: Weighting
@@ -56,8 +57,8 @@ class CountOptions:
 
 @dataclass(frozen=True)
 class ChunkCounts:
-    """What came of a chunk: of those photographs that can be used the sums, one or more to be added, and the contrast
-    where it was measured; of the others the errors, both by name."""
+    """Hold what came of a chunk: of those photographs that can be used the sums, one or more to be added, and the
+    contrast where it was measured; of the others the errors, both by name."""
 
     sums: tuple[Sums, ...] = ()
     contrasts: Mapping[str, Contrast] = field(default_factory=dict)
@@ -67,7 +68,7 @@ class ChunkCounts:
 
 @dataclass
 class SetCounts:
-    """What the fit has to know of the photographs of one encoding. Adding two is pooling their photographs.
+    """Hold what the fit has to know of the photographs of one encoding. Adding two is pooling their photographs.
 
     `keys` tell photographs apart, of those that were counted. `measured` are key and contrast of the
     photographs with the least keys, `_CONTRAST_OF` of them at the most; nothing of those that could not be used. Of
@@ -88,34 +89,39 @@ class SetCounts:
         return reduce(add, (contrast for _, contrast in self.measured), Contrast(self.encoding))
 
     def add(self, counted: ChunkCounts) -> None:
-        """Counts in what came of a chunk. Raises ValueError for sums of another kind."""
+        """Count in what came of a chunk. Raises ValueError for sums of another kind."""
         for sums in counted.sums:
             self.histogram.add_sums(sums)
-        if counted.formula is not None:
-            self.formula = counted.formula if self.formula is None else self.formula + counted.formula
+        self.formula = _sum_of(self.formula, counted.formula)
 
     def pool(self, other: SetCounts) -> None:
-        """Raises ValueError for sums of another kind."""
+        """Add the photographs of another set. Raises ValueError for sums of another kind."""
         self.histogram.add_sums(other.histogram.sums())
         self.keys = sorted(self.keys + other.keys)
         self.measured = _least(self.measured + other.measured)
-        if other.formula is not None:
-            self.formula = other.formula if self.formula is None else self.formula + other.formula
+        self.formula = _sum_of(self.formula, other.formula)
+
+
+def _sum_of(first: SetFit | None, second: SetFit | None) -> SetFit | None:
+    if first is None or second is None:
+        return first or second
+    return first + second  # type: ignore[no-any-return]
 
 
 def _least(measured: Iterable[tuple[str, Contrast]]) -> list[tuple[str, Contrast]]:
-    return sorted(measured, key=lambda one: (one[0], str(one[1].as_dict())))[:_CONTRAST_OF]
+    return sorted(measured, key=lambda pair: (pair[0], str(pair[1].as_dict())))[:_CONTRAST_OF]
 
 
 def key_of(path: Path) -> str:
-    """What tells a photograph from others, wherever it lies: a digest of some of its bytes and how many it has."""
+    """Return a key that tells a photograph from others, wherever it lies: a digest of some of its bytes and how many
+    it has."""
     digest = hashlib.blake2b(digest_size=8)
     try:
         with path.open("rb") as file:
             size = file.seek(0, os.SEEK_END)
             digest.update(str(size).encode())
-            for place in (size // 2, size - _SAMPLED_BYTES):
-                file.seek(max(0, place))
+            for offset in (size // 2, size - _SAMPLED_BYTES):
+                file.seek(max(0, offset))
                 digest.update(file.read(_SAMPLED_BYTES))
     except OSError:  # it will be left out
         digest.update(os.fsencode(path))
@@ -123,20 +129,20 @@ def key_of(path: Path) -> str:
 
 
 class _Lost(Exception):
-    """The decoder is gone, and what it counted."""
+    """Say that the decoder is gone, and what it counted."""
 
 
 def chunks(captures: Sequence[Capture], workers: int) -> Iterator[tuple[Capture, ...]]:
-    """Captures of one encoding each, in their order; large enough that handing sums over is little beside counting,
-    small enough that all of `workers` have some to the end."""
+    """Yield captures of one encoding each, in their order; large enough that handing sums over is little beside
+    counting, small enough that all of `workers` have some to the end."""
     for _, members in groupby(sorted(captures, key=encoding_of), encoding_of):
         left = list(members)
         most = -(-len(left) // workers)
         rest = sum(map(_pixels, left))
         while left:
-            wanted = min(_MOST, max(_LEAST, rest / (2 * workers)))
+            enough = min(_MOST, max(_LEAST, rest / (2 * workers)))
             chunk: list[Capture] = []
-            while left and len(chunk) < most and (not chunk or sum(map(_pixels, chunk)) < wanted):
+            while left and len(chunk) < most and (not chunk or sum(map(_pixels, chunk)) < enough):
                 chunk.append(left.pop(0))
             rest -= sum(map(_pixels, chunk))
             yield tuple(chunk)
@@ -153,8 +159,8 @@ def gather(
     progress: Progress,
     left_out: LeftOut,
 ) -> dict[Encoding, SetCounts]:
-    """The sums of all captures that can be used, by encoding; the others go to `left_out`. Contrast is measured,
-    if at all, in the photographs with the least keys.
+    """Return the sums of all captures that can be used, by encoding; the others go to `left_out`. Contrast is
+    measured, if at all, in the photographs with the least keys.
 
     Raises `PhotographError` if strict, `ProjectError` if none can be used.
     """
@@ -168,30 +174,29 @@ def gather(
     contrasts: dict[str, Contrast] = {}
     parts = list(chunks(captures, width_of(executor)))
     work, by_name = partial(count, counting, frozenset(chosen)), {c.name: c for c in captures}
-    for chunk, found in zip(
-        parts, in_order(executor, work, parts, at_once(captures, executor), progress), strict=True
-    ):
+    results = in_order(executor, work, parts, at_once(captures, executor), progress)
+    for chunk, counts in zip(parts, results, strict=True):
         progress.advance(len(chunk))
-        for name, error in found.errors.items():
+        for name, error in counts.errors.items():
             leave_out(by_name[name], error, counting.strict, left_out)
-        if found.sums:
-            encoding = found.sums[0].encoding
+        if counts.sums:
+            encoding = counts.sums[0].encoding
             if encoding not in gathered:
                 gathered[encoding] = SetCounts(Histogram(encoding, counting.weighting))
-            gathered[encoding].add(found)
-            contrasts |= found.contrasts
+            gathered[encoding].add(counts)
+            contrasts |= counts.contrasts
     if not gathered:
         raise none_usable(captures, left_out)
-    for encoding, one in gathered.items():
+    for encoding, counts_of_kind in gathered.items():
         members = [c.name for c in captures if encoding_of(c) == encoding]
-        one.keys = sorted(keys[name] for name in members if name not in left_out)
+        counts_of_kind.keys = sorted(keys[name] for name in members if name not in left_out)
         nothing = Contrast(encoding)
-        one.measured = _least((keys[n], contrasts.get(n, nothing)) for n in members if n in chosen)
+        counts_of_kind.measured = _least((keys[n], contrasts.get(n, nothing)) for n in members if n in chosen)
     return gathered
 
 
 def count(counting: CountOptions, contrast_in: frozenset[str], chunk: Sequence[Capture]) -> ChunkCounts:
-    """Counts the photographs of a chunk, all of one encoding, and measures contrast in those named. Plain values in
+    """Count the photographs of a chunk, all of one encoding, and measure contrast in those named. Plain values in
     and out, which can be pickled.
 
     Raises `Cancelled` within `stoppable`, `CapabilityError` if no decoder can be started.
@@ -200,20 +205,18 @@ def count(counting: CountOptions, contrast_in: frozenset[str], chunk: Sequence[C
     try:
         return _together(counting, contrast_in, chunk, errors)
     except _Lost:
-        found = ChunkCounts(errors=errors)
+        total = ChunkCounts(errors=errors)
     for capture in chunk:
         if capture.name in errors:
             if counting.strict:
                 break
             continue
-        try:
-            one = _together(counting, contrast_in, [capture], errors)
-        except _Lost:
-            continue
-        formula = one.formula if found.formula is None else found.formula + one.formula
-        contrasts = {**found.contrasts, **one.contrasts}
-        found = ChunkCounts((*found.sums, *one.sums), contrasts, formula, errors)
-    return found
+        with suppress(_Lost):
+            alone = _together(counting, contrast_in, [capture], errors)
+            contrasts = {**total.contrasts, **alone.contrasts}
+            formula = _sum_of(total.formula, alone.formula)
+            total = ChunkCounts((*total.sums, *alone.sums), contrasts, formula, errors)
+    return total
 
 
 def _together(
@@ -222,9 +225,10 @@ def _together(
     chunk: Sequence[Capture],
     errors: dict[str, PhotographError],
 ) -> ChunkCounts:
-    """Raises `_Lost` where a photograph, whose error is then in `errors`, took its decoder along."""
+    """Count the photographs of a chunk in one decoder. Raises `_Lost` where a photograph, whose error is then in
+    `errors`, took its decoder along."""
     encoding = encoding_of(chunk[0])
-    how = {"encoding": encoding, "weighting": counting.weighting, "sample": counting.sample}
+    options = {"encoding": encoding, "weighting": counting.weighting, "sample": counting.sample}
     new_formula = CONVERSIONS[counting.method].new_fit
     formula = new_formula() if new_formula else None
     contrasts: dict[str, Contrast] = {}
@@ -235,7 +239,7 @@ def _together(
             asked = {"capture": message_of(capture), "first": not used, "contrast": contrast}
             try:
                 measured, rgb = decoder.ask(
-                    "count", capture.name, capture.pixels, returned=formula is not None, **asked, **how
+                    "count", capture.name, capture.pixels, returned=formula is not None, **asked, **options
                 )
                 if contrast:
                     contrasts[capture.name] = Contrast.from_dict(measured, encoding)

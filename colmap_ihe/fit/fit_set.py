@@ -1,4 +1,4 @@
-"""The fit: the one place where the whole set meets."""
+"""Fit the one grey of the whole set."""
 
 from __future__ import annotations
 
@@ -16,14 +16,13 @@ from colmap_ihe.fit.counting import CountOptions, SetCounts, gather
 from colmap_ihe.fit.histogram_file import StoredCounts
 from colmap_ihe.fit.trial import coarse_grid, measure
 from colmap_ihe.fit.trial_result import REFERENCE, SAME, TrialResult, choose, in_words
-from colmap_ihe.grey.boxes import Triplet
 from colmap_ihe.grey.conversions import CONVERSIONS
 from colmap_ihe.grey.convert import Tone
 from colmap_ihe.grey.equalise import curve_of
 from colmap_ihe.grey.histogram import Histogram, mass_of
-from colmap_ihe.grey.ihe import count_levels, fit_cells, fit_histogram, likely_winner, white_point
+from colmap_ihe.grey.ihe import count_levels, fit_cells, fit_histogram, white_point
 from colmap_ihe.grey.sums import Weighting
-from colmap_ihe.grey.weights import FIXED, Encoding, Formula, Grey, Weights, triplets
+from colmap_ihe.grey.weights import FIXED, Encoding, Formula, Grey, Triplet, Weights, triplets
 from colmap_ihe.machine.executor import in_order
 from colmap_ihe.machine.progress import Progress
 from colmap_ihe.photographs.colour_counts import sampled
@@ -35,7 +34,7 @@ from colmap_ihe.project.options import FitOptions
 
 @dataclass(frozen=True)
 class Trial:
-    """How COLMAP will see the photographs: the tone of linear ones, and the longer side in pixels."""
+    """Describe how COLMAP will see the photographs: the tone of linear ones, and the longer side in pixels."""
 
     tone: Tone = "sqrt"
     max_image_size: int = 3200
@@ -43,7 +42,7 @@ class Trial:
 
 @dataclass(frozen=True)
 class ChosenGrey:
-    """What was measured on the photographs, and which of the candidates the grey is."""
+    """Hold what was measured on the photographs, and which of the candidates the grey is."""
 
     chosen: str
     measured: TrialResult
@@ -55,7 +54,7 @@ class ChosenGrey:
 
 @dataclass(frozen=True)
 class Fit:
-    """The grey of the set, one for each encoding in it; `colour_white` is the white point of a linear
+    """Hold the grey of the set, one for each encoding in it; `colour_white` is the white point of a linear
     set's colour twins, as a share of saturation. `tried`: what was measured on pairs of its photographs, if
     anything. `gathered`: what it was fitted to."""
 
@@ -67,7 +66,7 @@ class Fit:
 
     @property
     def main(self) -> Grey:
-        """Of the encoding with most images."""
+        """Return the grey of the encoding with most images."""
         return max(self.weights.values(), key=lambda w: w.images)
 
 
@@ -82,7 +81,7 @@ def fit_captures(
     stored: Sequence[StoredCounts] = (),
     given: Grey | None = None,
 ) -> Fit:
-    """One grey for the whole set, from every pixel of every capture, one image in memory a worker.
+    """Fit one grey for the whole set, from every pixel of every capture, one image in memory a worker.
 
     A set that mixes gamma-coded and linear photographs gets one for each: a sensor's red is not
     sRGB's red, so one triplet for both would mean two different greys. With `trial` the grey is tried against
@@ -92,7 +91,7 @@ def fit_captures(
     `stored` is of another kind or `given` of another encoding.
     """
     left_out: LeftOut = {}
-    for encoding in sorted({encoding_of(c) for c in captures}) if given is not None else ():
+    for encoding in sorted({encoding_of(c) for c in captures}):
         if given is not None and encoding != given.encoding:
             raise WeightsError(
                 f"the weights are for {given.encoding} photographs, and some here are {encoding}",
@@ -102,52 +101,48 @@ def fit_captures(
     counting = CountOptions(options.method, options.weighting, options.sample, wants_contrast, strict)
     gathered = gather(captures, counting, executor, progress, left_out) if captures or not stored else {}
     unseen = _pooled(gathered, stored, options, wants_contrast)
-    usable = [c for c in captures if c.name not in left_out]
     weights: dict[Encoding, Grey] = {}
     tried: dict[Encoding, ChosenGrey] = {}
     colour_white = 1.0
     for encoding in sorted(gathered):
-        members = [c for c in usable if encoding_of(c) == encoding]
+        members = [c for c in captures if c.name not in left_out and encoding_of(c) == encoding]
         recount = options.recount and encoding not in unseen
-        one = _SetFit(gathered[encoding], members, options, executor, progress, recount)
-        if given is not None:
-            weights[encoding] = given
-            if trial is not None:
-                tried[encoding] = one.against_rec709(given, trial)
-        elif options.method == "auto":
-            weights[encoding], tried[encoding] = one.tried(trial or Trial())
-            weights[encoding] = one.with_curve(weights[encoding])
-        else:
-            weights[encoding] = one.with_curve(one.grey(options.method))
-            if trial is not None:
-                tried[encoding] = one.against_rec709(weights[encoding], trial)
+        fit = _SetFit(gathered[encoding], members, options, executor, progress, recount)
         if encoding == "linear":
-            colour_white = one.white_of(FIXED["green"])
+            colour_white = fit.white_of(FIXED["green"])
+        if given is None and options.method == "auto":
+            grey, tried[encoding] = fit.tried(trial or Trial())
+            weights[encoding] = fit.with_curve(grey)
+            continue
+        weights[encoding] = fit.with_curve(fit.grey(options.method)) if given is None else given
+        if trial is not None:
+            tried[encoding] = fit.against_rec709(weights[encoding], trial)
     return Fit(weights, colour_white, left_out, tried, gathered)
 
 
 def _pooled(
     gathered: dict[Encoding, SetCounts], stored: Sequence[StoredCounts], options: FitOptions, contrast: bool
 ) -> set[Encoding]:
-    """Adds what is stored to what was gathered. Returns the encodings of photographs that were not read now."""
+    """Add what is stored to what was gathered. Return the encodings of photographs that were not read now."""
     unseen: set[Encoding] = set()
-    for one in stored:
+    for counts in stored:
         if CONVERSIONS[options.method].new_fit is not None or options.method == "auto":
             raise WeightsError(
-                f"{one.source}: {options.method} looks at the photographs, and a histogram does not hold them",
+                f"{counts.source}: {options.method} looks at the photographs, and a histogram does not hold them",
                 hint="name their folder, or use --method ihe, snr or a fixed one",
             )
-        for encoding, other in one.gathered.items():
-            found = {"sample": one.sample, "weighting": other.histogram.weighting}
-            wanted = {"sample": options.sample, "weighting": options.weighting}
-            if found != wanted:
+        for encoding, other in counts.gathered.items():
+            own = {"sample": counts.sample, "weighting": other.histogram.weighting}
+            expected = {"sample": options.sample, "weighting": options.weighting}
+            if own != expected:
                 raise WeightsError(
-                    f"{one.source}: was counted with {_said(found)}; wanted {_said(wanted)}, as for the others",
+                    f"{counts.source}: was counted with {_in_words(own)}; expected {_in_words(expected)}, as for the"
+                    " others",
                     hint="fit with these options, or count its photographs again",
                 )
             if contrast and not other.measured:
                 raise WeightsError(
-                    f"{one.source}: holds no contrast, which the guard goes by",
+                    f"{counts.source}: holds no contrast, which the guard goes by",
                     hint="use --guard none, or count its photographs again with the guard",
                 )
             if encoding not in gathered:
@@ -157,13 +152,13 @@ def _pooled(
     return unseen
 
 
-def _said(values: Mapping[str, Any]) -> str:
+def _in_words(values: Mapping[str, Any]) -> str:
     return " and ".join(f"{name} {value}" for name, value in values.items())
 
 
 @dataclass(frozen=True)
 class _SetFit:
-    """What is known of the photographs of one encoding, and the greys that follow."""
+    """Hold what is known of the photographs of one encoding, and the greys that follow."""
 
     gathered: SetCounts
     members: Sequence[Capture]
@@ -211,13 +206,13 @@ class _SetFit:
         )
 
     def with_curve(self, grey: Grey) -> Grey:
-        """The same grey, able to be equalised where it is one that can be."""
+        """Return the same grey, able to be equalised where it is one that can be."""
         if self.encoding == "coded" or isinstance(grey, Formula) or grey.curve:
             return grey
         return replace(grey, curve=curve_of(self.gathered.histogram, grey.triplet))
 
     def flattest(self, grid: Sequence[Triplet]) -> Weights:
-        """The winner of IHE among the triplets of `grid`."""
+        """Return the winner of IHE among the triplets of `grid`."""
         options = self.options
 
         def recount(chosen: Sequence[Triplet], whites: Sequence[int]) -> NDArray[np.int64]:
@@ -230,22 +225,21 @@ class _SetFit:
             return total
 
         self.progress.start(len(grid), "triplets")
-        if self.encoding == "linear" and not self.recount:
-            found = fit_cells(self.gathered.histogram, grid)
+        if self.encoding == "linear" and self.recount:
+            fit = fit_histogram(self.gathered.histogram, grid, recount)
         else:
-            again = recount if self.encoding == "linear" else None
-            found = fit_histogram(self.gathered.histogram, grid, again, self.progress.advance)
-        return replace(found, contrast=self.gathered.contrast.share_of(found.triplet))
+            fit = fit_cells(self.gathered.histogram, grid)
+            self.progress.advance(len(grid))
+        return replace(fit, contrast=self.gathered.contrast.share_of(fit.triplet))
 
     def tried(self, trial: Trial) -> tuple[Grey, ChosenGrey]:
-        """The candidate that matches best on a few pairs; guarded IHE where no pair overlaps. The paper's IHE of a
-        linear set is estimated."""
+        """Return the candidate that matches best on a few pairs; guarded IHE where no pair overlaps. The paper's IHE
+        of a linear set is estimated."""
         grid = triplets(self.options.step)
-        papers = likely_winner(self.gathered.histogram, grid)
         greys: dict[str, Grey] = {
             "rec709": self.grey("rec709"),
             "ihe": self.flattest(self.gathered.contrast.admitted(grid)),
-            "ihe of the paper": self.weights("ihe", _shares(papers)),
+            "ihe of the paper": self.weights("ihe", fit_cells(self.gathered.histogram, grid).triplet),
             **{name: self.grey(name) for name in ("snr", "mean", "green")},
         }
         screen = {n: self.weights("grid", w.triplet) for n, w in coarse_grid(self.encoding).items()}
@@ -260,7 +254,7 @@ class _SetFit:
         return ChosenGrey(grey.method, self.measure({REFERENCE: default, grey.method: grey}, trial, {}))
 
     def measure(self, greys: Mapping[str, Grey], trial: Trial, screen: Mapping[str, Grey]) -> TrialResult:
-        """A measurement that fails is no reason to end a run: it says so in its place."""
+        """Measure greys on pairs; where that fails the result says so, for it is no reason to end a run."""
         try:
             if trial.tone == "equalise":
                 greys, screen = ({n: self.with_curve(g) for n, g in some.items()} for some in (greys, screen))

@@ -1,4 +1,4 @@
-"""Weights of another campaign on new photographs: how far they fall short of what a fit of these would give."""
+"""Compare weights of another campaign on new photographs with what a fit of these would give."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ MOST_CLIPPED, LEAST_RANGE = 0.01, 0.5
 
 @dataclass(frozen=True)
 class WeightsFit:
-    """Shares of what weights fitted to the photographs give: `contrast` of detail over noise, None where none was
+    """Hold shares of what weights fitted to the photographs give: `contrast` of detail over noise, None where none was
     measured, and `levels` of grey that are filled, with the white point of the photographs. Of linear ones also
     `clipped`, the share of pixels that the weights' white point makes white, and `range`, how much of the grey up to
     it is used."""
@@ -32,7 +32,7 @@ class WeightsFit:
 
 
 def misfit(weights: Weights, gathered: SetCounts, options: FitOptions) -> WeightsFit:
-    """What `weights` are worth on photographs that were counted, beside a fit of them by `options`."""
+    """Return what `weights` are worth on photographs that were counted, beside a fit of them by `options`."""
     grid, contrast, histogram = triplets(options.step), gathered.contrast, gathered.histogram
     fitted = fit_cells(histogram, contrast.admitted(grid) if options.guard == "noise" else grid)
     own, best = contrast.snr_of(100 * np.array([weights.triplet, fitted.triplet]))
@@ -44,17 +44,17 @@ def misfit(weights: Weights, gathered: SetCounts, options: FitOptions) -> Weight
 
 
 def warnings_of(weights: Weights, gathered: SetCounts, options: FitOptions) -> list[str]:
-    """What the owner of the photographs should know, nothing where the weights fit; see docs/campaigns.md."""
-    found = misfit(weights, gathered, options)
+    """Return what the owner of the photographs should know, nothing where the weights fit; see docs/campaigns.md."""
+    fit = misfit(weights, gathered, options)
     words = []
-    if found.contrast is not None and found.contrast < LEAST_CONTRAST:
-        words.append(f"detail stands out of noise {found.contrast:.0%} as far as in a grey fitted to them")
-    if found.levels < LEAST_LEVELS:
-        words.append(f"the grey fills {found.levels:.0%} of the levels that a fitted one does")
-    if found.clipped > MOST_CLIPPED:
-        words.append(f"{found.clipped:.1%} of the pixels are above the white point and become white")
-    if found.range < LEAST_RANGE:
-        words.append(f"the brightest of them reach {found.range:.0%} of the white point")
+    if fit.contrast is not None and fit.contrast < LEAST_CONTRAST:
+        words.append(f"detail stands out of noise {fit.contrast:.0%} as far as in a grey fitted to them")
+    if fit.levels < LEAST_LEVELS:
+        words.append(f"the grey fills {fit.levels:.0%} of the levels that a fitted one does")
+    if fit.clipped > MOST_CLIPPED:
+        words.append(f"{fit.clipped:.1%} of the pixels are above the white point and become white")
+    if fit.range < LEAST_RANGE:
+        words.append(f"the brightest of them reach {fit.range:.0%} of the white point")
     if not words:
         return []
     return [

@@ -1,4 +1,4 @@
-"""What a fit has counted of a set, in a file: sets are pooled from such files, and no photograph is read again.
+"""Store what a fit has counted of a set in a file: sets are pooled from such files, and no photograph is read again.
 
 A line that says what it is, a line with a digest of all that follows, a line of JSON, then the colours of each part
 of the set as `kernels.packed` writes them, deflated. Nothing in it is run; whatever is not as it was written is
@@ -18,8 +18,9 @@ from isal import isal_zlib
 
 from colmap_ihe.errors import WeightsError
 from colmap_ihe.fit.counting import SetCounts
+from colmap_ihe.grey import kernels
 from colmap_ihe.grey.contrast import Contrast
-from colmap_ihe.grey.histogram import Histogram, inflated
+from colmap_ihe.grey.histogram import Histogram
 from colmap_ihe.grey.sums import Sums
 from colmap_ihe.grey.weights import Encoding
 from colmap_ihe.machine.files import read_at_most, write_bytes
@@ -34,8 +35,8 @@ _AGAIN = "write it again with `colmap-ihe fit IMAGES --histogram FILE`"
 
 @dataclass(frozen=True)
 class StoredCounts:
-    """`gathered` by encoding, of `sample` of each side of the photographs; `development`: the options that these
-    were developed with, in plain values."""
+    """Hold what was counted of a set: `gathered` by encoding, of `sample` of each side of the photographs;
+    `development`: the options that these were developed with, in plain values."""
 
     gathered: Mapping[Encoding, SetCounts]
     sample: float
@@ -45,12 +46,12 @@ class StoredCounts:
     def to_bytes(self) -> bytes:
         parts, bodies = [], []
         for encoding in sorted(self.gathered):
-            one = self.gathered[encoding]
-            sums = one.histogram.sums()
+            counts = self.gathered[encoding]
+            sums = counts.histogram.sums()
             bodies.append(bytes(isal_zlib.compress(sums.cells, 1)))
-            measured = [{"key": key, **contrast.as_dict()} for key, contrast in one.measured]
+            measured = [{"key": key, **contrast.as_dict()} for key, contrast in counts.measured]
             sizes = {"bytes": len(sums.cells), "deflated": len(bodies[-1])}
-            parts.append({"sums": sums.head(), **sizes, "photographs": one.keys, "contrast": measured})
+            parts.append({"sums": sums.head(), **sizes, "photographs": counts.keys, "contrast": measured})
         head = {
             "made_by": f"colmap-ihe {__version__}",
             "sample": self.sample,
@@ -66,7 +67,8 @@ def write_stored(path: Path, stored: StoredCounts) -> None:
 
 
 def read_stored(path: Path) -> StoredCounts:
-    """Raises `WeightsError`, naming the file, for anything that `write_stored` did not write."""
+    """Read a histogram of a set. Raises `WeightsError`, naming the file, for anything that `write_stored` did not
+    write."""
     try:
         return stored_of(read_at_most(path, _MOST_BYTES), str(path))
     except OSError as error:
@@ -74,7 +76,7 @@ def read_stored(path: Path) -> StoredCounts:
 
 
 def stored_of(data: bytes, source: str) -> StoredCounts:
-    """As `read_stored`."""
+    """Read a histogram of a set from bytes, as `read_stored`."""
     kind, _, rest = data.partition(b"\n")
     if not kind.startswith(_KIND):
         raise WeightsError(f"{source}: not a histogram of a set", hint=_AGAIN)
@@ -103,21 +105,35 @@ def _stored(head: Mapping[str, Any], bodies: bytes) -> StoredCounts:
         size = part["deflated"]
         if type(size) is not int or not 0 <= size <= len(bodies) - at:
             raise ValueError("its parts do not fit into it")
-        sums = Sums(**part["sums"], cells=inflated(bodies[at : at + size], part["bytes"]))
+        sums = Sums(**part["sums"], cells=_inflated(bodies[at : at + size], part["bytes"]))
         at += size
         histogram = Histogram(sums.encoding, sums.weighting)
         histogram.add_sums(sums)
         keys = [_text(key) for key in part["photographs"]]
-        measured = [(_text(one["key"]), Contrast.from_dict(one, sums.encoding)) for one in part["contrast"]]
+        measured = [(_text(c["key"]), Contrast.from_dict(c, sums.encoding)) for c in part["contrast"]]
         if len(keys) != sums.images or not sums.images or sums.encoding in gathered:
             raise ValueError(f"{len(keys)} names for {sums.images} photographs")
-        gathered[sums.encoding] = SetCounts(histogram, sorted(keys), sorted(measured, key=lambda one: one[0]))
+        gathered[sums.encoding] = SetCounts(
+            histogram, sorted(keys), sorted(measured, key=lambda pair: pair[0])
+        )
     if at != len(bodies) or not gathered:
         raise ValueError("its parts do not fill it")
     sample, development = head["sample"], head["development"]
     if type(sample) not in (int, float) or not 0 < sample <= 1 or not isinstance(development, dict):
         raise ValueError(f"{sample=!r:.40}")
     return StoredCounts(gathered, float(sample), development)
+
+
+def _inflated(deflated: bytes, size: int) -> bytes:
+    """Return `size` bytes out of what was deflated. Raises ValueError or IsalError unless they are as many and no
+    more."""
+    if type(size) is not int or not 0 <= size <= kernels.PACKED_BYTES * kernels.CELLS:
+        raise ValueError(f"{size!r:.40} bytes of cells")
+    unpack = isal_zlib.decompressobj()
+    cells = bytes(unpack.decompress(deflated, size + 1))
+    if len(cells) != size or not unpack.eof or unpack.unused_data:
+        raise ValueError(f"{len(cells)} bytes of cells, expected {size}")
+    return cells
 
 
 def _text(value: object) -> str:

@@ -1,4 +1,4 @@
-"""Where photographs of a set overlap: few of them looked at, small and in one grey."""
+"""Find where photographs of a set overlap, from small versions of a few of them in one grey."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ Box = tuple[int, int, int, int]
 
 @dataclass(frozen=True, eq=False)
 class Overlap:
-    """Two photographs that show the same thing. `shared`: (N, 2, 2) float64, the same places in both, x and y as
+    """Hold two photographs that show the same thing. `shared`: (N, 2, 2) float64, the same places in both, x and y as
     shares of width and height."""
 
     first: Capture
@@ -41,7 +41,7 @@ class Overlap:
     def boxes(
         self, sizes: tuple[tuple[int, int], tuple[int, int]], sides: tuple[int, int]
     ) -> tuple[Box, Box]:
-        """A square in each, of these sides or less, where most of what they share is in both.
+        """Return a square in each, of these sides or less, where most of what they share is in both.
 
         `sizes`: width and height of both photographs, `sides` of the squares, in pixels.
         """
@@ -67,9 +67,9 @@ def _box(centre: NDArray[np.float64], side: int, size: tuple[int, int]) -> Box:
 
 
 def find_overlaps(
-    captures: Sequence[Capture], wanted: int, executor: Executor, progress: Progress
+    captures: Sequence[Capture], count: int, executor: Executor, progress: Progress
 ) -> tuple[list[Overlap], str]:
-    """Pairs of photographs that overlap, `wanted` of them spread over the set first, any others after, and why
+    """Find pairs of photographs that overlap, `count` of them spread over the set first, any others after, and why
     there is none.
 
     At most `LOOKED_AT` photographs are opened: neighbours by name, at places spread evenly over the set.
@@ -95,24 +95,24 @@ def find_overlaps(
     features = features_of([grey for _, grey in pictures], progress, first_octave=0)
 
     def compare(pair: tuple[int, int]) -> Overlap | None:
-        one, other = pair
-        shared = _shared((pictures[one][1], pictures[other][1]), (features[one], features[other]))
-        return None if shared is None else Overlap(pictures[one][0], pictures[other][0], shared)
+        first, second = pair
+        shared = _shared((pictures[first][1], pictures[second][1]), (features[first], features[second]))
+        return None if shared is None else Overlap(pictures[first][0], pictures[second][0], shared)
 
-    found = []
+    overlaps: list[Overlap] = []
     for pairs in _pairs_in_turn(len(pictures)):
-        found += [o for o in in_order(executor, compare, pairs) if o is not None]
+        overlaps += [o for o in in_order(executor, compare, pairs) if o is not None]
         progress.check()
-        if len(found) >= wanted:
+        if len(overlaps) >= count:
             break
-    if not found:
+    if not overlaps:
         return [], f"no two of the {len(pictures)} photographs looked at overlap clearly"
-    first = _evenly(len(found), wanted)
-    return [found[i] for i in [*first, *(i for i in range(len(found)) if i not in first)]], ""
+    spread = _evenly(len(overlaps), count)
+    return [overlaps[i] for i in [*spread, *(i for i in range(len(overlaps)) if i not in spread)]], ""
 
 
 def _spread(captures: Sequence[Capture]) -> list[Capture]:
-    """All of a small set; of a large one neighbours two by two."""
+    """Return all of a small set; of a large one neighbours two by two."""
     ordered = sorted(captures, key=lambda c: c.name)
     if len(ordered) <= LOOKED_AT:
         return ordered
@@ -121,21 +121,21 @@ def _spread(captures: Sequence[Capture]) -> list[Capture]:
 
 
 def _pairs_in_turn(count: int) -> Iterator[list[tuple[int, int]]]:
-    """Neighbours; then, of a set whose names say nothing, pairs ever further apart, a few at a time."""
+    """Yield neighbours; then, of a set whose names say nothing, pairs ever further apart, a few at a time."""
     yield [(i, i + 1) for i in range(count - 1)]
     others = sorted((p for p in combinations(range(count), 2) if p[1] - p[0] > 1), key=lambda p: p[1] - p[0])
     for begin in range(0, min(len(others), _PAIRS_TRIED), 10):
         yield others[begin : begin + 10]
 
 
-def _evenly(count: int, wanted: int) -> list[int]:
-    return sorted({int(i) for i in np.linspace(0, count - 1, min(count, wanted)).round()})
+def _evenly(count: int, chosen: int) -> list[int]:
+    return sorted({int(i) for i in np.linspace(0, count - 1, min(count, chosen)).round()})
 
 
 def _shared(
     pictures: tuple[NDArray[np.uint8], NDArray[np.uint8]], features: tuple[Features, Features]
 ) -> NDArray[np.float64] | None:
-    """The places that both show, as in `Overlap`; None for too few, or nearly the same picture twice."""
+    """Return the places that both show, as in `Overlap`; None for too few, or nearly the same picture twice."""
     sizes = [(grey.shape[1], grey.shape[0]) for grey in pictures]
     pairs = match(*features)
     first, second = features[0].places[pairs[:, 0]], features[1].places[pairs[:, 1]]

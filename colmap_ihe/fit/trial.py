@@ -1,4 +1,4 @@
-"""Candidate greys tried on a few pairs of the set's own photographs: how many matches each brings.
+"""Try candidate greys on a few pairs of the set's own photographs: how many matches each brings.
 
 Detail, noise and compression differ from set to set, so no rule knows beforehand which grey matches best; a
 small measurement does. Every candidate gets the same windows of the same pairs, at the resolution at which
@@ -46,7 +46,7 @@ _Pixels = NDArray[np.uint8] | NDArray[np.uint16]
 
 @dataclass(frozen=True, eq=False)
 class _View:
-    """One photograph of a pair and the window in it. `scale`: working pixels per pixel; `one_decoder`: how many
+    """Hold one photograph of a pair and the window in it. `scale`: working pixels per pixel; `kept`: how many
     features COLMAP would keep in the window."""
 
     rgb: _Pixels
@@ -72,7 +72,7 @@ def measure(
     max_image_size: int = 3200,
     screen: Mapping[str, Grey] | None = None,
 ) -> TrialResult:
-    """Verified matches of each of `greys` on at most three pairs of photographs.
+    """Return verified matches of each of `greys` on at most three pairs of photographs.
 
     One of `greys` is named "rec709", and all are for one encoding; captures of another are passed over. The
     best of `screen` on one pair, in smaller windows, is measured with the others. `max_image_size`: the
@@ -93,7 +93,7 @@ def measure(
 
 
 def coarse_grid(encoding: Encoding, step: float = 0.25) -> dict[str, Weights]:
-    """The triplets of a coarse grid, to be screened, by the name they have among candidates; of a linear set
+    """Return the triplets of a coarse grid, to be screened, by the name they have among candidates; of a linear set
     still without its white points."""
     return {
         f"{i / 100:g} {j / 100:g} {k / 100:g}": Weights(
@@ -105,7 +105,7 @@ def coarse_grid(encoding: Encoding, step: float = 0.25) -> dict[str, Weights]:
 
 @dataclass(frozen=True)
 class _Bench:
-    """What every measurement on a pair needs."""
+    """Hold what every measurement on a pair needs."""
 
     executor: Executor
     progress: Progress
@@ -114,7 +114,7 @@ class _Bench:
     reference: Grey
 
     def load(self, overlap: Overlap) -> tuple[_Pixels, _Pixels] | None:
-        """Both photographs; None if one cannot be read after all."""
+        """Return both photographs; None if one cannot be read after all."""
 
         def load(capture: Capture) -> _Pixels | None:
             try:
@@ -127,7 +127,7 @@ class _Bench:
         return None if first is None or second is None else (first, second)
 
     def views(self, overlap: Overlap, both: tuple[_Pixels, _Pixels], pixels: float) -> _Views:
-        """Windows of so many pixels at working resolution."""
+        """Return windows of so many pixels at working resolution."""
         sizes = [(rgb.shape[1], rgb.shape[0]) for rgb in both]
         scales = [min(1.0, self.max_image_size / max(size)) for size in sizes]
         sides = [round(pixels**0.5 / scale) for scale in scales]
@@ -139,7 +139,8 @@ class _Bench:
         return first, second
 
     def share(self, rgb: _Pixels, box: Box, scale: float) -> float:
-        """How many of the photograph's features lie in the box, going by its blobs at half working resolution."""
+        """Return how many of the photograph's features lie in the box, going by its blobs at half working
+        resolution."""
         grey = to_grey(rgb, self.reference, self.tone)
         height, width = (max(8, round(n * scale / 2)) for n in grey.shape)
         half = np.asarray(cv2.resize(grey, (width, height), interpolation=cv2.INTER_AREA), np.float32)
@@ -152,7 +153,7 @@ class _Bench:
         return int(blobs[top:bottom, left:right].sum()) / int(blobs.sum())
 
     def features(self, views: _Views, greys: Sequence[Grey], first_octave: int) -> list[list[Features]]:
-        """Of the windows of both views in each grey, as COLMAP would keep them; places in whole photographs."""
+        """Return the features of both windows in each grey that COLMAP would keep, at places in whole photographs."""
         jobs = [(view, grey) for grey in greys for view in views]
         windows = list(in_order(self.executor, lambda job: _window(*job, self.tone), jobs))
         found = features_of(windows, self.progress, first_octave=first_octave)
@@ -162,7 +163,7 @@ class _Bench:
         return [whole[n : n + 2] for n in range(0, len(whole), 2)]
 
     def counts(self, views: _Views, greys: Sequence[Grey], first_octave: int) -> list[Counts]:
-        """What each grey brings on a pair, equal greys measured once."""
+        """Return what each grey brings on a pair, equal greys measured once."""
         unlike = {_look(grey): grey for grey in greys}
 
         def count(found: list[Features]) -> Counts:
@@ -188,8 +189,8 @@ def _measure(
     screen: Mapping[str, Grey],
     bench: _Bench,
 ) -> TrialResult:
-    """The grid is screened on a pair that is not measured afterwards, if there is one to spare: a grey that
-    was lucky there has no luck left."""
+    """Measure the greys. The grid is screened on a pair that is not measured afterwards, if there is one to spare: a
+    grey that was lucky there has no luck left."""
     tried, names = dict(greys), []
     found: list[list[Counts]] = []
     first_octave: int | None = None
@@ -218,13 +219,13 @@ def _measure(
 
 
 def _first_octave(bench: _Bench, views: _Views) -> int:
-    """0 where COLMAP has its fill of features of two pixels and more, which takes a quarter of the time."""
+    """Return 0 where COLMAP has its fill of features of two pixels and more, which takes a quarter of the time."""
     found = bench.features(views, [bench.reference], 0)[0]
     return 0 if sum(map(len, found)) >= sum(view.kept for view in views) else -1
 
 
 def _window(view: _View, grey: Grey, tone: Tone) -> NDArray[np.uint8]:
-    """The window in this grey, at working resolution: (H, W) uint8."""
+    """Return the window in this grey, at working resolution: (H, W) uint8."""
     left, top, right, bottom = view.box
     if isinstance(grey, Formula) and CONVERSIONS[grey.method].scope == "image":
         whole = to_grey(view.rgb, grey, tone)  # on all of which the window's grey depends
@@ -243,14 +244,14 @@ def _in_photograph(found: Features, view: _View) -> Features:
 
 
 def _look(grey: Grey) -> object:
-    """What two greys have in common that make the same picture."""
+    """Return what two greys have in common that make the same picture."""
     if isinstance(grey, Formula):
         return grey.method, grey.parameters, grey.white
     return grey.triplet, grey.white
 
 
 def _by_cell(places: NDArray[np.float64], box: Box) -> tuple[int, ...]:
-    """How many of (N, 2) places lie in each cell of a grid over the box."""
+    """Return how many of (N, 2) places lie in each cell of a grid over the box."""
     edges = [np.linspace(box[n], box[n + 2], _CELLS + 1) for n in (0, 1)]
     counted, _, _ = np.histogram2d(places[:, 0], places[:, 1], bins=edges)
     return tuple(int(n) for n in counted.ravel())

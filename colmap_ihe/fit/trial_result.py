@@ -1,4 +1,4 @@
-"""What a trial of greys has found: matches by grey, gains with their standard errors, and what follows."""
+"""Describe the result of a trial of greys: matches by grey, gains with their standard errors, and what follows."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ _BETWEEN_PAIRS = 1.12  # pairs differ by so much more than their cells let expec
 
 @dataclass(frozen=True)
 class Counts:
-    """One grey on one pair: features in both windows, putative matches, and verified ones by cell of the first
-    window."""
+    """Hold what one grey gave on one pair: features in both windows, putative matches, and verified ones by cell of
+    the first window."""
 
     features: int
     putative: int
@@ -34,8 +34,8 @@ class Counts:
 
 @dataclass(frozen=True)
 class Candidate:
-    """One grey on all pairs. `inliers` are verified matches, `by_pair` the same pair by pair. `gain` over the
-    reference as a share of its inliers (.05 is 5 % more), `error` its standard error; 0 and 0 for the
+    """Hold what one grey gave on all pairs. `inliers` are verified matches, `by_pair` the same pair by pair. `gain`
+    over the reference as a share of its inliers (.05 is 5 % more), `error` its standard error; 0 and 0 for the
     reference itself. A reference without inliers counts as one."""
 
     features: int
@@ -52,8 +52,8 @@ class Candidate:
 
 @dataclass(frozen=True)
 class TrialResult:
-    """`pairs`: the photographs, two by two, by name. `candidates` by name, none if there is no pair: then
-    `reason` says why."""
+    """Hold what a trial measured. `pairs`: the photographs, two by two, by name. `candidates` by name, none if there
+    is no pair: then `reason` says why."""
 
     pairs: tuple[tuple[str, str], ...] = ()
     candidates: tuple[tuple[str, Candidate], ...] = ()
@@ -63,7 +63,7 @@ class TrialResult:
         return dict(self.candidates).get(name)
 
     def as_dict(self) -> dict[str, Any]:
-        """Plain values for JSON; `trial_result_from_dict` reads them back."""
+        """Return plain values for JSON; `trial_result_from_dict` reads them back."""
         return {
             "pairs": [list(pair) for pair in self.pairs],
             "candidates": {name: {**asdict(c), "by_pair": list(c.by_pair)} for name, c in self.candidates},
@@ -72,7 +72,8 @@ class TrialResult:
 
 
 def trial_result_from_dict(values: Any) -> TrialResult:
-    """Raises KeyError, TypeError or ValueError for anything that `as_dict` could not have written."""
+    """Read what `as_dict` wrote. Raises KeyError, TypeError or ValueError for anything that `as_dict` could not have
+    written."""
     return TrialResult(
         tuple((str(first), str(second)) for first, second in values["pairs"]),
         tuple(
@@ -89,7 +90,7 @@ def summed_up(
     counts: Sequence[Sequence[Counts]],
     reason: str = "",
 ) -> TrialResult:
-    """`counts` by pair and, in the order of `names`, by grey; the reference is one of them."""
+    """Sum up `counts` by pair and, in the order of `names`, by grey; the reference is one of them."""
     if not pairs:
         return TrialResult(reason=reason)
     cells = np.array([[c.cells for c in by_grey] for by_grey in counts], np.float64)  # pair, grey, cell
@@ -99,24 +100,13 @@ def summed_up(
         mine = [by_grey[number] for by_grey in counts]
         gain, error = gain_of(cells[:, number], reference)
         by_pair = tuple(c.inliers for c in mine)
-        candidates.append(
-            (
-                name,
-                Candidate(
-                    sum(c.features for c in mine),
-                    sum(c.putative for c in mine),
-                    sum(by_pair),
-                    by_pair,
-                    gain,
-                    error,
-                ),
-            )
-        )
+        features, putative = sum(c.features for c in mine), sum(c.putative for c in mine)
+        candidates.append((name, Candidate(features, putative, sum(by_pair), by_pair, gain, error)))
     return TrialResult(tuple(pairs), tuple(candidates))
 
 
 def gain_of(cells: NDArray[np.float64], reference: NDArray[np.float64]) -> tuple[float, float]:
-    """Gain of a grey over another and its standard error, from matches (pairs, cells) of both.
+    """Return the gain of a grey over another and its standard error, from matches (pairs, cells) of both.
 
     The error of a ratio of sums (Cochran, Sampling Techniques, 6.2), with the cells that have matches as the
     sample.
@@ -130,7 +120,8 @@ def gain_of(cells: NDArray[np.float64], reference: NDArray[np.float64]) -> tuple
 
 
 def choose(measured: TrialResult) -> str:
-    """The candidate with most verified matches if it is clearly better than the reference, else the reference."""
+    """Return the candidate with most verified matches if it is clearly better than the reference, else the
+    reference."""
     if not measured.candidates:
         return REFERENCE
     name, best = max(measured.candidates, key=lambda c: c[1].inliers)
@@ -138,7 +129,7 @@ def choose(measured: TrialResult) -> str:
 
 
 def in_words(measured: TrialResult, chosen: str) -> str:
-    """What the grey of this name brings, in one sentence, in losing cases too."""
+    """Return what the grey of this name brings, in one sentence, in losing cases too."""
     mine, reference = measured.of(chosen), measured.of(REFERENCE)
     if chosen == REFERENCE and measured.reason == SAME:
         return "this is COLMAP's default grey: nothing to gain or to lose against it"
@@ -156,5 +147,5 @@ def in_words(measured: TrialResult, chosen: str) -> str:
     more = "more" if mine.gain > 0 else "fewer"
     if not mine.differs or not percent:
         return f"{gave}: no difference that this measurement can see (it would see {give_or_take} %)"
-    said = f"{gave}: {percent} % {more} (give or take {give_or_take} %)"
-    return f"{said}: `--set fit.method={REFERENCE}` would do better here" if mine.gain < 0 else said
+    sentence = f"{gave}: {percent} % {more} (give or take {give_or_take} %)"
+    return f"{sentence}: `--set fit.method={REFERENCE}` would do better here" if mine.gain < 0 else sentence

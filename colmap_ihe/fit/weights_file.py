@@ -1,4 +1,4 @@
-"""Weights in a file: written by a fit, read for photographs that are to have the same grey."""
+"""Read and write weights in a file, for photographs that are to have the same grey."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ def write_weights(file: Path, grey: Grey) -> None:
 
 
 def read_weights(file: Path) -> Grey:
-    """A weights file, as `fit -o` writes it. Raises `WeightsError`."""
+    """Read a weights file, as `fit -o` writes it. Raises `WeightsError`."""
     hint = "write one with `colmap-ihe fit IMAGES -o weights.yaml`"
     try:
         values = parse_yaml(read_at_most(file, MOST_BYTES).decode("utf-8"))
@@ -33,9 +33,9 @@ def read_weights(file: Path) -> Grey:
         return _read_formula(file, values)
     triplet = values.get("weights") if isinstance(values, dict) else None
     if not isinstance(triplet, list) or len(triplet) != 3 or {type(w) for w in triplet} - {int, float}:
-        came = triplet if isinstance(values, dict) else values
+        content = triplet if isinstance(values, dict) else values
         raise WeightsError(
-            f"{file}: not a weights file, it holds {came!r:.60}; wanted `weights: [r, g, b]`, three numbers",
+            f"{file}: not a weights file, it holds {content!r:.60}; expected `weights: [r, g, b]`, three numbers",
             hint=hint,
         )
     try:
@@ -47,7 +47,7 @@ def read_weights(file: Path) -> Grey:
 
 
 def _read_formula(file: Path, values: dict[str, Any]) -> Grey:
-    """The conversion that is no triplet, tried on a few pixels."""
+    """Read the conversion that is no triplet, tried on a few pixels."""
     grey = grey_from_dict(values, str(file))
     dark: NDArray[np.uint8] | NDArray[np.uint16] = np.zeros((8, 8, 3), np.uint8)
     if grey.encoding == "linear":

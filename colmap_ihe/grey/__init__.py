@@ -1,1 +1,1 @@
-"""Colour to grey: arrays in, arrays out; opens no file."""
+"""Convert colour to grey: arrays in, arrays out; open no file."""

@@ -1,4 +1,4 @@
-"""The compiled inner loops (kernels.c) that look at bands of detail in pictures."""
+"""Call the compiled loops (kernels.c) that measure bands of detail in pictures."""
 
 from __future__ import annotations
 
@@ -20,18 +20,18 @@ _SUMS = 8
 
 
 def measure_detail(tile: NDArray[np.generic], band: Band) -> NDArray[np.float64]:
-    """Of the band of a tile, (H, W, 3) uint8 or uint16, at half its size and of sums of 2x2 values: the sums of the
-    products RR, GG, BB, RG, RB, GB, and how many pixels they are of: (7,). A pixel counts with all within 3 of it.
-    `2 * BAND_REACH` pixels at each side of the tile are taken for their values alone."""
+    """Return, of the band of a tile, (H, W, 3) uint8 or uint16, at half its size and of sums of 2x2 values, the sums
+    of the products RR, GG, BB, RG, RB, GB, and how many pixels they are of: (7,). A pixel counts with all within 3 of
+    it. `2 * BAND_REACH` pixels at each side of the tile are taken for their values alone."""
     out = np.zeros(_SUMS)
     _measure(C.measure_detail, tile, 2 * BAND_REACH, band, out)
     return out[:-1]
 
 
 def measure_blocks(tile: NDArray[np.generic], band: Band) -> NDArray[np.float32]:
-    """Of the band of a tile, (H, W, 3) uint8 or uint16, for each block of 8x8 pixels: the sums of the products RR, GG,
-    BB, RG, RB, GB, the sum of the values, and how many pixels count: (n, 8). `BAND_REACH` pixels at each side of the
-    tile are taken for their values alone."""
+    """Return, of the band of a tile, (H, W, 3) uint8 or uint16, for each block of 8x8 pixels the sums of the products
+    RR, GG, BB, RG, RB, GB, the sum of the values, and how many pixels count: (n, 8). `BAND_REACH` pixels at each side
+    of the tile are taken for their values alone."""
     down, across = ((n - 2 * BAND_REACH) // 8 for n in tile.shape[:2])
     out = np.empty((down * across, _SUMS), np.float32)
     _measure(C.measure_blocks, tile, BAND_REACH, band, out)

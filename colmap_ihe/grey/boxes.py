@@ -1,8 +1,4 @@
-"""Colours gathered into boxes, and what is known of a grey histogram when only the boxes are.
-
-A box reaches a short run of grey levels; where in the run its pixels fall is not known. That gives a bound
-below the sum of squared counts, which leaves triplets out without counting them (`kernels.bound_boxes`).
-"""
+"""Gather the colours of a linear set into boxes, each of a short run of grey levels: white points and estimates."""
 
 from __future__ import annotations
 
@@ -17,10 +13,8 @@ from numpy.typing import NDArray
 from colmap_ihe.grey import kernels
 from colmap_ihe.grey.histogram import LINEAR_EDGES, Histogram
 from colmap_ihe.grey.rules import Rules
-from colmap_ihe.machine.executor import local_workers
-
-Triplet = tuple[int, int, int]
-"""Weights of red, green and blue in hundredths."""
+from colmap_ihe.grey.weights import Triplet
+from colmap_ihe.machine.threads import local_workers
 
 WHITE_PERCENTILE = 99.8
 """Of a linear grey; the share of pixels at or below the white point of the set, in percent."""
@@ -32,7 +26,8 @@ _CHUNK = 64
 
 @dataclass(frozen=True)
 class Boxes:
-    """M boxes: their least and greatest R, G, B, planes (3, M) float32 of whole numbers, and their mass (M,)."""
+    """Hold M boxes: their least and greatest linear R, G, B, planes (3, M) float32 of whole numbers, and their mass
+    (M,)."""
 
     low: NDArray[np.float32]
     high: NDArray[np.float32]
@@ -42,59 +37,31 @@ class Boxes:
         return len(self.mass)
 
 
-NO_BOXES = Boxes(np.zeros((3, 0), np.float32), np.zeros((3, 0), np.float32), np.zeros(0, np.uint64))
-
-
 class Pyramid:
-    """The occupied cells of a histogram, in boxes of any power of two codes a side."""
+    """Hold the occupied cells of a linear histogram, in boxes of any power of two cells a side."""
 
     def __init__(self, histogram: Histogram) -> None:
-        self._linear = histogram.encoding == "linear"
         self._keys, self._masses = histogram.occupied()
-        self._total = int(self._masses.sum())
 
     def boxes(self, bits: int) -> Boxes:
-        """All cells, in cubes of 2^bits codes; with 0 bits coded boxes are of one colour."""
-        _, together = kernels.gather(self._keys, self._masses, bits, self._total)
-        return self._boxes(together)
-
-    def adaptive(self, bits: int, heavy: int) -> tuple[Boxes, Boxes]:
-        """Cells of more than 2^-heavy of the mass, and the others in cubes: what a bound loses goes with the
-        mass that it spreads, and a burnt-out sky alone would be most of it."""
-        alone, together = kernels.gather(self._keys, self._masses, bits, self._total >> heavy)
-        return self._boxes(alone), self._boxes(together)
-
-    def _boxes(self, gathered: kernels.Gathered) -> Boxes:
-        low, high, mass = gathered
-        if self._linear:
-            upper = LINEAR_EDGES[high.astype(np.intp) + 1] - 1
-            return Boxes(_plane(LINEAR_EDGES[low]), _plane(upper), mass.copy())
-        return Boxes(_plane(low), _plane(high), mass.copy())
+        """Return all cells in cubes of 2^bits cells a side."""
+        low, high, mass = kernels.gather(self._keys, self._masses, bits)
+        return Boxes(_plane(LINEAR_EDGES[low]), _plane(LINEAR_EDGES[high.astype(np.intp) + 1] - 1), mass)
 
 
-def _plane(values: NDArray[Any]) -> NDArray[np.float32]:
+def _plane(values: NDArray[np.int64]) -> NDArray[np.float32]:
     return np.ascontiguousarray(values, np.float32)
 
 
-def bounds_of(alone: Boxes, together: Boxes, rules: Rules) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """A lower bound of the sum of squared counts by each rule, and its estimate: (m,) each. The boxes of `alone`
-    are of one colour."""
-
-    def bound(some: Rules) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        known = kernels.count_boxes(alone.low, alone.mass, some)
-        return kernels.bound_boxes(together.low, together.high, together.mass, some, known)
-
-    parts = _in_chunks(rules, bound)
-    return np.concatenate([p[0] for p in parts]), np.concatenate([p[1] for p in parts])
-
-
-def counts_of(boxes: Boxes, rules: Rules) -> NDArray[np.uint64]:
-    """Grey histograms (m, 256) of coded boxes of one colour each."""
-    return np.concatenate(_in_chunks(rules, lambda some: kernels.count_boxes(boxes.low, boxes.mass, some)))
+def estimates_of(boxes: Boxes, rules: Rules) -> NDArray[np.float64]:
+    """Return for each rule the sum of squared counts, (m,), if pixels lay evenly over the levels that their box
+    reaches."""
+    parts = _in_chunks(rules, lambda some: kernels.estimate_boxes(boxes.low, boxes.high, boxes.mass, some))
+    return np.concatenate(parts)
 
 
 def whites_of(boxes: Boxes, triplets: Sequence[Triplet]) -> list[int]:
-    """The white point of each linear grey in units of i R + j G + k B. Each box counts with its middle: the
+    """Return the white point of each linear grey in units of i R + j G + k B. Each box counts with its middle: the
     definition, not an approximation of one, for it has to be the same however the set is split."""
     rules = np.zeros((len(triplets), 6), np.float32)
     rules[:, :3] = triplets
@@ -104,11 +71,11 @@ def whites_of(boxes: Boxes, triplets: Sequence[Triplet]) -> list[int]:
     parts = _in_chunks(
         rules, lambda some: kernels.quantile_boxes(middles, boxes.mass, some, 2 * WHITE_STEP, needed)
     )
-    return [(int(place) + 1) * WHITE_STEP for place in np.concatenate(parts)]
+    return [(int(step) + 1) * WHITE_STEP for step in np.concatenate(parts)]
 
 
 def _in_chunks(rules: Rules, function: Callable[[Rules], Any]) -> list[Any]:
-    """`function` of some rules at a time, on all cores, in order."""
+    """Return `function` of some rules at a time, computed on all cores, in order."""
     chunks = [np.ascontiguousarray(rules[i : i + _CHUNK]) for i in range(0, len(rules), _CHUNK)]
     with ThreadPoolExecutor(local_workers()) as pool:
         return list(pool.map(function, chunks))

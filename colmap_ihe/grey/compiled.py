@@ -1,4 +1,4 @@
-"""The compiled inner loops of the grey room (kernels.c), and what it takes to hand them NumPy arrays.
+"""Load the compiled inner loops of the grey room (kernels.c), and hand them NumPy arrays.
 
 Loaded as a plain shared library: ctypes gives up the interpreter's lock for the time of a call, so threads
 run side by side. Callers check their arrays, for C does not.
@@ -33,13 +33,13 @@ C = _load()
 
 
 def check(array: NDArray[np.generic], dtype: type[np.generic], shape: tuple[int, ...]) -> None:
-    """Raises ValueError for an array that is not such a one, with its rows one behind the other."""
+    """Raise ValueError for an array of another dtype or shape, or one that is not C-contiguous."""
     if array.dtype != dtype or array.shape != shape or not array.flags.c_contiguous:
         raise ValueError(f"{array.shape=} {array.dtype=}, expected contiguous {shape} {np.dtype(dtype)}")
 
 
 def at(array: NDArray[np.generic]) -> ctypes.c_void_p:
-    """Where an array lies, which it does until the call is over."""
+    """Return the address of an array, valid until the call is over."""
     return array.ctypes.data_as(ctypes.c_void_p)  # which keeps it alive
 
 

@@ -1,4 +1,4 @@
-"""How far above its noise each grey of a set shows detail: what the guard of the fit goes by.
+"""Measure how far above its noise each grey of a set shows detail, for the guard of the fit.
 
 Detail is the covariance C of the colours in a band of the picture, noise their covariance N where there
 should be nothing to see; both are 3x3 and summed over the set. The contrast of every triplet w follows:
@@ -59,7 +59,7 @@ _Pixels = NDArray[np.uint8] | NDArray[np.uint16]
 
 
 class Contrast:
-    """Detail and noise of the colours of a set. Adding two is pooling their photographs.
+    """Hold detail and noise of the colours of a set. Adding two is pooling their photographs.
 
     `signal`, `noise`: (3, 3) float64, symmetric, channel values in [0, 1] squared, times pixels. Both are
     kept on a grid on which sums are exact: order and grouping of the photographs cannot change them.
@@ -71,7 +71,7 @@ class Contrast:
         self.noise: _F64 = np.zeros((3, 3))
 
     def add(self, rgb: NDArray[np.uint8] | NDArray[np.uint16], *, weighting: str = "pixel") -> None:
-        """Measures one photograph, in tiles spread evenly over it.
+        """Measure one photograph, in tiles spread evenly over it.
 
         rgb: (H, W, 3); uint8 gamma-coded for `coded`, uint16 linear with 65535 at sensor saturation for
         `linear`. `weighting="image"` gives every photograph the same mass. Saturated and black pixels do not count.
@@ -102,12 +102,13 @@ class Contrast:
         return total
 
     def as_dict(self) -> dict[str, list[float]]:
-        """Plain values; `from_dict` reads them back, to the bit."""
+        """Return plain values; `from_dict` reads them back, to the bit."""
         return {"signal": self.signal.ravel().tolist(), "noise": self.noise.ravel().tolist()}
 
     @classmethod
     def from_dict(cls, values: Mapping[str, Any], encoding: Encoding) -> Contrast:
-        """Raises ValueError, TypeError or KeyError for anything that `as_dict` could not have written."""
+        """Read what `as_dict` wrote. Raises ValueError, TypeError or KeyError for anything that `as_dict` could not
+        have written."""
         found = cls(encoding)
         found.signal, found.noise = (
             np.array(values[name], np.float64).reshape(3, 3) for name in ("signal", "noise")
@@ -118,20 +119,20 @@ class Contrast:
         return found
 
     def snr_of(self, grid: Sequence[tuple[float, float, float]] | _F64) -> _F64:
-        """sqrt(w'Cw / w'Nw) of each triplet, in hundredths: (n,) float64; all 0 while nothing was measured."""
+        """Return sqrt(w'Cw / w'Nw) of each triplet, in hundredths: (n,) float64; all 0 while nothing was measured."""
         w = np.asarray(grid, np.float64) / 100
         noise, detail = (np.einsum("ni,ni->n", w @ of, w) for of in (self.noise, self.signal))
         ratio = np.divide(np.maximum(detail, 0), noise, out=np.zeros(len(w)), where=noise > 0)
         return np.asarray(np.sqrt(ratio))
 
     def share_of(self, triplet: tuple[float, float, float]) -> float | None:
-        """The contrast of weights as a share of the best there is; None where no detail was measured."""
+        """Return the contrast of weights as a share of the best there is; None where no detail was measured."""
         best = float(self.snr_of(triplets()).max())
         red, green, blue = (100 * w for w in triplet)
         return float(self.snr_of([(red, green, blue)])[0]) / best if best > 0 else None
 
     def best(self, grid: Sequence[tuple[int, int, int]]) -> tuple[int, int, int]:
-        """The triplet of greatest contrast; of equals the nearest to Rec.709."""
+        """Return the triplet of greatest contrast; of equals the nearest to Rec.709."""
         w = np.asarray(grid, np.float64)
         snr, away = self.snr_of(w), ((w - _REC709) ** 2).sum(axis=1)
         return grid[int(np.lexsort((away, -snr))[0])]
@@ -139,8 +140,8 @@ class Contrast:
     def admitted(
         self, grid: Sequence[tuple[int, int, int]], closeness: float = CLOSENESS
     ) -> list[tuple[int, int, int]]:
-        """Those whose contrast is at least `closeness` of the best one's, in the order given. Only the nearest to
-        Rec.709 where its contrast is `DEFAULT_ENOUGH`; all where no detail was measured."""
+        """Return those whose contrast is at least `closeness` of the best one's, in the order given. Only the nearest
+        to Rec.709 where its contrast is `DEFAULT_ENOUGH`; all where no detail was measured."""
         w = np.asarray(grid, np.float64)
         snr, away = self.snr_of(w), ((w - _REC709) ** 2).sum(axis=1)
         default = int(np.argmin(away))
@@ -155,7 +156,7 @@ def _on_grid(sums: _F64) -> _F64:
 
 
 def _tiles(rgb: _Pixels) -> Iterator[_Pixels]:
-    """At most `_SAMPLE` tiles with margins, in even steps over the photograph; all of a small one."""
+    """Yield at most `_SAMPLE` tiles with margins, in even steps over the photograph; all of a small one."""
     height, width = rgb.shape[:2]
     side = _TILE + 2 * _MARGIN
     across = max(1, min(width // side, round((_SAMPLE * width / height) ** 0.5)))
@@ -170,7 +171,7 @@ def _tiles(rgb: _Pixels) -> Iterator[_Pixels]:
 
 @cache
 def _band(most: int) -> bands.Band:
-    """The band of detail, and where to look for it, of values of which `most` is full scale."""
+    """Return the band of detail, and where to look for it, of values of which `most` is full scale."""
     coarse = _SIGMA * (_WIDTH**2 - 1) ** 0.5
     taps = [cv2.getGaussianKernel(7, sigma, cv2.CV_32F)[3:, 0] for sigma in (_SIGMA, coarse)]
     exposed = (math.floor(_BLACK * most) + 1, math.ceil(_SATURATED * most) - 1)
@@ -182,8 +183,8 @@ def _full_scale(tile: _Pixels) -> int:
 
 
 def _detail(tiles: Sequence[_Pixels]) -> _F64 | None:
-    """(3, 3): the mean of d d' in the detail band, over pixels that are not on or beside saturated or black ones;
-    None if there are none."""
+    """Return (3, 3): the mean of d d' in the detail band, over pixels that are not on or beside saturated or black
+    ones; None if there are none."""
     start = _MARGIN - 2 * bands.BAND_REACH
     most = 4 * _full_scale(tiles[0])  # of sums of 2x2 values
     total = np.zeros(7)
@@ -195,7 +196,8 @@ def _detail(tiles: Sequence[_Pixels]) -> _F64 | None:
 
 
 def _photon_noise(tiles: Sequence[_Pixels]) -> _F64:
-    """Up to a factor that all photographs share: light is counted in photons, and n of them vary by sqrt(n)."""
+    """Return (3, 3), up to a factor that all photographs share: light is counted in photons, and n of them vary by
+    sqrt(n)."""
     total, count = np.zeros(3), 0
     for tile in tiles:
         # As three planes: a maximum over the last axis is many times slower.
@@ -207,7 +209,8 @@ def _photon_noise(tiles: Sequence[_Pixels]) -> _F64:
 
 
 def _flat_noise(tiles: Sequence[_Pixels]) -> _F64:
-    """Covariance of the noise band in the flattest blocks, over the quieter brightnesses, and of rounding."""
+    """Return the covariance of the noise band in the flattest blocks, over the quieter brightnesses, and of
+    rounding."""
     blocks = np.concatenate([_blocks(tile) for tile in tiles])
     exposed = blocks[:, 7] == _BLOCK**2
     shows = (blocks[:, :3] > 0).all(axis=1)  # no frame, no area clipped to one value
@@ -226,7 +229,7 @@ def _flat_noise(tiles: Sequence[_Pixels]) -> _F64:
 
 
 def _blocks(tile: _Pixels) -> NDArray[np.float32]:
-    """What is measured in the blocks within the margins of a tile: (n, 8)."""
+    """Return what is measured in the blocks within the margins of a tile: (n, 8)."""
     height, width = ((n - 2 * _MARGIN) // _BLOCK * _BLOCK for n in tile.shape[:2])
     if height <= 0 or width <= 0:
         return np.zeros((0, 8), np.float32)
@@ -236,5 +239,5 @@ def _blocks(tile: _Pixels) -> NDArray[np.float32]:
 
 
 def _symmetric(products: _F64) -> _F64:
-    """(3, 3) of RR, GG, BB, RG, RB, GB."""
+    """Return (3, 3) of RR, GG, BB, RG, RB, GB."""
     return products[[[0, 3, 4], [3, 1, 5], [4, 5, 2]]]

@@ -1,4 +1,4 @@
-"""Every conversion by the name it has for `--method`: what it does, and which properties it has.
+"""List every conversion by the name it has for `--method`: what it does, and which properties it has.
 
 The properties are the six that the paper of 2016 asks of a conversion. A name that has not got one has a test
 that shows it.
@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any, Literal, Protocol
+from typing import Any, Literal, Protocol, get_args
 
 from colmap_ihe.grey.methods.apparent import apparent
 from colmap_ihe.grey.methods.color2gray import color2gray
@@ -18,7 +18,6 @@ from colmap_ihe.grey.methods.luminance import cie_y, value
 from colmap_ihe.grey.methods.realtime import RealtimeSet, realtime, weighed
 from colmap_ihe.grey.methods.song import song
 from colmap_ihe.grey.srgb import Float32
-from colmap_ihe.grey.weights import FIXED
 
 Scope = Literal["set", "image", "colour"]
 """`colour`: a fixed function of the colour. `set`: fitted once to all photographs. `image`: fitted to each
@@ -33,18 +32,11 @@ Property = Literal[
     "unsupervised",
 ]
 
-PROPERTIES: tuple[Property, ...] = (
-    "feature discriminability",
-    "chrominance awareness",
-    "global mapping",
-    "colour consistency",
-    "greyscale preservation",
-    "unsupervised",
-)
+PROPERTIES: tuple[Property, ...] = get_args(Property)
 
 
 class SetFit(Protocol):
-    """Gathers what a conversion has to know of a set; the order and grouping of photographs do not show."""
+    """Gather what a conversion has to know of a set; the order and grouping of photographs do not show."""
 
     def add(self, rgb: Float32) -> None: ...
     def __add__(self, other: Any) -> Any: ...
@@ -53,7 +45,7 @@ class SetFit(Protocol):
 
 @dataclass(frozen=True, kw_only=True)
 class Conversion:
-    """One name of `--method`.
+    """Describe one name of `--method`.
 
     `convert`: (H, W, 3) float32 in [0, 1] to (H, W) float32 in [0, 1], for scopes `image` and `colour`.
     `new_fit` and `apply`, for scope `set`: an empty `SetFit`, and `apply(rgb, fit.finish())`. All are None
@@ -112,10 +104,8 @@ _ALL = [
         source="ours",
     ),
     *(
-        Conversion(
-            name=name, scope="colour", does=_TRIPLETS[name][0], properties=_FIXED, source=_TRIPLETS[name][1]
-        )
-        for name in FIXED
+        Conversion(name=name, scope="colour", does=does, properties=_FIXED, source=source)
+        for name, (does, source) in _TRIPLETS.items()
     ),
     Conversion(
         name="cie-y",

@@ -1,4 +1,4 @@
-"""Colour to grey with the weights of the set: the same colour is the same grey in every image."""
+"""Convert colour to grey with the weights of the set: the same colour is the same grey in every image."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _PARTS = (100, 3, 10_000, 9_999)
 def to_grey(
     rgb: NDArray[np.uint8] | NDArray[np.uint16], grey: Grey, tone: Tone = "sqrt"
 ) -> NDArray[np.uint8]:
-    """8-bit grey of one photograph, (H, W) uint8.
+    """Return the 8-bit grey of one photograph, (H, W) uint8.
 
     Coded: rgb (H, W, 3) uint8 gives `(i R + j G + k B + 50) // 100` for weights in hundredths, exactly;
     other weights are rounded to the nearest level, halves up. R = G = B = v gives v. Linear: rgb (H, W, 3)
@@ -54,7 +54,7 @@ def to_grey(
 
 
 def check_tone(grey: Grey, tone: Tone) -> None:
-    """Raises `WeightsError` for "equalise" of linear photographs with a grey that holds no curve for it."""
+    """Raise `WeightsError` for "equalise" of linear photographs with a grey that holds no curve for it."""
     if tone != "equalise" or grey.encoding == "coded" or (isinstance(grey, Weights) and grey.curve):
         return
     if isinstance(grey, Formula):
@@ -71,7 +71,7 @@ def check_tone(grey: Grey, tone: Tone) -> None:
 def coded_share(
     rgb: NDArray[np.uint8] | NDArray[np.uint16], white: float = 1.0, tone: Tone = "sqrt"
 ) -> NDArray[np.float32]:
-    """Coded values in [0, 1], (H, W, 3) float32: of a coded photograph its own, of a linear one those that
+    """Return coded values in [0, 1], (H, W, 3) float32: of a coded photograph its own, of a linear one those that
     `tone` gives each channel with `white` (share of saturation) at 1."""
     if rgb.dtype == np.uint8:
         return np.multiply(rgb, np.float32(1 / 255), dtype=np.float32)
@@ -91,8 +91,8 @@ def _by_formula(rgb: NDArray[np.float32], formula: Formula) -> NDArray[np.uint8]
 
 
 def tone_table(white: float, tone: Tone) -> NDArray[np.uint8]:
-    """(65536,) uint8: the 8-bit level of each linear 16-bit value, `white` (share of saturation) at 255. `tone` is
-    "sqrt" or "linear", else ValueError: equalising takes a curve, not a white point."""
+    """Return (65536,) uint8: the 8-bit level of each linear 16-bit value, `white` (share of saturation) at 255. `tone`
+    is "sqrt" or "linear", else ValueError: equalising takes a curve, not a white point."""
     if tone == "equalise":
         raise ValueError(f"{tone=}, expected 'sqrt' or 'linear'")
     share = np.minimum(np.arange(DEPTH) / (white * (DEPTH - 1)), 1.0)
@@ -102,7 +102,7 @@ def tone_table(white: float, tone: Tone) -> NDArray[np.uint8]:
 def to_colour(
     linear_rgb: NDArray[np.uint16], srgb_from_camera: NDArray[np.float64], white: float
 ) -> NDArray[np.uint8]:
-    """The colour twin of a linear photograph: (H, W, 3) uint8 sRGB (IEC 61966-2-1), for eyes only.
+    """Return the colour twin of a linear photograph: (H, W, 3) uint8 sRGB (IEC 61966-2-1), for eyes only.
 
     linear_rgb: (H, W, 3) uint16. `white` (share of saturation) becomes 255 in every image of the set.
     """

@@ -1,4 +1,4 @@
-"""Equalisation of the set's grey: one curve from full depth to 8 bit, from the histogram of all photographs.
+"""Equalise the set's grey: one curve from full depth to 8 bit, from the histogram of all photographs.
 
 Every level then holds about as many pixels of the set as any other (Gonzalez and Woods, Digital Image
 Processing, 3.3). It is one curve for the set, so the same colour stays the same grey in every photograph.
@@ -17,7 +17,7 @@ _AT_ONCE = 1 << 20  # cells, which bounds the memory
 
 
 def curve_of(histogram: Histogram, triplet: tuple[float, float, float]) -> Curve:
-    """The equalising curve of a linear grey over the set; `Weights.curve` says how it is to be read.
+    """Return the equalising curve of a linear grey over the set; `Weights.curve` says how it is to be read.
 
     A value goes to the level `floor(256 (b + e / 2))`, where b is the share of pixels below it and e that of its
     equals, so a value that many pixels share comes to the middle of the levels that they would fill. The histogram
@@ -36,12 +36,12 @@ def curve_of(histogram: Histogram, triplet: tuple[float, float, float]) -> Curve
 
 
 def equalising_table(curve: Curve) -> NDArray[np.uint8]:
-    """(65536,) uint8: the level of each linear 16-bit value."""
+    """Return (65536,) uint8: the level of each linear 16-bit value."""
     return np.searchsorted(np.array(curve), np.arange(DEPTH), side="right").astype(np.uint8)
 
 
 def _grey_counts(histogram: Histogram, triplet: tuple[float, float, float]) -> NDArray[np.float64]:
-    """The mass at every linear 16-bit grey, (65536,)."""
+    """Return the mass at every linear 16-bit grey, (65536,)."""
     boxes = Pyramid(histogram).boxes(0)
     shares = np.array(triplet) / sum(triplet)
     change = np.zeros(DEPTH + 1)

@@ -1,26 +1,21 @@
-"""The joint colour histogram of a set of photographs: all that the fit needs to know of them."""
+"""Count the joint colour histogram of a set of photographs, all that the fit needs of them."""
 
 from __future__ import annotations
 
-import json
 import math
+from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from isal import isal_zlib
 from numpy.typing import NDArray
 
-from colmap_ihe.errors import WeightsError
 from colmap_ihe.grey import kernels
-from colmap_ihe.grey.rules import Rules
 from colmap_ihe.grey.sums import IMAGE_MASS, MOST, MOST_IMAGES, Sums, Weighting
-from colmap_ihe.grey.weights import Encoding
-from colmap_ihe.machine.executor import local_workers
+from colmap_ihe.grey.weights import Encoding, Triplet
+from colmap_ihe.machine.threads import local_workers
 
 _CODES = 256
-_MAGIC = b"colmap-ihe histogram 2\n"
 
 LINEAR_EDGES: NDArray[np.int64] = np.ceil(65535 * (np.arange(_CODES + 1) / _CODES) ** 2).astype(np.int64)
 """Cell c of linear 16-bit input holds the values LINEAR_EDGES[c] <= v < LINEAR_EDGES[c + 1]: even steps
@@ -30,25 +25,11 @@ LINEAR_EDGES[-1] = 65536
 _LINEAR_CODE: NDArray[np.uint8] = np.repeat(np.arange(_CODES, dtype=np.uint8), np.diff(LINEAR_EDGES))
 
 
-@dataclass(frozen=True)
-class Cells:
-    """The occupied cells of a histogram: M boxes of colours, and the pixels in each.
-
-    `low`, `high`: (M, 3) int64, the least and greatest R, G, B of a box, both inclusive; equal for
-    coded input. `mass`: (M,) int64, pixels (or weighted pixels).
-    """
-
-    low: NDArray[np.int64]
-    high: NDArray[np.int64]
-    mass: NDArray[np.int64]
-
-
 class Histogram:
-    """How many pixels of the set have each colour. Adding histograms is pooling their photographs.
+    """Count how many pixels of the set have each colour. Adding histograms is pooling their photographs.
 
     Coded 8-bit input is counted exactly, one cell a colour. Linear 16-bit input is counted in 256
-    cells a channel, even in the square root; `Cells` says what range of values each holds, so that a
-    search over it can bound what the rounding hides. Counts are integers: order and grouping of the
+    cells a channel, even in the square root, see `LINEAR_EDGES`. Counts are integers: order and grouping of the
     images cannot change them. `weighting="image"` gives every photograph the same mass.
     """
 
@@ -63,7 +44,7 @@ class Histogram:
         )
 
     def add(self, rgb: NDArray[np.uint8] | NDArray[np.uint16]) -> None:
-        """Counts one photograph.
+        """Count one photograph.
 
         rgb: (H, W, 3); uint8 gamma-coded for `coded`, uint16 linear with 65535 at sensor saturation
         for `linear`. Raises ValueError on another shape or dtype.
@@ -76,16 +57,16 @@ class Histogram:
         if self._weighed is not None:
             place = np.flatnonzero(self._counted.low)
             self._weighed[place] += self._counted.at(place) * np.uint64(mass_of(rgb, "image"))
-            self._counted.put(place, np.zeros(len(place), np.uint64))
+            self._counted.clear(place)
         self.images += 1
         self.pixels += pixels
 
     def table(self) -> NDArray[np.uint64]:
-        """The mass of every cell, (2^24,), at `kernels.place_of` its codes."""
+        """Return the mass of every cell, (2^24,), at `kernels.place_of` its codes."""
         return self._counted.at(slice(None)) if self._weighed is None else self._weighed
 
     def occupied(self) -> tuple[NDArray[np.uint64], NDArray[np.uint64]]:
-        """Keys and masses of the occupied cells, (M,) each, in the order of `kernels.occupied`."""
+        """Return keys and masses of the occupied cells, (M,) each, in the order of `kernels.occupied`."""
         some = self._counted.low if self._weighed is None else (self._weighed > 0).astype(np.uint16)
         keys = kernels.occupied(some)
         return keys, self._masses((keys & np.uint64(kernels.CELLS - 1)).astype(np.intp))
@@ -93,51 +74,36 @@ class Histogram:
     def _masses(self, place: NDArray[Any]) -> NDArray[np.uint64]:
         return self._counted.at(place) if self._weighed is None else self._weighed[place]
 
-    def levels(self, rules: Rules) -> NDArray[np.uint64]:
-        """The grey histograms (m, 256) of a coded set by each rule: quicker than through `occupied` if few."""
-        if self._weighed is not None:
-            place = np.flatnonzero(self._weighed)
-            planes = np.ascontiguousarray(kernels.codes_at(place).T, np.float32)
-            return kernels.count_boxes(planes, self._weighed[place], rules)
+    def levels(self, triplets: Sequence[Triplet]) -> dict[Triplet, NDArray[np.int64]]:
+        """Return the grey histograms, (256,) each, of a coded set by weights in hundredths."""
+        ordered = sorted(triplets, key=lambda t: (t[2], t[0]))  # as they are counted quickest
+        masses = self._counted if self._weighed is None else self._weighed
         workers = local_workers()
         with ThreadPoolExecutor(workers) as pool:
-            parts = pool.map(lambda n: kernels.count_table(self._counted, rules, n, workers), range(workers))
-            return np.asarray(sum(parts), np.uint64)
+            parts = pool.map(lambda n: kernels.count_levels(masses, ordered, n, workers), range(workers))
+            return dict(zip(ordered, np.asarray(sum(parts), np.int64), strict=True))
 
     def __add__(self, other: Histogram) -> Histogram:
-        if (self.encoding, self.weighting) != (other.encoding, other.weighting):
-            raise ValueError(
-                f"{self.encoding=} {self.weighting=} and {other.encoding=} {other.weighting=} do not add: "
-                "their values differ in kind"
-            )
-        total = Histogram(self.encoding, self.weighting)
-        total.images = self.images + other.images
-        total.pixels = self.pixels + other.pixels
-        for part in (self, other):
-            total._counted += part._counted
-            if total._weighed is not None and part._weighed is not None:
-                total._weighed += part._weighed
+        total = _of_sums(self.sums())
+        total.add_sums(other.sums())
         return total
 
-    def cells(self) -> Cells:
-        """The occupied cells, ordered by colour."""
+    def colours(self) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        """Return the codes R, G, B of the occupied cells in their order, (M, 3), and the mass in each, (M,)."""
         table = self.table()
-        place = np.flatnonzero(table)
-        codes = kernels.codes_at(place).astype(np.int64)
+        places = np.flatnonzero(table)
+        codes = kernels.codes_at(places).astype(np.int64)
         order = np.lexsort(codes.T[::-1])
-        codes, mass = codes[order], table[place[order]].astype(np.int64)
-        if self.encoding == "coded":
-            return Cells(codes, codes, mass)
-        return Cells(LINEAR_EDGES[codes], LINEAR_EDGES[codes + 1] - 1, mass)
+        return codes[order], table[places[order]].astype(np.int64)
 
     def taken(self) -> Sums:
-        """What was counted; the histogram is then empty, and counts on in the same memory."""
-        found = self.sums(emptied=True)
+        """Return what was counted, and empty the histogram, which counts on in the same memory."""
+        sums = self.sums(emptied=True)
         self.images = self.pixels = 0
-        return found
+        return sums
 
     def sums(self, *, emptied: bool = False) -> Sums:
-        """What was counted."""
+        """Return what was counted."""
         if self._weighed is None:
             return self._sums(self.pixels, kernels.held(self._counted, emptied=emptied))
         place = np.flatnonzero(self._weighed)
@@ -150,7 +116,7 @@ class Histogram:
         return Sums(self.encoding, self.weighting, self.images, self.pixels, mass, cells)
 
     def add_sums(self, sums: Sums) -> None:
-        """Pools what another histogram counted. Raises ValueError, and adds nothing, where it is of another kind, or
+        """Pool what another histogram counted. Raises ValueError, and adds nothing, where it is of another kind, or
         its cells are not what it says of them."""
         if (self.encoding, self.weighting) != (sums.encoding, sums.weighting):
             raise ValueError(
@@ -166,48 +132,13 @@ class Histogram:
     def __reduce__(self) -> tuple[Any, ...]:
         return _of_sums, (self.sums(),)
 
-    def to_bytes(self) -> bytes:
-        """The histogram as a file: a line of JSON, then its cells as `kernels.packed` writes them, deflated."""
-        sums = self.sums()
-        head = {**sums.head(), "bytes": len(sums.cells)}
-        return _MAGIC + json.dumps(head).encode() + b"\n" + bytes(isal_zlib.compress(sums.cells, 1))
-
-    @classmethod
-    def from_bytes(cls, data: bytes, source: str = "histogram") -> Histogram:
-        """Reads what `to_bytes` wrote. Raises `WeightsError`, naming `source`, for anything else."""
-        try:
-            if not data.startswith(_MAGIC):
-                raise ValueError(f"it does not begin with {_MAGIC.decode().strip()!r}")
-            line, _, deflated = data[len(_MAGIC) :].partition(b"\n")
-            head = json.loads(line)
-            cells = inflated(deflated, head.pop("bytes"))
-            return _of_sums(Sums(**head, cells=cells))
-        except (  # type: ignore[misc]
-            ValueError, KeyError, TypeError, AttributeError, RecursionError, isal_zlib.IsalError,
-        ) as error:  # fmt: skip
-            raise WeightsError(
-                f"{source}: not a colour histogram ({error})",
-                hint="write one with Histogram.to_bytes",
-            ) from error
-
 
 def _of_sums(sums: Sums) -> Histogram:
-    found = Histogram(sums.encoding, sums.weighting)
-    found.add_sums(sums)
-    return found
-
-
-def inflated(deflated: bytes, size: int) -> bytes:
-    """`size` bytes out of what was deflated. Raises ValueError or IsalError unless they are as many and no more."""
-    if type(size) is not int or not 0 <= size <= kernels.PACKED_BYTES * kernels.CELLS:
-        raise ValueError(f"{size!r:.40} bytes of cells")
-    unpack = isal_zlib.decompressobj()
-    found = bytes(unpack.decompress(deflated, size + 1))
-    if len(found) != size or not unpack.eof or unpack.unused_data:
-        raise ValueError(f"{len(found)} bytes of cells, expected {size}")
-    return found
+    histogram = Histogram(sums.encoding, sums.weighting)
+    histogram.add_sums(sums)
+    return histogram
 
 
 def mass_of(rgb: NDArray[Any], weighting: Weighting) -> int:
-    """What one pixel of this photograph counts."""
+    """Return what one pixel of this photograph counts."""
     return 1 if weighting == "pixel" else IMAGE_MASS // math.prod(rgb.shape[:2])

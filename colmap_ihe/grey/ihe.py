@@ -1,13 +1,12 @@
-"""Intensity Histogram Equalisation: the weights whose grey histogram over the set is flattest.
+"""Find the weights whose grey histogram over the set is flattest: Intensity Histogram Equalisation (IHE).
 
 After "Intensity histogram equalisation, a colour-to-grey conversion strategy improving
 photogrammetric reconstruction of urban architectural heritage" (2016), equations 4 to 6. With y the
 share of pixels in each of 256 grey levels and beta = 1/256 its mean, S = sum (y - beta)^2 = sum y^2 -
 beta, so the least S is the least sum of squared counts, Q.
 
-The search counts few of the 5,151 triplets in full: one is left out only where a bound of its Q is above the
-Q of one that has been counted, so the winner is that of a loop over every triplet and every pixel. Coded sets
-are counted from their histogram, which holds every colour; linear ones from the photographs, at full depth.
+The winner is that of a loop over every triplet and every pixel. Coded sets are counted from their histogram, which
+holds every colour; linear ones from the photographs, at full depth.
 """
 
 from __future__ import annotations
@@ -20,24 +19,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from colmap_ihe.grey import kernels
-from colmap_ihe.grey.boxes import NO_BOXES, Pyramid, Triplet, bounds_of, counts_of, whites_of
+from colmap_ihe.grey.boxes import Pyramid, estimates_of, whites_of
 from colmap_ihe.grey.contrast import Contrast
 from colmap_ihe.grey.equalise import curve_of
-from colmap_ihe.grey.histogram import Histogram
-from colmap_ihe.grey.rules import LEVELS, coded_rules, linear_rules
-from colmap_ihe.grey.weights import FIXED, Weights, triplets
+from colmap_ihe.grey.histogram import LINEAR_EDGES, Histogram
+from colmap_ihe.grey.rules import LEVELS, linear_rules
+from colmap_ihe.grey.weights import FIXED, Triplet, Weights, triplets
 
 Recount = Callable[[Sequence[Triplet], Sequence[int]], NDArray[np.int64]]
 """Counts the grey levels of n triplets, with their white points, over the whole set: (n, 256) int64."""
 
 _Counted = dict[Triplet, NDArray[np.int64]]
 
-_SLACK = 1 - 1e-9  # bounds are floating point, Q is not
-_SMALL = 600_000  # pixels of a linear set for which bounds would take longer than counting
-_FIRST = 48
-_FEW = 32  # triplets that are counted sooner than bounded
-_COARSE_TO_FINE = ((4, 14), (4, 16), (3, 17), (3, 19), (2, 21))
-"""Of the boxes that bound: bits of their side, and the share of the mass, 2^-n, above which a colour is alone."""
+_SLACK = 1 - 1e-9  # of sums of squares in floating point
 _WHITE_BITS = 2
 _SATURATION = 65535
 
@@ -48,7 +42,7 @@ def fit_weights(
     *,
     guard: Literal["noise", "none"] = "noise",
 ) -> Weights:
-    """The IHE weights of a set of images in memory, every pixel counted; among the triplets that `contrast`
+    """Return the IHE weights of a set of images in memory, every pixel counted; among the triplets that `contrast`
     admits, or with guard "none" among all, as in the paper.
 
     images: (H, W, 3) each; all uint8 gamma-coded, or all uint16 linear with 65535 at sensor saturation.
@@ -69,98 +63,37 @@ def fit_weights(
             sum(count_levels(np.asarray(i, np.uint16), chosen, whites) for i in images), np.int64
         )
 
-    found = fit_histogram(histogram, admitted, recount if histogram.encoding == "linear" else None)
-    return replace(found, curve=curve_of(histogram, found.triplet)) if found.encoding == "linear" else found
+    if histogram.encoding == "coded":
+        return fit_histogram(histogram, admitted)
+    weights = fit_histogram(histogram, admitted, recount)
+    return replace(weights, curve=curve_of(histogram, weights.triplet))
 
 
 def fit_histogram(
     histogram: Histogram,
     grid: Sequence[Triplet],
     recount: Recount | None = None,
-    advance: Callable[[int], None] = lambda _count: None,
 ) -> Weights:
-    """The IHE weights of a set among the triplets of `grid`, as by a loop over all of them and every pixel.
+    """Return the IHE weights of a set among the triplets of `grid`, by a loop over all of them and every pixel.
 
-    Coded sets need nothing but their histogram. Linear sets need `recount` too, which is called twice at most.
-    Ties go to more occupied tones, then to the nearest to Rec.709, then to the first. `advance(n)` is told
-    of every n triplets settled. Raises ValueError for an empty histogram, or a linear one without `recount`.
+    Coded sets need nothing but their histogram. Linear sets need `recount` too, which is called once.
+    Ties go to more occupied tones, then to the nearest to Rec.709, then to the first. Raises ValueError for an
+    empty histogram, or a linear one without `recount`.
     """
     if not histogram.pixels:
         raise ValueError("the histogram is empty, expected at least one pixel")
     if histogram.encoding == "coded":
-        return _best(histogram, _search_coded(histogram, list(grid), advance), None)
+        return _best(histogram, histogram.levels(grid), None)
     if recount is None:
         raise ValueError("a linear histogram needs `recount`: its cells are wider than one value")
-    pyramid = Pyramid(histogram)
-    white = dict(zip(grid, whites_of(pyramid.boxes(_WHITE_BITS), grid), strict=True))
-    counted = _search_linear(pyramid, white, recount, advance, whole=histogram.pixels <= _SMALL)
-    return _best(histogram, counted, white)
-
-
-def _search_coded(histogram: Histogram, alive: list[Triplet], advance: Callable[[int], None]) -> _Counted:
-    if len(alive) <= _FEW:
-        counts = histogram.levels(coded_rules(alive)).astype(np.int64)
-        advance(len(alive))
-        return dict(zip(alive, counts, strict=True))
-    pyramid = Pyramid(histogram)
-    colours = pyramid.boxes(0)
-    counted: _Counted = {}
-    for bits, heavy in _COARSE_TO_FINE:
-        bounds, estimates = bounds_of(*pyramid.adaptive(bits, heavy), coded_rules(alive))
-        promising = alive[int(np.argmin(estimates))]
-        counted[promising] = counts_of(colours, coded_rules([promising]))[0].astype(np.int64)
-        survivors = _survivors(alive, bounds, counted)
-        advance(len(alive) - len(survivors))
-        alive = survivors
-    counts = counts_of(colours, coded_rules(alive)).astype(np.int64)
-    advance(len(alive))
-    return counted | dict(zip(alive, counts, strict=True))
-
-
-def _search_linear(
-    pyramid: Pyramid,
-    white: dict[Triplet, int],
-    recount: Recount,
-    advance: Callable[[int], None],
-    *,
-    whole: bool,
-) -> _Counted:
-    counted: _Counted = {}
-
-    def count(chosen: Sequence[Triplet]) -> None:
-        fresh = [t for t in chosen if t not in counted]
-        if fresh:
-            counted.update(zip(fresh, recount(fresh, [white[t] for t in fresh]), strict=True))
-
-    alive = list(white)
-    for bits in () if whole else (2, 1, 0):
-        rules = linear_rules(alive, [white[t] for t in alive])
-        bounds, estimates = bounds_of(NO_BOXES, pyramid.boxes(bits), rules)
-        if not counted:
-            count([alive[i] for i in np.argsort(estimates, kind="stable")[:_FIRST]])
-        survivors = _survivors(alive, bounds, counted)
-        advance(len(alive) - len(survivors))
-        alive = survivors
-    count(alive)
-    advance(len(alive))
-    return counted
-
-
-def _survivors(alive: list[Triplet], bounds: NDArray[np.float64], counted: _Counted) -> list[Triplet]:
-    """Those that could still win against the best of the counted."""
-    mark = min(_squares(counts) for counts in counted.values())
-    return [t for t, bound in zip(alive, bounds, strict=True) if bound * _SLACK <= mark]
-
-
-def likely_winner(histogram: Histogram, grid: Sequence[Triplet]) -> Triplet:
-    """The winner among `grid`, of a linear set by estimate: quickly, and mostly right."""
-    red, green, blue = (round(100 * w) for w in fit_cells(histogram, grid).triplet)
-    return red, green, blue
+    whites = whites_of(Pyramid(histogram).boxes(_WHITE_BITS), grid)
+    counted = dict(zip(grid, recount(grid, whites), strict=True))
+    return _best(histogram, counted, dict(zip(grid, whites, strict=True)))
 
 
 def fit_cells(histogram: Histogram, grid: Sequence[Triplet]) -> Weights:
-    """The IHE weights by the histogram alone: of a coded set those of `fit_histogram`, of a linear one by estimate,
-    the pixels of a cell spread evenly over the levels that it reaches; `tones` is then None."""
+    """Return the IHE weights by the histogram alone: of a coded set those of `fit_histogram`, of a linear one by
+    estimate, the pixels of a cell spread evenly over the levels that it reaches; `tones` is then None."""
     if histogram.encoding == "coded":
         return fit_histogram(histogram, grid)
     if not histogram.pixels:
@@ -169,7 +102,7 @@ def fit_cells(histogram: Histogram, grid: Sequence[Triplet]) -> Weights:
     alive = list(grid)
     for bits, kept in ((2, 200), (0, 1)):
         whites = whites_of(pyramid.boxes(_WHITE_BITS), alive)
-        _, estimates = bounds_of(NO_BOXES, pyramid.boxes(bits), linear_rules(alive, whites))
+        estimates = estimates_of(pyramid.boxes(bits), linear_rules(alive, whites))
         best = np.argsort(estimates, kind="stable")[:kept]
         alive = [alive[i] for i in best]
     red, green, blue = (w / 100 for w in alive[0])
@@ -187,36 +120,35 @@ def fit_cells(histogram: Histogram, grid: Sequence[Triplet]) -> Weights:
 
 
 def flatness(histogram: Histogram, triplet: tuple[float, float, float]) -> float:
-    """How many grey levels weights would fill if they filled them evenly, 1 to 256: 1 / sum y^2, of a linear set by
-    estimate and with the set's own white point. The weights are rounded to hundredths."""
+    """Return how many grey levels weights would fill if they filled them evenly, 1 to 256: 1 / sum y^2, of a linear
+    set by estimate and with the set's own white point. The weights are rounded to hundredths."""
     red, green = round(100 * triplet[0]), round(100 * triplet[1])
     whole = [(red, green, 100 - red - green)]
     mass = int(histogram.occupied()[1].sum())
     if histogram.encoding == "coded":
-        counts = histogram.levels(coded_rules(whole))[0].astype(np.float64)
-        return mass**2 / float((counts**2).sum())
+        return mass**2 / _squares(histogram.levels(whole)[whole[0]])
     pyramid = Pyramid(histogram)
     rules = linear_rules(whole, whites_of(pyramid.boxes(_WHITE_BITS), whole))
-    return mass**2 / float(bounds_of(NO_BOXES, pyramid.boxes(0), rules)[1][0])
+    return mass**2 / float(estimates_of(pyramid.boxes(0), rules)[0])
 
 
 def clipped(histogram: Histogram, weights: Weights) -> float:
-    """The share of pixels of a linear set that the weights' white point makes white."""
-    cells = histogram.cells()
-    grey = (cells.low + cells.high) / 2 @ np.array(weights.triplet)
-    return float(cells.mass[grey >= weights.white * _SATURATION].sum() / cells.mass.sum())
+    """Return the share of pixels of a linear set that the weights' white point makes white."""
+    codes, mass = histogram.colours()
+    grey = (LINEAR_EDGES[codes] + LINEAR_EDGES[codes + 1] - 1) / 2 @ np.array(weights.triplet)
+    return float(mass[grey >= weights.white * _SATURATION].sum() / mass.sum())
 
 
 def count_levels(
     linear_rgb: NDArray[np.uint16], chosen: Sequence[Triplet], whites: Sequence[int]
 ) -> NDArray[np.int64]:
-    """Grey histograms of one linear photograph, (H, W, 3) uint16, by n triplets with their white points, from
-    every pixel at full depth: (n, 256) int64."""
+    """Return the grey histograms of one linear photograph, (H, W, 3) uint16, by n triplets with their white points,
+    from every pixel at full depth: (n, 256) int64."""
     return kernels.count_pixels(linear_rgb, linear_rules(chosen, whites)).astype(np.int64)
 
 
 def white_point(histogram: Histogram, triplet: tuple[float, float, float]) -> float:
-    """The white point of a linear grey over the set, as a share of saturation, in (0, 1]."""
+    """Return the white point of a linear grey over the set, as a share of saturation, in (0, 1]."""
     red, green = round(triplet[0] * 100), round(triplet[1] * 100)
     return _share(whites_of(Pyramid(histogram).boxes(_WHITE_BITS), [(red, green, 100 - red - green)])[0])
 
@@ -230,14 +162,16 @@ def _squares(counts: NDArray[np.int64]) -> int:
 
 
 def _best(histogram: Histogram, counted: _Counted, white: dict[Triplet, int] | None) -> Weights:
-    """The winner among the triplets counted in full."""
+    """Return the winner among the triplets counted in full."""
+    rough = (np.array(list(counted.values()), np.float64) ** 2).sum(axis=1)
+    close = [t for t, squares in zip(counted, rough, strict=True) if squares * _SLACK <= rough.min()]
 
     def rank(triplet: Triplet) -> tuple[int, int, float, Triplet]:
         counts = counted[triplet]
         away = sum((w / 100 - r) ** 2 for w, r in zip(triplet, FIXED["rec709"], strict=True))
         return (_squares(counts), -int(np.count_nonzero(counts)), away, triplet)
 
-    winner = min(counted, key=rank)
+    winner = min(close, key=rank)
     counts = counted[winner]
     red, green, blue = (w / 100 for w in winner)
     return Weights(

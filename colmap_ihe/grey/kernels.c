@@ -136,18 +136,6 @@ void count_colours_16(const uint16_t *rgb, size_t n, const uint8_t *code, uint16
     }
 }
 
-/* Adds one table to another. */
-void add_table(const uint16_t *low, const uint32_t *high, uint16_t *sum_low, uint32_t *sum_high)
-{
-    for (uint32_t place = 0; place < CELLS; place++)
-        if (low[place]) {
-            uint32_t sum = (uint32_t)low[place] + sum_low[place];
-            sum_low[place] = (uint16_t)(sum > FULL ? sum - FULL : sum);
-            if (sum > FULL || high[place])
-                sum_high[place] += high[place] + (sum > FULL);
-        }
-}
-
 /* Places in ascending order, and their counts, as pairs of whole numbers: how many places were passed over since the
  * one before, and the count; seven bits a byte, the least first, and one that says whether there are more. */
 enum { MOST_BYTES = 14 };
@@ -319,37 +307,26 @@ void sort_places(uint64_t *keys, uint64_t *other, size_t n)
     }
 }
 
-/* Places in the order of their keys, gathered in cubes of 2^bits codes; those heavier than `heavy` come apart.
- * Writes the codes and mass of the heavy ones from the front, and the least and greatest codes and mass of the
- * cubes from the back of planes of `n` each. Returns how many heavy ones, and how many cubes in `cubes`. */
-size_t gather(const uint64_t *keys, size_t n, const uint64_t *masses, uint32_t bits, uint64_t heavy,
-              uint8_t *low, uint8_t *high, uint64_t *mass, size_t *cubes)
+/* Places in the order of their keys, gathered in cubes of 2^bits codes: the least and greatest codes of each and its
+ * mass, in planes of `n`. Returns how many cubes. */
+size_t gather(const uint64_t *keys, size_t n, const uint64_t *masses, uint32_t bits, uint8_t *low, uint8_t *high,
+              uint64_t *mass)
 {
-    size_t front = 0, back = n;
-    uint64_t open_cube = UINT64_MAX;
+    size_t cubes = 0;
     for (size_t i = 0; i < n; i++) {
-        uint64_t cube = keys[i] >> 24 >> 3 * bits;
         uint8_t g = (uint8_t)keys[i];
         uint8_t code[3] = {(uint8_t)((keys[i] >> 16) + g), g, (uint8_t)((keys[i] >> 8) + g)};
-        if (masses[i] > heavy || cube != open_cube) {
-            size_t at = masses[i] > heavy ? front++ : --back;
-            for (int c = 0; c < 3; c++)
-                low[c * n + at] = high[c * n + at] = code[c];
-            mass[at] = masses[i];
-            if (masses[i] <= heavy)
-                open_cube = cube;
-            continue;
-        }
+        int opens = i == 0 || (keys[i] ^ keys[i - 1]) >> 24 >> 3 * bits;
+        if (opens)
+            mass[cubes++] = 0;
+        mass[cubes - 1] += masses[i];
         for (int c = 0; c < 3; c++) {
-            if (code[c] < low[c * n + back])
-                low[c * n + back] = code[c];
-            if (code[c] > high[c * n + back])
-                high[c * n + back] = code[c];
+            uint8_t *least = low + c * n + cubes - 1, *most = high + c * n + cubes - 1;
+            *least = opens || code[c] < *least ? code[c] : *least;
+            *most = opens || code[c] > *most ? code[c] : *most;
         }
-        mass[back] += masses[i];
     }
-    *cubes = n - back;
-    return front;
+    return cubes;
 }
 
 static void add_masses(const uint16_t *at, const uint64_t *mass, size_t n, uint64_t *out)
@@ -363,43 +340,64 @@ static void add_masses(const uint16_t *at, const uint64_t *mass, size_t n, uint6
         out[at[n - 1]] += mass[n - 1];
 }
 
-/* Grey histograms (rules, 256) of boxes of one colour each. */
-void count_boxes(const float *planes, const uint64_t *mass, size_t n, const Rule *rules, size_t m,
-                 uint64_t *out)
+/* Masses of STRIDE colours that differ in G alone, by R-G, B-G and the G of the first: whatever the weights, their
+ * greys are neighbours too. */
+enum { RUNS = 512, WIDTH = LEVELS + 2 * STRIDE };
+
+typedef struct {
+    uint64_t mass[RUNS][STRIDE];
+    int16_t red[RUNS], blue[RUNS], green[RUNS];
+} Runs;
+
+/* The grey of weights i, j, k in hundredths, (i R + j G + k B + 50) / 100, is G + (i (R-G) + k (B-G) + 50) / 100. */
+static void count_runs(const Runs *runs, size_t n, const int16_t *weights, size_t m, uint64_t *out)
 {
-    uint8_t level[BLOCK];
-    uint16_t at[BLOCK];
-    for (size_t start = 0; start < n; start += BLOCK) {
-        size_t length = n - start < BLOCK ? n - start : BLOCK;
-        for (size_t k = 0; k < m; k++) {
-            const float *r = planes + start;
-            levels(r, r + n, r + 2 * n, length, &rules[k], level);
-            for (size_t i = 0; i < length; i++)
-                at[i] = level[i];
-            add_masses(at, mass + start, length, out + k * LEVELS);
+    uint16_t at[RUNS], before[RUNS];
+    for (size_t t = 0; t < m; t++, out += WIDTH) {
+        int16_t red = weights[2 * t], blue = weights[2 * t + 1];
+        for (size_t i = 0; i < n; i++) { /* divided above 0, then back by 256; STRIDE places lie before level 0 */
+            uint16_t sum = (uint16_t)(red * runs->red[i] + blue * runs->blue[i] + 50 + 100 * LEVELS);
+            at[i] = (uint16_t)(sum / 100 + runs->green[i] + STRIDE - LEVELS);
         }
+        for (size_t i = 0; i < n; i++)
+            if (t == 0 || at[i] != before[i])
+                for (size_t k = 0; k < STRIDE; k++)
+                    out[at[i] + k] += runs->mass[i][k];
+        for (size_t i = 0; t && i < n; i++)
+            if (at[i] != before[i])
+                for (size_t k = 0; k < STRIDE; k++)
+                    out[before[i] + k] -= runs->mass[i][k];
+        memcpy(before, at, sizeof at);
     }
 }
 
-/* Grey histograms (m, 256) of the colours of a table, from place `start` to `end`, whole STRIDEs. */
-void count_table(const uint16_t *low, const uint32_t *high, uint32_t start, uint32_t end, const Rule *rules, size_t m,
-                 uint64_t *out)
+/* Counts of grey levels of the colours of a table, from place `start` to `end`, whole STRIDEs; where `sums` is not NULL
+ * it has the masses of those that are not 0 in `low`. Weights: R and B in hundredths, (m, 2). `out` (m, WIDTH) is of the
+ * first weights the counts, of any others what changes, modulo 2^64; the outer STRIDE places come to 0 in sum. */
+void count_levels(const uint16_t *low, const uint32_t *high, const uint64_t *sums, uint32_t start, uint32_t end,
+                  const int16_t *weights, size_t m, uint64_t *out)
 {
+    Runs runs;
     uint32_t places[BLOCK];
-    float planes[3 * BLOCK];
-    uint64_t mass[BLOCK];
+    size_t n = 0;
     while (start < end) {
-        size_t n = next_places(low, &start, end, places, BLOCK);
-        for (size_t i = 0; i < n; i++) {
+        size_t found = next_places(low, &start, end, places, BLOCK);
+        for (size_t i = 0; i < found; i++) {
             uint32_t place = places[i];
-            uint8_t g = (uint8_t)place;
-            planes[i] = (uint8_t)((place >> 16) + g);
-            planes[n + i] = g;
-            planes[2 * n + i] = (uint8_t)((place >> 8) + g);
-            mass[i] = low[place] + (uint64_t)FULL * high[place];
+            uint8_t g = (uint8_t)place, first = g / STRIDE * STRIDE;
+            int16_t red = (uint8_t)((place >> 16) + g) - g, blue = (uint8_t)((place >> 8) + g) - g;
+            if (n == 0 || red != runs.red[n - 1] || blue != runs.blue[n - 1] || first != runs.green[n - 1]) {
+                if (n == RUNS) {
+                    count_runs(&runs, n, weights, m, out);
+                    n = 0;
+                }
+                memset(runs.mass[n], 0, sizeof *runs.mass);
+                runs.red[n] = red, runs.blue[n] = blue, runs.green[n++] = first;
+            }
+            runs.mass[n - 1][g - first] = sums ? sums[place] : low[place] + (uint64_t)FULL * high[place];
         }
-        count_boxes(planes, mass, n, rules, m, out);
     }
+    count_runs(&runs, n, weights, m, out);
 }
 
 /* Mass by length of the run of levels less one, and first level: (256, 256). Returns the longest. */
@@ -427,33 +425,26 @@ static uint32_t runs_of(const float *low, const float *high, const uint64_t *mas
     return longest;
 }
 
-/* A lower bound of the sum of squared counts for each rule, and the sum for an even spread: (m) each. `known`
- * are counts (m, 256) of colours that are in no box. `runs` is scratch, (256, 256). */
-void bound_boxes(const float *low, const float *high, const uint64_t *mass, size_t n, const Rule *rules,
-                 size_t m, const uint64_t *known, uint64_t *runs, double *bound, double *even)
+/* The sum of squared counts for each rule, if the mass of each box were spread evenly over its run of levels: (m).
+ * `runs` is scratch, (256, 256). */
+void estimate_boxes(const float *low, const float *high, const uint64_t *mass, size_t n, const Rule *rules, size_t m,
+                    uint64_t *runs, double *out)
 {
     for (size_t k = 0; k < m; k++) {
-        memcpy(runs, known + k * LEVELS, LEVELS * sizeof *runs);
+        memset(runs, 0, LEVELS * sizeof *runs);
         uint32_t longest = runs_of(low, high, mass, n, &rules[k], runs);
-        double price[LEVELS + 1] = {0}, least[LEVELS], dual = 0, square = 0;
+        double count[LEVELS + 1] = {0}, square = 0;
         for (uint32_t extra = 0; extra <= longest; extra++)
             for (uint32_t first = 0; first + extra < LEVELS; first++) {
                 double share = (double)runs[extra * LEVELS + first] / (extra + 1);
-                price[first] += share;
-                price[first + extra + 1] -= share;
+                count[first] += share;
+                count[first + extra + 1] -= share;
             }
         for (uint32_t level = 1; level < LEVELS; level++)
-            price[level] += price[level - 1];
-        memcpy(least, price, sizeof least);
-        for (uint32_t extra = 0; extra <= longest; extra++)
-            for (uint32_t first = 0; first + extra < LEVELS; first++) {
-                least[first] = price[first + extra] < least[first] ? price[first + extra] : least[first];
-                dual += (double)runs[extra * LEVELS + first] * least[first];
-            }
+            count[level] += count[level - 1];
         for (uint32_t level = 0; level < LEVELS; level++)
-            square += price[level] * price[level];
-        bound[k] = 2 * dual - square;
-        even[k] = square;
+            square += count[level] * count[level];
+        out[k] = square;
     }
 }
 

@@ -1,8 +1,9 @@
-"""The compiled inner loops (kernels.c) of the fit: colours counted, and grey levels of what was counted."""
+"""Call the compiled loops (kernels.c) of the fit: colours counted, and grey levels of what was counted."""
 
 from __future__ import annotations
 
 import ctypes
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -10,16 +11,15 @@ from numpy.typing import NDArray
 
 from colmap_ihe.grey.compiled import C, at, check, length
 from colmap_ihe.grey.rules import LEVELS, Rules
-
-Gathered = tuple[NDArray[np.uint8], NDArray[np.uint8], NDArray[np.uint64]]
-"""Least and greatest codes of M boxes, planes (3, M), and their mass, (M,)."""
+from colmap_ihe.grey.weights import Triplet
 
 CELLS = 1 << 24
 FULL = 65535
+_RUN = 16  # places that kernels.c counts together
 
 
 class Table:
-    """How often each place of `place_of` was counted: `low + FULL * high`, (2^24,) uint16 and uint32. `low` is 0
+    """Count how often each place of `place_of` was counted: `low + FULL * high`, (2^24,) uint16 and uint32. `low` is 0
     only where nothing was counted, and most pages of `high` are never touched."""
 
     def __init__(self) -> None:
@@ -27,17 +27,12 @@ class Table:
         self.high = np.zeros(CELLS, np.uint32)
 
     def at(self, place: NDArray[Any] | slice) -> NDArray[np.uint64]:
-        """The counts at places (M,): (M,)."""
+        """Return the counts at places (M,): (M,)."""
         return np.asarray(self.low[place] + FULL * self.high[place].astype(np.uint64))
 
-    def put(self, place: NDArray[Any], counts: NDArray[np.uint64]) -> None:
-        """Sets the counts at places (M,), less than 2^48."""
-        full = np.maximum(counts, 1) - 1
-        self.low[place], self.high[place] = counts - full // FULL * FULL, full // FULL
-
-    def __iadd__(self, other: Table) -> Table:
-        C.add_table(at(other.low), at(other.high), at(self.low), at(self.high))
-        return self
+    def clear(self, place: NDArray[Any]) -> None:
+        """Set the counts at places (M,) to 0."""
+        self.low[place] = self.high[place] = 0
 
 
 PACKED_BYTES = 14  # of a cell, at the most
@@ -45,7 +40,7 @@ _PACKED_AT_ONCE = 1 << 20
 
 
 def held(table: Table, *, emptied: bool = False) -> bytes:
-    """What a table holds, in few bytes, see `packed`; the table may then be empty."""
+    """Return what a table holds in few bytes, see `packed`; with `emptied` the table is empty then."""
     start, passed = ctypes.c_uint32(), ctypes.c_uint32()
     room = np.empty(_PACKED_AT_ONCE, np.uint8)
     into = (ctypes.c_int(emptied), ctypes.byref(start), ctypes.byref(passed), at(room), length(len(room)))
@@ -57,8 +52,8 @@ def held(table: Table, *, emptied: bool = False) -> bytes:
 
 
 def packed(place: NDArray[np.uint32], counts: NDArray[np.uint64]) -> bytes:
-    """Places (M,) in ascending order and their counts (M,), below 2^63, in about two bytes each: how many places lie
-    between, and the count, as whole numbers of seven bits a byte, the least first."""
+    """Pack places (M,) in ascending order and their counts (M,), below 2^63, in about two bytes each: how many places
+    lie between, and the count, as whole numbers of seven bits a byte, the least first."""
     n = len(place)
     check(place, np.uint32, (n,))
     check(counts, np.uint64, (n,))
@@ -67,13 +62,13 @@ def packed(place: NDArray[np.uint32], counts: NDArray[np.uint64]) -> bytes:
 
 
 def check_packed(data: bytes, mass: int) -> None:
-    """Raises ValueError for anything that `packed` could not have given of counts of `mass` in sum."""
+    """Raise ValueError for anything that `packed` could not have given of counts of `mass` in sum."""
     if not C.packed_is_sound(data, length(len(data)), ctypes.c_uint64(mass)):
         raise ValueError(f"its cells are not in order, or do not hold {mass} pixels")
 
 
 def add_packed(data: bytes, mass: int, to: Table | NDArray[np.uint64]) -> None:
-    """Adds what `packed` or `held` gave, counts of `mass` in sum, to a table or to sums (2^24,). Raises ValueError,
+    """Add what `packed` or `held` gave, counts of `mass` in sum, to a table or to sums (2^24,). Raises ValueError,
     and adds nothing, for anything that they could not have given."""
     check_packed(data, mass)
     if isinstance(to, Table):
@@ -84,7 +79,7 @@ def add_packed(data: bytes, mass: int, to: Table | NDArray[np.uint64]) -> None:
 
 
 def count_colours(rgb: NDArray[np.generic], table: Table, code: NDArray[np.uint8]) -> None:
-    """Adds the pixels of rgb, (..., 3) uint8, or uint16 of which `code` (65536,) gives the code of each value,
+    """Add the pixels of rgb, (..., 3) uint8, or uint16 of which `code` (65536,) gives the code of each value,
     to the table, at `place` of their codes."""
     pixels = np.ascontiguousarray(rgb)
     if pixels.dtype == np.uint8:
@@ -98,21 +93,21 @@ def count_colours(rgb: NDArray[np.generic], table: Table, code: NDArray[np.uint8
 
 
 def place_of(codes: NDArray[np.uint8]) -> NDArray[np.int64]:
-    """Where a table of `count_colours` counts the codes (..., 3): ordered by R-G, B-G and G modulo 256, for the
+    """Return where a table of `count_colours` counts the codes (..., 3): ordered by R-G, B-G and G modulo 256, for the
     colours of a photograph lie close together there."""
     red, green, blue = (codes[..., c].astype(np.int64) for c in range(3))
     return np.asarray((red - green & 255) << 16 | (blue - green & 255) << 8 | green)
 
 
 def codes_at(place: NDArray[np.int64]) -> NDArray[np.uint8]:
-    """The codes (M, 3) counted at places (M,)."""
+    """Return the codes (M, 3) counted at places (M,)."""
     green = place & 255
     return np.stack([(place >> 16) + green & 255, green, (place >> 8) + green & 255], axis=1).astype(np.uint8)
 
 
 def occupied(low: NDArray[np.uint16]) -> NDArray[np.uint64]:
-    """Keys of the places (2^24,) that are not 0, (M,), each with its place in the lower 24 bits; sorted so that
-    cubes within cubes of RGB come together."""
+    """Return the keys of the places (2^24,) that are not 0, (M,), each with its place in the lower 24 bits; sorted so
+    that cubes within cubes of RGB come together."""
     check(low, np.uint16, (CELLS,))
     keys = np.empty(C.occupied(at(low), None), np.uint64)
     C.occupied(at(low), at(keys))
@@ -121,69 +116,56 @@ def occupied(low: NDArray[np.uint16]) -> NDArray[np.uint64]:
 
 
 def gather(
-    keys: NDArray[np.uint64], masses: NDArray[np.uint64], bits: int, heavy: int
-) -> tuple[Gathered, Gathered]:
-    """Keys of `occupied` and their masses, (M,) each: those heavier than `heavy`, and the others in cubes of
-    2^bits codes."""
+    keys: NDArray[np.uint64], masses: NDArray[np.uint64], bits: int
+) -> tuple[NDArray[np.uint8], NDArray[np.uint8], NDArray[np.uint64]]:
+    """Gather keys of `occupied` and their masses, (M,) each, in N cubes of 2^bits codes. Returns the least and greatest
+    codes of each cube, planes (3, N), and its mass (N,)."""
     n = len(keys)
     check(keys, np.uint64, (n,))
     check(masses, np.uint64, (n,))
     low, high = np.empty((3, n), np.uint8), np.empty((3, n), np.uint8)
     mass = np.empty(n, np.uint64)
-    cubes = ctypes.c_size_t()
-    places = (at(low), at(high), at(mass), ctypes.byref(cubes))
-    m = C.gather(at(keys), length(n), at(masses), ctypes.c_uint32(bits), ctypes.c_uint64(heavy), *places)
-    alone, together = slice(0, m), slice(n - cubes.value, n)
-    return (low[:, alone], high[:, alone], mass[alone]), (low[:, together], high[:, together], mass[together])
+    outputs = (at(low), at(high), at(mass))
+    cubes = C.gather(at(keys), length(n), at(masses), ctypes.c_uint32(bits), *outputs)
+    return low[:, :cubes], high[:, :cubes], mass[:cubes]
 
 
-def count_boxes(planes: NDArray[np.float32], mass: NDArray[np.uint64], rules: Rules) -> NDArray[np.uint64]:
-    """Grey histograms (m, 256) of boxes of one colour each: planes (3, M), mass (M,)."""
-    _check_boxes(planes, mass, rules)
-    out = np.zeros((len(rules), LEVELS), np.uint64)
-    C.count_boxes(at(planes), at(mass), length(len(mass)), at(rules), length(len(rules)), at(out))
-    return out
-
-
-def count_table(table: Table, rules: Rules, part: int = 0, parts: int = 1) -> NDArray[np.uint64]:
-    """Grey histograms (m, 256) of the colours in a table, or in one of some even parts of it."""
-    check(rules, np.float32, (len(rules), 6))
-    out = np.zeros((len(rules), LEVELS), np.uint64)
+def count_levels(
+    counts: Table | NDArray[np.uint64], triplets: Sequence[Triplet], part: int = 0, parts: int = 1
+) -> NDArray[np.uint64]:
+    """Return the grey histograms (m, 256) of the colours in a table or in sums (2^24,), or in one of some even parts
+    of it, for weights in hundredths: a colour has the grey `(i R + j G + k B + 50) // 100`. Quickest where
+    neighbours in `triplets` are alike, most of all in blue."""
     start, end = (ctypes.c_uint32(CELLS // 16 * n // parts * 16) for n in (part, part + 1))
-    counts = (at(table.low), at(table.high))
-    C.count_table(*counts, start, end, at(rules), length(len(rules)), at(out))
-    return out
+    if isinstance(counts, Table):
+        masses: tuple[ctypes.c_void_p | None, ...] = (at(counts.low), at(counts.high), None)
+    else:
+        check(counts, np.uint64, (CELLS,))
+        occupied_places = (counts > 0).astype(np.uint16)
+        masses = (at(occupied_places), None, at(counts))
+    weights = np.array([(red, blue) for red, _, blue in triplets], np.int16)
+    out = np.zeros((len(weights), LEVELS + 2 * _RUN), np.uint64)
+    C.count_levels(*masses, start, end, at(weights), length(len(weights)), at(out))
+    return np.cumsum(out, axis=0, dtype=np.uint64)[:, _RUN:-_RUN]
 
 
-def bound_boxes(
-    low: NDArray[np.float32],
-    high: NDArray[np.float32],
-    mass: NDArray[np.uint64],
-    rules: Rules,
-    known: NDArray[np.uint64],
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """For each rule a lower bound of Q, the sum of squared counts, over all ways in which the pixels of each
-    box may fall in the run of levels that it reaches, and Q for an even spread: (m,) each. `known` are counts
-    (m, 256) to which those of the boxes are added.
-
-    For any prices p of the levels, Q = sum n^2 >= sum (2 p n - p^2), and the sum of n p is at least each box's
-    mass times the least price in its run. With the even spread for prices the bound is close.
-    """
+def estimate_boxes(
+    low: NDArray[np.float32], high: NDArray[np.float32], mass: NDArray[np.uint64], rules: Rules
+) -> NDArray[np.float64]:
+    """Return for each rule the sum of squared counts, (m,), with the mass of each box, (M,), spread evenly over the
+    levels from its least to its greatest colour, planes (3, M)."""
     _check_boxes(low, mass, rules)
     check(high, np.float32, low.shape)
-    check(known, np.uint64, (len(rules), LEVELS))
-    bound, even = np.empty(len(rules)), np.empty(len(rules))
-    runs = np.empty((LEVELS, LEVELS), np.uint64)
+    squares, runs = np.empty(len(rules)), np.empty((LEVELS, LEVELS), np.uint64)
     boxes = (at(low), at(high), at(mass), length(len(mass)))
-    out = (at(runs), at(bound), at(even))
-    C.bound_boxes(*boxes, at(rules), length(len(rules)), at(known), *out)
-    return bound, even
+    C.estimate_boxes(*boxes, at(rules), length(len(rules)), at(runs), at(squares))
+    return squares
 
 
 def quantile_boxes(
     planes: NDArray[np.float32], mass: NDArray[np.uint64], rules: Rules, width: int, needed: int
 ) -> NDArray[np.uint32]:
-    """For each rule the bin of `width`, a power of two, in which boxes (3, M) in the order of their weighted
+    """Return for each rule the bin of `width`, a power of two, in which boxes (3, M) in the order of their weighted
     sums reach a mass of `needed`: (m,)."""
     _check_boxes(planes, mass, rules)
     most = (1 << 24) // width
@@ -196,7 +178,7 @@ def quantile_boxes(
 
 
 def count_pixels(rgb: NDArray[np.uint16], rules: Rules) -> NDArray[np.uint64]:
-    """Grey histograms (m, 256) of the pixels of rgb, (..., 3) uint16."""
+    """Return the grey histograms (m, 256) of the pixels of rgb, (..., 3) uint16."""
     check(rules, np.float32, (len(rules), 6))
     pixels = np.ascontiguousarray(rgb)
     check(pixels, np.uint16, pixels.shape)
@@ -206,7 +188,7 @@ def count_pixels(rgb: NDArray[np.uint16], rules: Rules) -> NDArray[np.uint64]:
 
 
 def weigh(rgb: NDArray[np.uint8], rule: Rules) -> NDArray[np.uint8]:
-    """Levels of rgb, (H, W, 3) uint8, by one rule, (1, 6): (H, W) uint8."""
+    """Return the levels of rgb, (H, W, 3) uint8, by one rule, (1, 6): (H, W) uint8."""
     check(rule, np.float32, (1, 6))
     pixels = np.ascontiguousarray(rgb)
     check(pixels, np.uint8, (*rgb.shape[:2], 3))

@@ -1,4 +1,4 @@
-"""Rules by which a colour has a grey level, as the compiled loops take them: exact, though they reckon in float32."""
+"""Make the rules by which the compiled loops give a colour its grey level, exactly, though they compute in float32."""
 
 from __future__ import annotations
 
@@ -12,19 +12,11 @@ _FINE = 4
 
 Rules = NDArray[np.float32]
 """(m, 6): red, green, blue, fine, scale, offset; the level of a colour is `floor(floor(fine (red R + green G +
-blue B)) scale + offset)`, at most 255. See `coded_rules` and `linear_rules`."""
-
-
-def coded_rules(triplets: Sequence[tuple[int, int, int]]) -> Rules:
-    """Levels of gamma-coded values for weights in hundredths: `(i R + j G + k B + 50) // 100`, exactly."""
-    rules = np.empty((len(triplets), 6), np.float32)
-    rules[:, :3] = triplets
-    rules[:, 3:] = (1, 0.01, 0.505)  # 0.005 from every integer at least, and float32 errs by 0.00003
-    return rules
+blue B)) scale + offset)`, at most 255. See `parts_rule` and `linear_rules`."""
 
 
 def parts_rule(numerators: NDArray[np.float64], parts: int) -> Rules | None:
-    """The nearest level, halves up, of weights that are whole numbers of `parts`; None if they are not whole."""
+    """Return the nearest level, halves up, of weights that are whole numbers of `parts`; None if they are not whole."""
     whole = np.rint(numerators)
     if np.abs(numerators - whole).max() > 1e-6:
         return None
@@ -33,7 +25,7 @@ def parts_rule(numerators: NDArray[np.float64], parts: int) -> Rules | None:
 
 
 def linear_rules(triplets: Sequence[tuple[int, int, int]], whites: Sequence[int]) -> Rules:
-    """Levels of linear values: `(i R + j G + k B) * 256 // white`, exactly. `whites` are multiples of 1024."""
+    """Return levels of linear values: `(i R + j G + k B) * 256 // white`, exactly. `whites` are multiples of 1024."""
     step = np.asarray(whites, np.float64) / LEVELS / _FINE
     if (step % 1 != 0).any() or (step < 1).any():
         raise ValueError(f"{whites=}, expected multiples of {LEVELS * _FINE}")

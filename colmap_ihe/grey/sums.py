@@ -1,4 +1,4 @@
-"""What a histogram counted, in few bytes: to be sent to another process, kept in a file, and added to others."""
+"""Hold what a histogram counted in few bytes: to be sent to another process, kept in a file, and added to others."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ MOST_IMAGES = 1 << 26
 
 @dataclass(frozen=True)
 class Sums:
-    """`cells` are the occupied cells as `kernels.packed` writes them, of `mass` in sum: as many as `pixels`, or
-    under `weighting` "image" about as much for each image. Nothing of it is checked until it is added to a
-    `Histogram`. Raises ValueError for a kind that there is not, or numbers that cannot be."""
+    """Hold what was counted: `cells` are the occupied cells as `kernels.packed` writes them, of `mass` in sum: as many
+    as `pixels`, or under `weighting` "image" about as much for each image. Nothing of it is checked until it is added
+    to a `Histogram`. Raises ValueError for a kind that there is not, or numbers that cannot be."""
 
     encoding: Encoding
     weighting: Weighting
@@ -41,7 +41,7 @@ class Sums:
             or self.images >= MOST_IMAGES
         ):
             raise ValueError(
-                f"images, pixels and mass of {numbers!r:.80}, wanted whole numbers in their range"
+                f"images, pixels and mass of {numbers!r:.80}, expected whole numbers in their range"
             )
         most = self.pixels if self.weighting == "pixel" else self.images * IMAGE_MASS
         least = self.pixels if self.weighting == "pixel" else min(1, self.pixels)
@@ -49,11 +49,11 @@ class Sums:
             raise ValueError(f"a mass of {self.mass} for {self.images} images of {self.pixels} pixels")
 
     def checked(self) -> Sums:
-        """The same. Raises ValueError if its cells are not what it says of them."""
+        """Return the same. Raises ValueError if its cells are not what it says of them."""
         kernels.check_packed(self.cells, self.mass)
         return self
 
     def head(self) -> dict[str, Any]:
-        """All but the cells, in plain values."""
+        """Return all but the cells, in plain values."""
         names = ("encoding", "weighting", "images", "pixels", "mass")
         return {name: getattr(self, name) for name in names}

@@ -1,4 +1,4 @@
-"""Wallis filter: local mean and contrast of a grey image brought towards targets.
+"""Bring local mean and contrast of a grey image towards targets (Wallis filter).
 
 After Wallis 1976 as photogrammetry uses it (Baltsavias 1991): with m and s the mean and standard deviation
 around a pixel,
@@ -37,7 +37,7 @@ def wallis(
     contrast: float = CONTRAST,
     brightness: float = BRIGHTNESS,
 ) -> NDArray[np.uint8]:
-    """The enhanced image, (H, W) uint8, of grey (H, W) uint8, to the nearest level.
+    """Return the enhanced image, (H, W) uint8, of grey (H, W) uint8, to the nearest level.
 
     The image is cut into blocks as near to `block` pixels a side as goes evenly, one at least; beyond the outermost
     centres their statistics hold. `contrast` and `brightness` in [0, 1) and [0, 1]: 0 and 0 would be a black
@@ -64,7 +64,7 @@ def wallis(
 
 
 def _edges(length: int, block: int) -> NDArray[np.int64]:
-    """Where blocks begin, and the end: (n + 1,)."""
+    """Return where blocks begin, and the end: (n + 1,)."""
     count = max(1, round(length / block))
     return np.asarray(np.rint(np.linspace(0, length, count + 1)), np.int64)
 
@@ -72,7 +72,7 @@ def _edges(length: int, block: int) -> NDArray[np.int64]:
 def _statistics(
     grey: NDArray[np.uint8], rows: NDArray[np.int64], columns: NDArray[np.int64]
 ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """Mean and standard deviation of every block, summed as integers."""
+    """Return mean and standard deviation of every block, summed as integers."""
     sums, squares = [], []
     for top, bottom in pairwise(rows.tolist()):
         some = grey[top:bottom].astype(np.uint32)
@@ -85,14 +85,14 @@ def _statistics(
 
 
 def _places(edges: NDArray[np.int64]) -> NDArray[np.float32]:
-    """Where each pixel lies among the centres of the blocks, in blocks."""
+    """Return where each pixel lies among the centres of the blocks, in blocks."""
     centres = (edges[:-1] + edges[1:]) / 2
     middles = np.arange(edges[-1]) + 0.5
     return np.interp(middles, centres, np.arange(len(centres))).astype(np.float32)
 
 
 def _between(values: NDArray[np.float32], places: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Rows of `values` interpolated at `places`."""
+    """Return rows of `values` interpolated at `places`."""
     before = np.minimum(places.astype(np.int64), len(values) - 1)
     after = np.minimum(before + 1, len(values) - 1)
     share = (places - before)[:, None].astype(np.float32)

@@ -1,4 +1,4 @@
-"""A triplet of grey weights, and the conversions that are nothing but a triplet."""
+"""Describe a triplet of grey weights, and the conversions that are nothing but a triplet."""
 
 from __future__ import annotations
 
@@ -12,6 +12,9 @@ from colmap_ihe.errors import WeightsError
 
 Encoding = Literal["coded", "linear"]
 """`coded`: gamma-coded values as stored in a JPEG. `linear`: sensor values after black subtraction."""
+
+Triplet = tuple[int, int, int]
+"""Weights of red, green and blue in hundredths."""
 
 Curve = tuple[int, ...]
 """Where the levels of an equalised grey begin, see `Weights`."""
@@ -35,7 +38,7 @@ _SUM_TOLERANCE = 2e-3  # MATLAB's rgb2gray is published as .2989 .5870 .1140, wh
 
 @dataclass(frozen=True)
 class Weights:
-    """grey = red R + green G + blue B, one triplet for a whole set of photographs.
+    """Hold the weights of grey = red R + green G + blue B, one triplet for a whole set of photographs.
 
     `score` is the IHE criterion S (smaller is flatter), `tones` the number of occupied grey levels of
     256; both are None where nothing was fitted. For `linear` input `white` is the set's white point of
@@ -65,7 +68,7 @@ class Weights:
             abs(sum(triplet) - 1) > _SUM_TOLERANCE
         ):
             raise WeightsError(
-                f"weights {triplet} sum to {sum(triplet):g}; wanted three numbers in 0..1 that sum to 1",
+                f"weights {triplet} sum to {sum(triplet):g}; expected three numbers in 0..1 that sum to 1",
                 hint="correct the weights file, or fit it again with `colmap-ihe fit`",
             )
         _check_encoding(self.encoding, self.white)
@@ -77,7 +80,7 @@ class Weights:
         return (self.red, self.green, self.blue)
 
     def as_dict(self) -> dict[str, Any]:
-        """Plain values for JSON and YAML; `grey_from_dict` reads them back."""
+        """Return plain values for JSON and YAML; `grey_from_dict` reads them back."""
         return {
             "method": self.method,
             "weights": list(self.triplet),
@@ -94,8 +97,8 @@ class Weights:
 
 @dataclass(frozen=True, kw_only=True)
 class Formula:
-    """A conversion that is no triplet: `method` names it in `conversions.CONVERSIONS`, `parameters` are what it
-    found of the set, if anything. The other fields as in `Weights`."""
+    """Describe a conversion that is no triplet: `method` names it in `conversions.CONVERSIONS`, `parameters` are what
+    it found of the set, if anything. The other fields as in `Weights`."""
 
     method: str
     parameters: tuple[float, ...] = ()
@@ -108,11 +111,11 @@ class Formula:
         _check_encoding(self.encoding, self.white)
         if not all(math.isfinite(v) for v in self.parameters):
             raise WeightsError(
-                f"parameters {self.parameters} of {self.method!r}; wanted finite numbers", hint=_HINT
+                f"parameters {self.parameters} of {self.method!r}; expected finite numbers", hint=_HINT
             )
 
     def as_dict(self) -> dict[str, Any]:
-        """Plain values for JSON and YAML, with the keys of `Weights.as_dict`; `grey_from_dict` reads them."""
+        """Return plain values for JSON and YAML, with the keys of `Weights.as_dict`; `grey_from_dict` reads them."""
         return {
             "method": self.method,
             "weights": None,
@@ -129,7 +132,7 @@ class Formula:
 def _check_encoding(encoding: str, white: float) -> None:
     if encoding not in ("coded", "linear") or not 0 < white <= 1:
         raise WeightsError(
-            f"encoding {encoding!r} with white {white}; wanted 'coded' or 'linear' and 0 < white <= 1",
+            f"encoding {encoding!r} with white {white}; expected 'coded' or 'linear' and 0 < white <= 1",
             hint="fit the weights file again with `colmap-ihe fit`",
         )
 
@@ -139,7 +142,7 @@ def _check_curve(encoding: str, curve: Curve) -> None:
     rises = whole and all(a <= b for a, b in pairwise(curve))
     if encoding != "linear" or len(curve) != LEVELS - 1 or not rises:
         raise WeightsError(
-            f"a curve of {len(curve)} values for {encoding} photographs; wanted {LEVELS - 1} whole numbers in"
+            f"a curve of {len(curve)} values for {encoding} photographs; expected {LEVELS - 1} whole numbers in"
             f" 0..{DEPTH} that do not fall, for linear ones",
             hint="fit the weights file again with `colmap-ihe fit`",
         )
@@ -150,7 +153,8 @@ Grey = Weights | Formula
 
 
 def grey_from_dict(values: Any, source: str = "weights") -> Grey:
-    """Raises `WeightsError`, naming `source`, for anything that `as_dict` could not have written."""
+    """Read what `as_dict` wrote. Raises `WeightsError`, naming `source`, for anything that `as_dict` could not have
+    written."""
     try:
         common: dict[str, Any] = {
             "encoding": values.get("encoding", "coded"),
@@ -175,18 +179,18 @@ def grey_from_dict(values: Any, source: str = "weights") -> Grey:
         )
     except (KeyError, TypeError, ValueError, AttributeError, OverflowError) as error:
         raise WeightsError(
-            f"{source}: not a weights file ({error}); wanted `weights: [r, g, b]`", hint=_HINT
+            f"{source}: not a weights file ({error}); expected `weights: [r, g, b]`", hint=_HINT
         ) from error
 
 
 def triplets(step: float = 0.01) -> list[tuple[int, int, int]]:
-    """All weights (i, j, k) in hundredths with i + j + k = 100 on a grid of `step`, lexicographic.
+    """Return all weights (i, j, k) in hundredths with i + j + k = 100 on a grid of `step`, lexicographic.
 
     5,151 of them for step 0.01 and 66 for 0.1. Raises `WeightsError` if 1 is not a multiple of `step`
     or `step` is not a multiple of 0.01.
     """
     hundredths = round(step * 100) if math.isfinite(step) else 0
     if hundredths < 1 or 100 % hundredths or abs(hundredths / 100 - step) > 1e-9:
-        raise WeightsError(f"{step=}, wanted 0.01, 0.02, 0.04, 0.05, 0.1, 0.2, 0.25, 0.5 or 1")
+        raise WeightsError(f"{step=}, expected 0.01, 0.02, 0.04, 0.05, 0.1, 0.2, 0.25, 0.5 or 1")
     grid = range(0, 101, hundredths)
     return [(i, j, 100 - i - j) for i in grid for j in grid if i + j <= 100]

@@ -14,19 +14,15 @@ from threading import Event
 from typing import TypeVar
 
 from colmap_ihe.errors import Cancelled
-from colmap_ihe.machine import cancel, threads
+from colmap_ihe.machine import cancel
 from colmap_ihe.machine import decoder_pool as decoders
 from colmap_ihe.machine.progress import SILENT, Progress, Silent
+from colmap_ihe.machine.threads import local_workers
 
 _TICK_SECONDS = 0.2  # how long Ctrl-C may take to be noticed while a photograph is worked on
 
 _Item = TypeVar("_Item")
 _Result = TypeVar("_Result")
-
-
-def local_workers() -> int:
-    """Cores that this process may use, or as many of them as a run is limited to."""
-    return min(threads.cores(), threads.limit() or threads.cores())
 
 
 @contextmanager

@@ -26,6 +26,11 @@ def limit() -> int | None:
     return min(_limits, default=None)
 
 
+def local_workers() -> int:
+    """Return how many cores this process may use, or as many of them as a run is limited to."""
+    return min(cores(), limit() or cores())
+
+
 @contextmanager
 def limited(most: int | None) -> Iterator[None]:
     """Ours, OpenCV's and those of BLAS are no more than `most` while this lasts, in all of this process; None limits

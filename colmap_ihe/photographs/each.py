@@ -10,8 +10,9 @@ from typing import Protocol, TypeVar
 
 from colmap_ihe.errors import PhotographError, ProjectError
 from colmap_ihe.machine import memory
-from colmap_ihe.machine.executor import in_order, local_workers, shares_memory
+from colmap_ihe.machine.executor import in_order, shares_memory
 from colmap_ihe.machine.progress import Progress
+from colmap_ihe.machine.threads import local_workers
 from colmap_ihe.photographs.discover import Capture
 
 logger = logging.getLogger(__name__)

@@ -14,9 +14,10 @@ from colmap_ihe.colmap.native import cuda_devices, pycolmap
 from colmap_ihe.dense.backend import pick_backend
 from colmap_ihe.dense.cost import dense_cost
 from colmap_ihe.machine import memory
-from colmap_ihe.machine.executor import local_executor, local_workers
+from colmap_ihe.machine.executor import local_executor
 from colmap_ihe.machine.libraries import __version__
 from colmap_ihe.machine.progress import SILENT
+from colmap_ihe.machine.threads import local_workers
 from colmap_ihe.photographs.discover import discover
 from colmap_ihe.photographs.survey import survey
 from colmap_ihe.pipeline.estimates import needs_of

@@ -15,9 +15,9 @@ from typing import Any
 from colmap_ihe.colmap.native import cuda_devices, pycolmap
 from colmap_ihe.errors import OptionError
 from colmap_ihe.machine import threads
-from colmap_ihe.machine.executor import local_workers
 from colmap_ihe.machine.files import digest_file, read_json, write_json
 from colmap_ihe.machine.libraries import __version__, code_digest, library_versions, package_version
+from colmap_ihe.machine.threads import local_workers
 from colmap_ihe.pipeline.input_digests import masks_in
 from colmap_ihe.project.folder import Project
 from colmap_ihe.project.options import Options

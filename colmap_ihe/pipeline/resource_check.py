@@ -7,8 +7,8 @@ from collections.abc import Collection, Sequence
 
 from colmap_ihe.errors import DiskFullError
 from colmap_ihe.machine import memory
-from colmap_ihe.machine.executor import local_workers
 from colmap_ihe.machine.memory import in_bytes
+from colmap_ihe.machine.threads import local_workers
 from colmap_ihe.pipeline import outputs
 from colmap_ihe.pipeline.resource_needs import StageNeeds
 from colmap_ihe.pipeline.stages import STAGES

@@ -7,9 +7,9 @@ from collections.abc import Callable, Mapping, Sequence
 
 from colmap_ihe.errors import PhotographError
 from colmap_ihe.machine import memory
-from colmap_ihe.machine.executor import local_workers
 from colmap_ihe.machine.files import require_same_folder
 from colmap_ihe.machine.progress import RunProgress
+from colmap_ihe.machine.threads import local_workers
 from colmap_ihe.pipeline import outputs
 from colmap_ihe.pipeline.fingerprints import versions_of, why_stale
 from colmap_ihe.pipeline.input_digests import require_unchanged

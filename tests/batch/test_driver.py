@@ -31,8 +31,8 @@ from colmap_ihe.commandline.commands import RUNS
 from colmap_ihe.errors import Cancelled, OptionError, ProjectError
 from colmap_ihe.machine import locks as ours
 from colmap_ihe.machine import memory
-from colmap_ihe.machine.executor import local_workers
 from colmap_ihe.machine.files import read_json, write_json
+from colmap_ihe.machine.threads import local_workers
 from colmap_ihe.photographs.discover import Capture
 from colmap_ihe.photographs.exif.metadata import Metadata
 from colmap_ihe.photographs.survey import Surveyed

@@ -135,14 +135,6 @@ def test_one_value_for_all_is_the_middle() -> None:
     assert 85 <= level <= 170
 
 
-def test_parts_of_a_set_add_to_the_curve_of_the_whole() -> None:
-    images = photographs(count=5)
-    whole = curve_of(pooled(images), (0.2, 0.5, 0.3))
-    parts = pooled(images[3:]) + pooled(images[:1]) + pooled(images[1:3])
-    assert curve_of(parts, (0.2, 0.5, 0.3)) == whole
-    assert curve_of(Histogram.from_bytes(parts.to_bytes()), (0.2, 0.5, 0.3)) == whole
-
-
 def test_images_that_count_the_same_weigh_the_same() -> None:
     small, large = photographs(count=2)
     twice = [np.concatenate([large, large]), small]

@@ -7,12 +7,13 @@ import oracle
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from numpy.typing import NDArray
 from oracle import scene
 
 from colmap_ihe.grey import kernels
-from colmap_ihe.grey.boxes import Pyramid, bounds_of, counts_of
-from colmap_ihe.grey.histogram import Histogram
-from colmap_ihe.grey.rules import coded_rules, linear_rules, parts_rule
+from colmap_ihe.grey.boxes import Pyramid, estimates_of, whites_of
+from colmap_ihe.grey.histogram import LINEAR_EDGES, Histogram
+from colmap_ihe.grey.rules import linear_rules, parts_rule
 from colmap_ihe.grey.weights import triplets
 
 
@@ -21,7 +22,9 @@ def test_coded_levels_of_every_value() -> None:
     rgb = np.zeros((1, 256, 3), np.uint8)
     rgb[0, :, 0] = np.arange(256)
     for red in range(101):
-        level = kernels.weigh(rgb, coded_rules([(red, 100 - red, 0)]))[0]
+        rule = parts_rule(np.array([red, 100.0 - red, 0]), 100)
+        assert rule is not None
+        level = kernels.weigh(rgb, rule)[0]
         np.testing.assert_array_equal(level, (red * np.arange(256) + 50) // 100)
 
 
@@ -66,35 +69,25 @@ def test_every_code_has_a_place_of_its_own() -> None:
 def test_counts_that_fill_their_low_part_go_on(n: int) -> None:
     codes = np.full((n + 7, 3), (200, 3, 77), np.uint8)
     codes[n:] = np.arange(7)[:, None]
-    table, twice = kernels.Table(), kernels.Table()
+    table = kernels.Table()
     kernels.count_colours(codes, table, np.zeros(65536, np.uint8))
-    for part in (table, table, table):
-        twice += part
     expected = np.bincount(kernels.place_of(codes), minlength=kernels.CELLS)
     np.testing.assert_array_equal(table.at(slice(None)), expected)
-    np.testing.assert_array_equal(twice.at(slice(None)), 3 * expected)
     np.testing.assert_array_equal(np.flatnonzero(table.low), np.flatnonzero(expected))
 
 
-def test_counts_are_put_where_they_were() -> None:
-    place = np.arange(0, 3500, 7)
-    counts = np.random.default_rng(5).integers(0, 1 << 47, len(place), dtype=np.uint64)
-    counts[:6] = (0, 1, 65535, 65536, 131070, (1 << 48) - (1 << 32))
-    table = kernels.Table()
-    table.put(place, counts)
-    np.testing.assert_array_equal(table.at(place), counts)
-    np.testing.assert_array_equal(np.flatnonzero(table.low), place[counts > 0])
-
-
 @pytest.mark.parametrize("parts", [1, 2, 3, 7])
-def test_levels_of_a_table_are_those_of_its_pixels(parts: int) -> None:
+@pytest.mark.parametrize("weighed", [False, True])
+def test_levels_of_a_table_are_those_of_its_pixels(parts: int, weighed: bool) -> None:
     image = scene(6, 150, 200)
+    image[0, :8] = [[r, g, b] for r in (0, 255) for g in (0, 255) for b in (0, 255)]
     table = kernels.Table()
     kernels.count_colours(image, table, np.zeros(65536, np.uint8))
-    some = [(21, 72, 7), (100, 0, 0), (0, 0, 100)]
-    found = sum(kernels.count_table(table, coded_rules(some), n, parts) for n in range(parts))
+    counts = table.at(slice(None)) if weighed else table
+    some = [(21, 72, 7), (100, 0, 0), (0, 0, 100), (0, 100, 0), (1, 98, 1)]
+    levels = sum(kernels.count_levels(counts, some, n, parts) for n in range(parts))
     expected = [np.bincount(oracle.coded_levels(image, t).ravel(), minlength=256) for t in some]
-    np.testing.assert_array_equal(found, expected)
+    np.testing.assert_array_equal(levels, expected)
 
 
 def test_occupied_places_run_through_cubes_within_cubes() -> None:
@@ -111,53 +104,35 @@ def test_occupied_places_run_through_cubes_within_cubes() -> None:
         assert changes == len(np.unique(cube, axis=0))
 
 
-@pytest.mark.parametrize(("bits", "heavy"), [(4, 0), (4, 3), (2, 64), (1, 10), (0, 2)])
-def test_boxes_hold_every_pixel_and_no_other(bits: int, heavy: int) -> None:
-    image = scene(5, 160, 120)
-    histogram = Histogram()
+def linear_pyramid() -> tuple[NDArray[np.uint16], Pyramid]:
+    image = scene(5, 160, 120).astype(np.uint16) * 257
+    histogram = Histogram("linear")
     histogram.add(image)
-    alone, together = Pyramid(histogram).adaptive(bits, heavy)
-    total = image.shape[0] * image.shape[1]
-    assert int(alone.mass.sum()) + int(together.mass.sum()) == total
-    assert (alone.low == alone.high).all()
-    assert (alone.mass > total >> heavy).all()
-    assert (together.low <= together.high).all()
-    assert (together.high - together.low < 1 << bits).all()
-    colours, counts = np.unique(image.reshape(-1, 3), axis=0, return_counts=True)
-    light = colours[counts <= total >> heavy].astype(int) >> bits
-    assert len(together) == len(np.unique(light, axis=0))
+    return image, Pyramid(histogram)
 
 
-@pytest.mark.parametrize(("bits", "heavy"), [(4, 14), (3, 8), (1, 20)])
-def test_bounds_lie_below_and_are_close(bits: int, heavy: int) -> None:
-    histogram = Histogram()
-    for seed in range(3):
-        histogram.add(scene(seed, 200, 240))
-    pyramid = Pyramid(histogram)
-    rules = coded_rules(triplets(0.05))
-    exact = (counts_of(pyramid.boxes(0), rules).astype(float) ** 2).sum(axis=1)
-    bounds, estimates = bounds_of(*pyramid.adaptive(bits, heavy), rules)
-    assert (bounds <= exact * (1 + 1e-12)).all()
-    assert (bounds >= 0.5 * exact).all()
-    assert np.abs(estimates / exact - 1).max() < 0.2
-    assert (bounds <= estimates * (1 + 1e-12)).all()
+@pytest.mark.parametrize("bits", [4, 2, 0])
+def test_boxes_hold_every_pixel_and_no_other(bits: int) -> None:
+    image, pyramid = linear_pyramid()
+    boxes = pyramid.boxes(bits)
+    assert int(boxes.mass.sum()) == image.shape[0] * image.shape[1]
+    cubes = (np.searchsorted(LINEAR_EDGES, image.reshape(-1, 3), side="right") - 1) >> bits
+    cubes, counts = np.unique(cubes, axis=0, return_counts=True)
+    assert sorted(counts.tolist()) == sorted(boxes.mass.tolist())
+    assert (boxes.low >= 0).all()
+    assert (boxes.high >= boxes.low).all()
+    edges = LINEAR_EDGES[np.stack((cubes, cubes + 1)) << bits]
+    assert boxes.low.min(axis=1).tolist() >= edges[0].min(axis=0).tolist()
+    assert boxes.high.max(axis=1).tolist() < edges[1].max(axis=0).tolist()
 
 
-def test_no_placement_of_the_pixels_beats_the_bound() -> None:
-    """Every placement of the pixels of a few boxes in their runs, by brute force."""
-    low = np.array([[10, 12, 12], [10, 12, 12], [10, 12, 12]], np.float32)
-    high = np.array([[12, 13, 12], [12, 13, 12], [12, 13, 12]], np.float32)
-    mass = np.array([5, 4, 3], np.uint64)
-    known = np.zeros((1, 256), np.uint64)
-    known[0, 11] = 2
-    bound, _ = kernels.bound_boxes(low, high, mass, coded_rules([(30, 40, 30)]), known)
-    best = min(
-        a**2 + (2 + b) ** 2 + (5 - a - b + c + 3) ** 2 + (4 - c) ** 2
-        for a in range(6)
-        for b in range(6 - a)
-        for c in range(5)
-    )
-    assert 0.4 * best < bound[0] <= best
+@pytest.mark.parametrize("bits", [1, 0])
+def test_estimates_are_close(bits: int) -> None:
+    image, pyramid = linear_pyramid()
+    grid = triplets(0.1)
+    rules = linear_rules(grid, whites_of(pyramid.boxes(2), grid))
+    exact = (kernels.count_pixels(image, rules).astype(float) ** 2).sum(axis=1)
+    assert np.abs(estimates_of(pyramid.boxes(bits), rules) / exact - 1).max() < 0.5
 
 
 def test_what_is_not_contiguous_or_of_another_kind_is_refused() -> None:

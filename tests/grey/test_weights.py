@@ -45,7 +45,7 @@ def test_weights_that_do_not_sum_to_one_are_refused(triplet: tuple[float, float,
     "changes", [{"encoding": "log"}, {"white": 0.0}, {"white": 1.5}, {"white": math.nan}]
 )
 def test_another_encoding_or_white_point_is_refused(changes: dict[str, Any]) -> None:
-    with pytest.raises(WeightsError, match="wanted 'coded' or 'linear'"):
+    with pytest.raises(WeightsError, match="expected 'coded' or 'linear'"):
         Weights(1, 0, 0, **changes)
 
 

@@ -18,8 +18,8 @@ from colmap_ihe.colmap import mapping
 from colmap_ihe.colmap.matching import native_options
 from colmap_ihe.colmap.native import fill, pycolmap
 from colmap_ihe.machine import threads
-from colmap_ihe.machine.executor import local_executor, local_workers, width_of
-from colmap_ihe.machine.threads import limit_openmp_of_this_thread, limited
+from colmap_ihe.machine.executor import local_executor, width_of
+from colmap_ihe.machine.threads import limit_openmp_of_this_thread, limited, local_workers
 from colmap_ihe.project.options import MatchesOptions, SparseOptions
 
 Make = Callable[..., Path]

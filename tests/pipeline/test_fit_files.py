@@ -148,8 +148,8 @@ def test_a_photograph_that_is_in_two_campaigns_is_told_of(tmp_path: Path) -> Non
     ("options", "said"),
     [
         ({"method": "realtime-set"}, "realtime-set looks at the photographs"),
-        ({"sample": 0.5}, "was counted with sample 1.0 and weighting pixel; wanted sample 0.5"),
-        ({"weighting": "image"}, "wanted sample 1.0 and weighting image"),
+        ({"sample": 0.5}, "was counted with sample 1.0 and weighting pixel; expected sample 0.5"),
+        ({"weighting": "image"}, "expected sample 1.0 and weighting image"),
     ],
 )
 def test_histograms_that_do_not_pool_are_refused(

@@ -11,7 +11,7 @@ from small_demo import QUICK
 
 from colmap_ihe.cli import main
 from colmap_ihe.errors import OptionError
-from colmap_ihe.machine.executor import local_workers
+from colmap_ihe.machine.threads import local_workers
 from colmap_ihe.pipeline.repeat import differences_from, read_run
 from colmap_ihe.project.folder import Project
 from colmap_ihe.project.options_file import load_options

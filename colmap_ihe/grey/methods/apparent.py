@@ -1,4 +1,4 @@
-"""Apparent greyscale: lightness as it appears, with contrast given back where colour had more of it.
+"""Convert to lightness as it appears, with contrast given back where colour had more of it (apparent greyscale).
 
 After Smith, Landes, Thollot and Myszkowski, "Apparent greyscale: a simple and fast conversion to
 perceptually accurate images and video", Eurographics 2008. First a fixed function of the colour: L* with the
@@ -47,7 +47,7 @@ _LEFT, _RIGHT, _BELOW, _ABOVE = 160, 540, 640, 200  # nodes around white that ta
 
 
 def apparent(rgb: Float32) -> Float32:
-    """Grey of one photograph. Where nothing is near, R = G = B = v gives v; beside an edge it does not.
+    """Return the grey of one photograph. Where nothing is near, R = G = B = v gives v; beside an edge it does not.
 
     rgb: (H, W, 3) float32 in [0, 1], coded. Returns (H, W) float32 in [0, 1]. Takes about 45 bytes a pixel
     beside them, 1 GB for 24 megapixels. Raises ValueError for another shape or dtype, `CapabilityError`
@@ -64,7 +64,7 @@ def apparent(rgb: Float32) -> Float32:
 
 
 def apparent_lightness(rgb: Float32) -> Float32:
-    """L* raised by the Helmholtz-Kohlrausch effect, the global half of the method: 0 to 100.
+    """Return L* raised by the Helmholtz-Kohlrausch effect, the global half of the method: 0 to 100.
 
     rgb: (H, W, 3) float32 in [0, 1], coded. Returns (H, W) float32. The effect is read from a table by u'
     and v', 0.0005 apart, which is off by less than 0.02 of L* (a test compares it with the package).
@@ -83,14 +83,14 @@ def apparent_lightness(rgb: Float32) -> Float32:
 
 
 def chromaticity_of_white() -> tuple[float, float]:
-    """u' and v' of D65."""
+    """Return u' and v' of D65."""
     x, y, z = (float(w) for w in WHITE)
     return 4 * x / (x + 15 * y + 3 * z), 9 * y / (x + 15 * y + 3 * z)
 
 
 @lru_cache(maxsize=1)
 def _effect() -> Float32:
-    """By how much lightness appears raised, on the lattice of v' (rows) and u' (columns)."""
+    """Return by how much lightness appears raised, on the lattice of v' (rows) and u' (columns)."""
     try:
         with warnings.catch_warnings():  # it warns of packages for plots, which we do not make
             warnings.simplefilter("ignore")
@@ -109,7 +109,7 @@ def _effect() -> Float32:
 
 
 def _interpolated(table: Float32, column: Float32, row: Float32) -> Float32:
-    """table at (row, column), both (h, w); in pieces, for cv2.remap takes no more than 32766 columns."""
+    """Interpolate table at (row, column), both (h, w); in pieces, for cv2.remap takes no more than 32766 columns."""
     found = np.empty_like(column)
     for left in range(0, column.shape[1], _WIDEST):
         part = slice(left, left + _WIDEST)
@@ -120,7 +120,7 @@ def _interpolated(table: Float32, column: Float32, row: Float32) -> Float32:
 
 
 def _unsharp(grey: Float32, colour_planes: list[Float32]) -> Float32:
-    """grey + sum over bands of k (dE / |h|)^p h, with h the band of grey and dE that of colour.
+    """Return grey + sum over bands of k (dE / |h|)^p h, with h the band of grey and dE that of colour.
 
     Written as k dE^p |h|^(1-p) sign(h), which has no division.
     """

@@ -1,10 +1,10 @@
-"""Color2Gray: greys whose differences come as near as can be to signed differences in colour.
+"""Find greys whose differences come as near as can be to signed differences in colour (Color2Gray).
 
 After Gooch, Olsen, Tumblin and Gooch, "Color2Gray: salience-preserving color removal", SIGGRAPH 2005, with
 every pixel compared with every other. Two colours are to differ by their lightness, or, where chrominance
 differs more, by that: compressed to `ALPHA` at most, and brighter towards the hue `THETA`.
 
-Over all pairs the least squares have a closed form: the grey of a colour is the mean of its wanted
+Over all pairs the least squares have a closed form: the grey of a colour is the mean of its target
 differences from all pixels, plus the mean lightness. That is a function of the colour, smooth but for a step
 where hues turn, and depends on the other pixels only through how many have which colour. So colours are
 pooled in 16 steps a channel, the function is computed on a lattice of 33 steps a channel, and pixels are
@@ -33,7 +33,7 @@ _CHUNK = 1 << 19
 
 
 def color2gray(rgb: Float32, alpha: float = ALPHA, theta: float = THETA) -> Float32:
-    """Grey of one photograph. Which hues turn bright is up to `theta` (radians): no value suits all.
+    """Return the grey of one photograph. Which hues turn bright is up to `theta` (radians): no value suits all.
 
     rgb: (H, W, 3) float32 in [0, 1], coded. Returns (H, W) float32 in [0, 1]. Colours are pooled and
     interpolated as said above; a test bounds what that costs beside `color2gray_exact`. Raises ValueError
@@ -52,7 +52,7 @@ def color2gray(rgb: Float32, alpha: float = ALPHA, theta: float = THETA) -> Floa
 
 
 def color2gray_exact(rgb: Float32, alpha: float = ALPHA, theta: float = THETA) -> Float32:
-    """As `color2gray`, every pixel with every other and nothing pooled: for small images only.
+    """Convert as `color2gray`, every pixel with every other and nothing pooled: for small images only.
 
     Time grows with the square of the pixels; 100 x 100 take seconds.
     """
@@ -62,7 +62,7 @@ def color2gray_exact(rgb: Float32, alpha: float = ALPHA, theta: float = THETA) -
 
 
 def target(first: Float32, second: Float32, alpha: float, theta: float) -> Float32:
-    """(n, m): by how much `first` (n, 3) is to be brighter than `second` (m, 3), L*a*b* and L*."""
+    """Return (n, m): by how much `first` (n, 3) is to be brighter than `second` (m, 3), L*a*b* and L*."""
     lightness, red, yellow = (first[:, None, c] - second[None, :, c] for c in range(3))
     crunched = np.float32(alpha) * np.tanh(np.hypot(red, yellow) / np.float32(alpha))
     turn = np.sign(np.float32(math.cos(theta)) * red + np.float32(math.sin(theta)) * yellow)
@@ -70,20 +70,20 @@ def target(first: Float32, second: Float32, alpha: float, theta: float) -> Float
 
 
 def _solved(
-    wanted: Float32, colours: Float32, mass: NDArray[np.float64], alpha: float, theta: float
+    nodes: Float32, colours: Float32, mass: NDArray[np.float64], alpha: float, theta: float
 ) -> Float32:
-    """L* of the grey (n,) of `wanted` (n, 3), in a photograph of `colours` (m, 3) by `mass` (m,)."""
+    """Return L* of the grey (n,) of `nodes` (n, 3), in a photograph of `colours` (m, 3) by `mass` (m,)."""
     share = mass / mass.sum()
     chunk = max(1, _CHUNK // len(colours))
     means = [
-        target(wanted[start : start + chunk], colours, alpha, theta) @ share
-        for start in range(0, len(wanted), chunk)
+        target(nodes[start : start + chunk], colours, alpha, theta) @ share
+        for start in range(0, len(nodes), chunk)
     ]
     return np.asarray(np.concatenate(means) + colours[:, 0] @ share, np.float32)
 
 
 def _pooled(rgb: Float32) -> tuple[Float32, NDArray[np.float64]]:
-    """Mean colour (m, 3) and number of pixels (m,) of each occupied cell of 16 steps a channel."""
+    """Return mean colour (m, 3) and number of pixels (m,) of each occupied cell of 16 steps a channel."""
     cells = _STEPS**3
     mass, sums = np.zeros(cells), np.zeros((3, cells))
     for rows in bands(rgb):
@@ -98,7 +98,7 @@ def _pooled(rgb: Float32) -> tuple[Float32, NDArray[np.float64]]:
 
 
 def _needed(rgb: Float32) -> NDArray[np.bool_]:
-    """(33, 33, 33): the nodes of the lattice at the corners of a cell that holds a pixel."""
+    """Return (33, 33, 33): the nodes of the lattice at the corners of a cell that holds a pixel."""
     cells = np.zeros((_LATTICE, _LATTICE, _LATTICE), bool)
     for rows in bands(rgb):
         code, _ = _place(rgb[rows])
@@ -110,14 +110,14 @@ def _needed(rgb: Float32) -> NDArray[np.bool_]:
 
 
 def _place(rgb: Float32) -> tuple[NDArray[np.int32], Float32]:
-    """The cell of the lattice that each colour lies in, and where in it (0 to 1), both like rgb."""
+    """Return the cell of the lattice that each colour lies in, and where in it (0 to 1), both like rgb."""
     scaled = np.clip(rgb, 0, 1) * np.float32(_LATTICE)
     code = np.minimum(scaled.astype(np.int32), _LATTICE - 1)
     return code, scaled - code.astype(np.float32)
 
 
 def _interpolated(table: Float32, rgb: Float32) -> Float32:
-    """Trilinear: table (33^3,) at rgb (..., 3)."""
+    """Interpolate table (33^3,) trilinearly at rgb (..., 3)."""
     code, within = _place(rgb)
     index = (code[..., 0] * _SIDE + code[..., 1]) * _SIDE + code[..., 2]
     edges = [(np.float32(1) - within[..., c], within[..., c]) for c in range(3)]

@@ -1,4 +1,4 @@
-"""Contrast preserving decolorization: a polynomial of the colour, fitted to each photograph by OpenCV.
+"""Convert by a polynomial of the colour, fitted to each photograph by OpenCV (contrast preserving decolorization).
 
 Lu, Xu and Jia, "Contrast preserving decolorization", ICCP 2012, as `cv2.decolor` has it: a polynomial of
 second degree in R, G and B, whose values are stretched over all tones.
@@ -16,7 +16,7 @@ from colmap_ihe.grey.srgb import Float32, checked, rounded
 
 
 def contrast_preserving(rgb: Float32) -> Float32:
-    """Grey of one photograph, in 256 levels. The stretch is the photograph's own: greys are not kept.
+    """Return the grey of one photograph, in 256 levels. The stretch is the photograph's own: greys are not kept.
 
     rgb: (H, W, 3) float32 in [0, 1], coded. Returns (H, W) float32 in [0, 1]. A photograph without any
     colour, for which OpenCV gives black, is returned as it is. Raises ValueError for another shape or

@@ -1,4 +1,4 @@
-"""Decolorize: luminance, and a fixed share of the chrominance that luminance shows least.
+"""Add to luminance a fixed share of the chrominance that luminance shows least (decolorize).
 
 After Grundland and Dodgson, "Decolorize: fast, contrast enhancing, color to grayscale conversion",
 Pattern Recognition 40 (2007). Over a set, as in Benedetti et al., "Multi-image decolorize" (2012), axis and
@@ -39,14 +39,14 @@ _UNIT = 1 << 32  # of the fixed-point sums
 
 
 class DecolorizeSet:
-    """What `decolorize` has to know of a set: 128 MiB, however many photographs are added."""
+    """Gather what `decolorize` has to know of a set: 128 MiB, however many photographs are added."""
 
     def __init__(self) -> None:
         self.colours = Histogram("coded")
         self.axis = (0, 0)
 
     def add(self, rgb: Float32) -> None:
-        """Counts one photograph: (H, W, 3) float32 in [0, 1], coded.
+        """Count one photograph: (H, W, 3) float32 in [0, 1], coded.
 
         Each pixel is paired with another of the same photograph. Raises ValueError for another shape or
         dtype.
@@ -62,24 +62,24 @@ class DecolorizeSet:
         return total
 
     def finish(self) -> Parameters:
-        """The parameters of the set. Raises ValueError for a set without photographs."""
+        """Return the parameters of the set. Raises ValueError for a set without photographs."""
         if not self.colours.pixels:
             raise ValueError("no photographs were added, expected at least one")
         length = math.hypot(*self.axis)
         p, q = (a / length if length else 0.0 for a in self.axis)
-        cells = self.colours.cells()
-        ypq = (cells.low / 255) @ _YPQ.T
+        codes, mass = self.colours.colours()
+        ypq = (codes / 255) @ _YPQ.T
         projected = ypq[:, 1:] @ np.array([p, q])
-        (reach,) = quantiles(np.abs(projected), cells.mass, [1 - NOISE])
+        (reach,) = quantiles(np.abs(projected), mass, [1 - NOISE])
         tones = ypq[:, 0] + EFFECT * projected / (reach or 1.0)
-        low, high = quantiles(tones, cells.mass, [NOISE, 1 - NOISE])
-        dark, bright = quantiles(ypq[:, 0], cells.mass, [NOISE, 1 - NOISE])
+        low, high = quantiles(tones, mass, [NOISE, 1 - NOISE])
+        dark, bright = quantiles(ypq[:, 0], mass, [NOISE, 1 - NOISE])
         target = (1 - EFFECT) * dark, EFFECT + (1 - EFFECT) * bright
         return (p, q, reach, low, high, *target)
 
 
 def decolorize(rgb: Float32) -> Float32:
-    """Grey of one photograph with axis and quantiles of its own, which breaks colour consistency.
+    """Return the grey of one photograph with axis and quantiles of its own, which breaks colour consistency.
 
     rgb: (H, W, 3) float32 in [0, 1], coded. Returns (H, W) float32 in [0, 1]. R = G = B = v gives v.
     Raises ValueError for another shape or dtype.
@@ -90,7 +90,7 @@ def decolorize(rgb: Float32) -> Float32:
 
 
 def apply_decolorize(rgb: Float32, parameters: Parameters) -> Float32:
-    """Grey of one photograph with the parameters of its set; shapes and errors as `decolorize`."""
+    """Return the grey of one photograph with the parameters of its set; shapes and errors as `decolorize`."""
     checked(rgb)
     p, q, reach, low, high, dark, bright = parameters
     gain = (bright - dark) / (high - low) if high > low else 1.0
@@ -105,14 +105,14 @@ def apply_decolorize(rgb: Float32, parameters: Parameters) -> Float32:
 
 
 def quantiles(values: NDArray[np.float64], mass: NDArray[np.int64], shares: list[float]) -> list[float]:
-    """For each share the least of `values` (M,) at or below which that share of the `mass` (M,) lies."""
+    """Return for each share the least of `values` (M,) at or below which that share of the `mass` (M,) lies."""
     order = np.argsort(values, kind="stable")
     upto = np.cumsum(mass[order])
     return [float(values[order[np.searchsorted(upto, share * upto[-1])]]) for share in shares]
 
 
 def _contrast_lost(rgb: Float32) -> tuple[int, int]:
-    """Sum over pairs of (dP, dQ), turned towards the brighter, weighed by the contrast luminance loses."""
+    """Return the sum over pairs of (dP, dQ), turned towards the brighter, weighed by the contrast luminance loses."""
     height, width = rgb.shape[:2]
     p = q = 0
     for rows, there in _partners(height, width):
@@ -127,7 +127,7 @@ def _contrast_lost(rgb: Float32) -> tuple[int, int]:
 
 
 def _partners(height: int, width: int) -> Iterator[tuple[slice, NDArray[np.int64]]]:
-    """Bands of rows, and for each pixel the index of its partner: some way off, mirrored at the borders."""
+    """Yield bands of rows, and for each pixel the index of its partner: some way off, mirrored at the borders."""
     rng = np.random.default_rng(_SEED)
     spread = np.sqrt(2 * min(height, width)) * np.sqrt(2 / np.pi)
     band = max(1, (1 << 16) // width)

@@ -1,4 +1,4 @@
-"""The two fixed conversions that are no weighted sum: luminance, and the value of HSV."""
+"""Convert by the two fixed formulas that are no weighted sum: luminance, and the value of HSV."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from colmap_ihe.grey.srgb import XYZ_FROM_RGB, Float32, bands, checked, coded, l
 
 
 def cie_y(rgb: Float32) -> Float32:
-    """Y of CIE XYZ (IEC 61966-2-1), coded again: the grey that has the luminance of the colour.
+    """Return Y of CIE XYZ (IEC 61966-2-1), coded again: the grey that has the luminance of the colour.
 
     rgb: (H, W, 3) float32 in [0, 1], coded. Returns (H, W) float32 in [0, 1], coded. R = G = B = v gives
     v. Raises ValueError for another shape or dtype.
@@ -22,7 +22,7 @@ def cie_y(rgb: Float32) -> Float32:
 
 
 def value(rgb: Float32) -> Float32:
-    """max(R, G, B), the V of HSV (Smith 1978): (H, W, 3) float32 in, (H, W) float32 out, both in [0, 1].
+    """Return max(R, G, B), the V of HSV (Smith 1978): (H, W, 3) float32 in, (H, W) float32 out, both in [0, 1].
 
     Raises ValueError for another shape or dtype.
     """

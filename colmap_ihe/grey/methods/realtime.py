@@ -1,4 +1,4 @@
-"""Realtime: the one of 66 triplets that keeps the contrasts of colour best, whatever their order.
+"""Find the one of 66 triplets that keeps the contrasts of colour best, whatever their order (realtime).
 
 After Lu, Xu and Jia, "Real-time contrast preserving decolorization", SIGGRAPH Asia 2012 Technical Briefs:
 differences between pixels of a thumbnail, some neighbours and some far apart, are compared with the
@@ -28,7 +28,7 @@ _TOWARDS_REC709 = ((GRID - np.array(FIXED["rec709"])) ** 2).sum(axis=1)
 
 
 class RealtimeSet:
-    """The sum of the objective over all pairs of a set, for each triplet.
+    """Gather the sum of the objective over all pairs of a set, for each triplet.
 
     Sums are whole numbers, so photographs may be added in any order and grouping. Each weighs as much as
     it has pairs that differ; these come from a thumbnail of 64 x 64 pixels' area, so about equally.
@@ -40,7 +40,7 @@ class RealtimeSet:
         self.images = 0
 
     def add(self, rgb: Float32) -> None:
-        """Adds one photograph: (H, W, 3) float32 in [0, 1], coded. Raises ValueError for anything else."""
+        """Add one photograph: (H, W, 3) float32 in [0, 1], coded. Raises ValueError for anything else."""
         differences, contrast = pairs(checked(rgb))
         grey = differences @ GRID.T
         fits = np.logaddexp(
@@ -58,7 +58,7 @@ class RealtimeSet:
         return total
 
     def finish(self) -> Triplet:
-        """Weights of red, green and blue. Ties, as where nothing has colour, go to the nearest to Rec.709.
+        """Return the weights of red, green and blue. Ties, as where nothing has colour, go to the nearest to Rec.709.
 
         Raises ValueError for a set without photographs.
         """
@@ -70,7 +70,7 @@ class RealtimeSet:
 
 
 def realtime(rgb: Float32) -> Float32:
-    """Grey of one photograph with weights of its own, which breaks colour consistency.
+    """Return the grey of one photograph with weights of its own, which breaks colour consistency.
 
     rgb: (H, W, 3) float32 in [0, 1], coded. Returns (H, W) float32 in [0, 1]. R = G = B = v gives v.
     Raises ValueError for another shape or dtype.
@@ -81,7 +81,7 @@ def realtime(rgb: Float32) -> Float32:
 
 
 def weighed(rgb: Float32, triplet: Triplet) -> Float32:
-    """wr R + wg G + wb B: (H, W, 3) float32 in, (H, W) float32 out."""
+    """Return wr R + wg G + wb B: (H, W, 3) float32 in, (H, W) float32 out."""
     checked(rgb)
     grey = np.empty(rgb.shape[:2], np.float32)
     for rows in bands(rgb):
@@ -90,7 +90,7 @@ def weighed(rgb: Float32, triplet: Triplet) -> Float32:
 
 
 def pairs(rgb: Float32) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Differences (N, 3) of pairs of pixels, and their contrast (N,), pairs below 0.05 left out.
+    """Return differences (N, 3) of pairs of pixels, and their contrast (N,), pairs below 0.05 left out.
 
     Each pixel of the thumbnail with one drawn at random, and the neighbours along rows and columns of a
     thumbnail half that size.

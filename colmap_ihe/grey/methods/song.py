@@ -1,4 +1,4 @@
-"""Song: the one of 66 triplets whose grey guides a bilateral filter most like the colour itself.
+"""Find the one of 66 triplets whose grey guides a bilateral filter most like the colour itself (Song).
 
 After Song, Bao, Xu and Yang, "Decolorization: is rgb2gray() out?", SIGGRAPH Asia 2013 Technical Briefs. The
 cost of a triplet is how far the joint bilateral filter of the photograph, guided by its grey, is from the
@@ -29,7 +29,7 @@ _RADIUS = 3 * max(SIGMAS_SPACE)
 
 
 def song(rgb: Float32) -> Float32:
-    """Grey of one photograph with weights of its own, which breaks colour consistency.
+    """Return the grey of one photograph with weights of its own, which breaks colour consistency.
 
     rgb: (H, W, 3) float32 in [0, 1], coded. Returns (H, W) float32 in [0, 1]. R = G = B = v gives v.
     Weights are chosen on a thumbnail of 64 x 64 pixels' area: at 6 megapixels it would take 20 minutes.
@@ -39,7 +39,7 @@ def song(rgb: Float32) -> Float32:
 
 
 def song_weights(rgb: Float32) -> Triplet:
-    """Weights of red, green and blue. Ties go to the least cost, then to the nearest to Rec.709."""
+    """Return the weights of red, green and blue. Ties go to the least cost, then to the nearest to Rec.709."""
     cost = costs(thumbnail(checked(rgb)))
     votes = sum(local_minima(line) for line in cost.reshape(-1, len(_GRID)))
     total = cost.sum(axis=(0, 1))
@@ -50,7 +50,7 @@ def song_weights(rgb: Float32) -> Triplet:
 
 
 def thumbnail(rgb: Float32) -> Float32:
-    """rgb shrunk by averaging to an area of 64 x 64 pixels; smaller photographs as they are."""
+    """Return rgb shrunk by averaging to an area of 64 x 64 pixels; smaller photographs as they are."""
     height, width = rgb.shape[:2]
     scale = SIDE / float(np.sqrt(height * width))
     if scale >= 1:
@@ -60,7 +60,7 @@ def thumbnail(rgb: Float32) -> Float32:
 
 
 def costs(small: Float32) -> NDArray[np.float64]:
-    """(3, 3, 66): sum of |bilateral - joint bilateral| by sigma in space, sigma in range, and triplet.
+    """Return (3, 3, 66): sum of |bilateral - joint bilateral| by sigma in space, sigma in range, and triplet.
 
     small: (h, w, 3) float32. Windows end at the border and at three sigmas.
     """
@@ -91,7 +91,7 @@ def costs(small: Float32) -> NDArray[np.float64]:
 
 
 def local_minima(cost: NDArray[np.float64]) -> NDArray[np.int64]:
-    """(66,): 1 where the cost (66,) of a triplet is below that of all its neighbours on the triangle."""
+    """Return (66,): 1 where the cost (66,) of a triplet is below that of all its neighbours on the triangle."""
     known = dict(zip(_GRID, cost, strict=True))
     lowest = []
     for red, green, blue in _GRID:
@@ -104,7 +104,7 @@ def local_minima(cost: NDArray[np.float64]) -> NDArray[np.int64]:
 
 
 def _spatial() -> Float32:
-    """(side^2, 3): Gaussian in space for each sigma, cut at three sigmas."""
+    """Return (side^2, 3): Gaussian in space for each sigma, cut at three sigmas."""
     rows, columns = np.mgrid[-_RADIUS : _RADIUS + 1, -_RADIUS : _RADIUS + 1]
     squared = (rows**2 + columns**2).reshape(-1, 1)
     sigmas = np.array(SIGMAS_SPACE)

@@ -19,11 +19,12 @@ from colmap_ihe.grey.convert import check_tone, to_colour, to_grey
 from colmap_ihe.grey.wallis import wallis
 from colmap_ihe.grey.weights import Grey
 from colmap_ihe.machine import decoder_pool
-from colmap_ihe.machine.executor import local_workers, shares_memory
+from colmap_ihe.machine.executor import shares_memory
 from colmap_ihe.machine.files import write_bytes
 from colmap_ihe.machine.memory import at_once, keep_freed
 from colmap_ihe.machine.progress import Progress
 from colmap_ihe.machine.remaining_time import Part
+from colmap_ihe.machine.threads import local_workers
 from colmap_ihe.photographs.decode import DecodedPhotograph, encoding_of, read_photograph
 from colmap_ihe.photographs.discover import Capture
 from colmap_ihe.photographs.each import LeftOut, each_usable

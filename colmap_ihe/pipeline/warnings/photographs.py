@@ -10,7 +10,7 @@ from colmap_ihe.errors import MappingError, OptionError, PhotographError
 from colmap_ihe.grey.conversions import CONVERSIONS
 from colmap_ihe.grey.weights import Grey, Weights
 from colmap_ihe.machine import memory
-from colmap_ihe.machine.executor import local_workers
+from colmap_ihe.machine.threads import local_workers
 from colmap_ihe.photographs.decode import read_photograph
 from colmap_ihe.photographs.discover import Capture
 from colmap_ihe.photographs.each import LeftOut
