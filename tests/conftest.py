@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from playwright.sync_api import Browser
 
 settings.register_profile("house", deadline=None, derandomize=True, database=None)
+settings.register_profile("many", settings.get_profile("house"), max_examples=24_000)  # of scripts/test-slow
 settings.load_profile("house")
 
 FAULTS = """
@@ -48,7 +49,7 @@ def decode_jpeg(data, *more, **named):
         eaten = [bytearray(1 << 26) for _ in range(1 << 16)]
     if b"do: late" in data:  # what it was counted with is lost as it is handed over
         from colmap_ihe.photographs.colour_counts import ColourCounter
-        Tally.handed_over = lambda _: os.kill(os.getpid(), signal.SIGSEGV)
+        ColourCounter.handed_over = lambda _: os.kill(os.getpid(), signal.SIGSEGV)
     if b"do: surprise" in data:
         raise LookupError("a surprise")
     return decode(data, *more, **named)

@@ -166,7 +166,7 @@ def _after(monkeypatch: pytest.MonkeyPatch, stage: str, do: Callable[[RunContext
         return whole(run, progress)
 
     road = tuple(replace(one, run=and_then) if one.name == stage else one for one in STAGES)
-    monkeypatch.setattr("colmap_ihe.pipeline.reconstruct.ROAD", road)
+    monkeypatch.setattr("colmap_ihe.pipeline.reconstruct.STAGES", road)
 
 
 def test_a_project_that_goes_in_the_middle(
