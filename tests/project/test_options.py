@@ -165,7 +165,10 @@ def test_camera_parameters_become_numbers() -> None:
         ("camera:\n  params: 500\n", ["camera.params is 500"]),
         ("camera:\n  params: [a, b]\n", ["camera.params"]),
         ("camera:\n  params: [1, 2, 3]\n", ["camera.params needs camera.model"]),
-        pytest.param("camera:\n  params: [null]\n", ["camera.params"]),
+        *(
+            (f"camera: {{model: OPENCV, params: [{p}, 2]}}", ["camera.params"])
+            for p in ("null", "9" * 400, "[1]", "{}")
+        ),
         ("cameras:\n  '*': {focal: 24}\n", ["cameras.*.focal'", "focal_length, sensor_width"]),
         ("cameras:\n  'a.b/*': {focal_length: -1}\n", ["cameras.a.b/*.focal_length is -1", "greater than 0"]),
         ("cameras:\n  '*': {focal_length: 0}\n", ["greater than 0"]),
