@@ -1,4 +1,4 @@
-"""What `auto` measures and takes, and what guarded IHE brings by the same measurement: gain over Rec.709, and time.
+"""Measure what `auto` chooses, and what guarded IHE gains over Rec.709 by the same measurement; and the time.
 
     python benchmarks/auto.py [FOLDER ...]
 

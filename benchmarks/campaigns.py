@@ -1,4 +1,4 @@
-"""Weights of one campaign on the photographs of another: how far they fall short, and what their owner is told.
+"""Use the weights of one campaign on the photographs of another: how far they fall short, and what the user is told.
 
     python benchmarks/campaigns.py [coded] [linear] [recount]
 

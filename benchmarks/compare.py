@@ -1,4 +1,4 @@
-"""What `compare` costs beside as many runs of `reconstruct`: wall-clock seconds, and their ratio.
+"""Measure the time of `compare` beside as many runs of `reconstruct`: wall-clock seconds, and their ratio.
 
     python benchmarks/compare.py [--methods ihe,rec709,rgb2gray,green,photoshop,decolorize] [--seeds 0] [--size 1536]
 

@@ -1,4 +1,4 @@
-"""What each conversion costs: seconds per megapixel, side by side on one photograph.
+"""Measure the time of each conversion: seconds per megapixel, side by side on one photograph.
 
     python benchmarks/conversions.py [PHOTOGRAPH] [--size 2832] [--rounds 3] [--methods song,apparent]
 
@@ -34,7 +34,7 @@ Pair = tuple[Callable[[Float32], Any] | None, Callable[[Float32, Any], Any]]
 
 
 def steps(conversion: Conversion) -> Pair:
-    """How it is fitted, if to a set, and how it converts what it was fitted to."""
+    """Describe how it is fitted, if to a set, and how it converts what it was fitted to."""
     if conversion.convert is not None:
         convert = conversion.convert
         return None, lambda rgb, _fitted: convert(rgb)
@@ -54,7 +54,7 @@ def steps(conversion: Conversion) -> Pair:
 
 
 def codes(rgb: Float32) -> Any:
-    """The 8-bit photograph again, for the conversions that take it as stored."""
+    """Hold the 8-bit photograph again, for the conversions that take it as stored."""
     return np.asarray(rgb * 255 + 0.5, np.uint8)
 
 

@@ -1,4 +1,4 @@
-"""Sets that no survey should hold and some do: what becomes of each, and what the program says.
+"""Reconstruct sets that no survey should hold and some do: the result of each, and what the program says.
 
     python benchmarks/degenerate.py [SET ...]
     python benchmarks/degenerate.py --models FOLDER ...
@@ -31,7 +31,7 @@ QUICK = ("fit.step=0.1", "fit.measure=false", "features.colmap.sift.first_octave
 
 
 def outcome(name: str, project: Path) -> tuple[str, list[str]]:
-    """What became of a set, and what was said."""
+    """Hold the result of a set and the warnings."""
     odd_sets.SETS[name](project / "images")
     try:
         summary = reconstruct(project, load_options(None, QUICK)).summary

@@ -1,4 +1,4 @@
-"""What LibRaw's ways of demosaicing do to matches and to time.
+"""Measure how LibRaw's demosaicing methods affect matches and time.
 
     python benchmarks/demosaic.py [--work DIR]
 

@@ -1,4 +1,4 @@
-"""Dense stereo on the CPU, measured: coverage, error at the sparse points, cloud, time, memory.
+"""Measure dense stereo on the CPU: coverage, error at the sparse points, cloud, time, memory.
 
     python benchmarks/dense.py ../shared/data/fountain-p11 --scale 0.5
     python benchmarks/dense.py ../shared/data/fountain-p11
@@ -61,7 +61,7 @@ def main() -> None:
 
 
 def _sparse(photographs: Path, work: Path, scale: float) -> int:
-    """Grey and colour copies in `work`, and a model of them; nothing if they are there."""
+    """Make grey and colour copies in `work`, and a model of them; nothing if they are there."""
     if (work / "sparse" / "0").is_dir():
         return 0
     names = []
@@ -87,7 +87,7 @@ def _sparse(photographs: Path, work: Path, scale: float) -> int:
 
 
 def _timed(call: Callable[[], Any]) -> tuple[Any, float, float, float]:
-    """What `call` returns, its seconds, its core-seconds, and the most memory in GB."""
+    """Return what `call` returns, its seconds, its core-seconds, and the most memory in GB."""
     Path("/proc/self/clear_refs").write_text("5", encoding="ascii")  # the highest begins again
     wall, cores = time.perf_counter(), time.process_time()
     result = call()
@@ -97,7 +97,7 @@ def _timed(call: Callable[[], Any]) -> tuple[Any, float, float, float]:
 
 
 def _errors(folder: Path) -> np.ndarray[Any, np.dtype[np.float64]]:
-    """Relative depth differences at the sparse points of all images."""
+    """Return relative depth differences at the sparse points of all images."""
     model = pycolmap.Reconstruction(folder / "sparse")
     errors = []
     for image in model.images.values():

@@ -1,4 +1,4 @@
-"""Dense stereo on several greys of one set with the same cameras: against true surfaces where there are any.
+"""Run dense stereo on several greys of one set with the same cameras, against true surfaces where there are any.
 
     python benchmarks/dense_truth.py PROJECT [--truth PROJECT/truth] [--methods ihe paper rec709 green]
 
@@ -118,8 +118,8 @@ def _against_truth(dense: Path, truth: Truth) -> dict[str, str]:
 
 
 def _flat(cloud: Points, extent_m: float) -> Iterator[tuple[Rect, float]]:
-    """Of the flat surfaces of the demo: the median distance in metres of the points on them from the plane that fits
-    them best."""
+    """Return, for the flat surfaces of the demo, the median distance in metres of their points from the plane that
+    fits them best."""
     for patch in portico():
         wall = patch.shape
         if not isinstance(wall, Rect) or wall.disc or np.prod(wall.size_m) < WALL_M2:

@@ -1,4 +1,4 @@
-"""What our development of RAW costs beside LibRaw's own with the same demosaicing: ratios of processor time.
+"""Measure our development of RAW beside LibRaw's own with the same demosaicing: ratios of processor time.
 
     python benchmarks/develop.py [--size 6000 4000] [--repeats 7]
 
@@ -40,7 +40,7 @@ def bare(path: Path) -> None:
 
 
 def seconds(function: Callable[[], object], repeats: int) -> float:
-    """Processor time of the least of the repeats."""
+    """Return the processor time of the least of the repeats."""
     times = []
     for _ in range(repeats):
         began = time.thread_time()

@@ -1,4 +1,4 @@
-"""What the fit costs, side by side in one run: against reading the files, the paper's loop and cv2.decolor.
+"""Measure the fit, side by side in one run: against reading the files, the paper's loop and cv2.decolor.
 
     python benchmarks/fit.py [turns] [sceaux] [synthetic] [memory] [--photographs FOLDER] [--count 1000]
 
@@ -70,7 +70,7 @@ def read_with_opencv(file: Path) -> NDArray[np.uint8]:
 
 
 def papers_loop(images: Sequence[NDArray[np.uint8]]) -> float:
-    """Seconds of a NumPy loop over all triplets and the pixels of all images, scaled from a few triplets."""
+    """Return the seconds of a NumPy loop over all triplets and the pixels of all images, scaled from a few triplets."""
     grid = triplets()
     chosen = grid[:: len(grid) // TIMED][:TIMED]
     began = time.perf_counter()
@@ -86,7 +86,7 @@ def papers_loop(images: Sequence[NDArray[np.uint8]]) -> float:
 
 
 class Table:
-    """Rows of times, some of them against the time of another row."""
+    """Print rows of times, some of them against the time of another row."""
 
     def __init__(self) -> None:
         self.times: dict[str, float] = {}
@@ -101,7 +101,7 @@ class Table:
 
 
 def core_seconds() -> float:
-    """Of processor time so far: of this process, and of those that decode for it and still live."""
+    """Return the processor time so far: of this process, and of those that decode for it and still live."""
     taken = time.process_time()
     for stat in Path("/proc").glob("[0-9]*/stat"):
         try:
@@ -114,7 +114,7 @@ def core_seconds() -> float:
 
 
 def turns(folder: Path, title: str) -> None:
-    """Decoding with OpenCV and the fit by turns, then decoding and encoding, and `convert`."""
+    """Time decoding with OpenCV and the fit by turns, then decoding and encoding, and `convert`."""
     captures = discover(folder).captures
     files = [capture.path for capture in captures]
     with local_executor() as executor:
@@ -152,8 +152,8 @@ def by_turns(
     second: tuple[str, Callable[[], Any]],
     before: Callable[[], None] = lambda: None,
 ) -> None:
-    """Wall clock and processor time of two, by turns, so that what else the machine does hits both alike; without that
-    of what is done `before` each."""
+    """Time two functions by turns, by wall clock and processor time, so that what else the machine does hits both
+    alike; without the time of `before`, which runs before each."""
     rounds: list[tuple[float, float, float, float]] = []
     before()
     second[1]()  # decoders start
@@ -238,7 +238,7 @@ def compare(folder: Path, title: str) -> None:
 
 
 def synthetic(folder: Path, count: int) -> Path:
-    """JPEGs of 1280x960: shaded patches, about as far from grey as photographs are, and noise."""
+    """Write JPEGs of 1280x960: shaded patches, about as far from grey as photographs are, and noise."""
     folder.mkdir(parents=True, exist_ok=True)
 
     def make(number: int) -> None:
@@ -255,7 +255,7 @@ def synthetic(folder: Path, count: int) -> Path:
 
 
 def memory(folder: Path, counts: Sequence[int]) -> None:
-    """Peak memory of a fit in a process of its own, without those that decode for it."""
+    """Return the peak memory of a fit in a process of its own, without those that decode for it."""
     code = (
         "import sys; from pathlib import Path; from colmap_ihe.pipeline.fit_files import fit_files;"
         "fit_files([Path(p) for p in sys.stdin.read().split()]);"

@@ -1,4 +1,4 @@
-"""Fusion's memory and time as a set grows: the images of a dense workspace, each several times over.
+"""Measure the memory and time of fusion as a set grows: the images of a dense workspace, each several times over.
 
     python benchmarks/dense.py ../shared/data/fountain-p11 --scale 0.5 --work WORK
     python benchmarks/fusion.py WORK/dense [--times 1 2 4 8] [--most-gb 1.6]
@@ -29,7 +29,7 @@ _FOLDERS = ("images", "stereo/depth_maps", "stereo/normal_maps")
 
 
 def multiplied(dense: Path, out: Path, times: int) -> None:
-    """A workspace in which every image of `dense` is there `times`, as a link."""
+    """Make a workspace in which every image of `dense` is there `times`, as a link."""
     source, model = pycolmap.Reconstruction(dense / "sparse"), pycolmap.Reconstruction()
     tracks: dict[int, pycolmap.Track] = {}
     ids = list(source.reg_image_ids())
@@ -66,7 +66,7 @@ class Cells(Silent):
 
 
 def one(dense: Path, most_bytes: float) -> None:
-    """Fuses, and prints what it took."""
+    """Fuse, and print time and memory."""
     pycolmap.logging.minloglevel = int(pycolmap.logging.ERROR)
     progress, began = Cells(), time.perf_counter()
     points = fuse(dense, most_bytes=int(most_bytes), progress=progress)

@@ -1,4 +1,4 @@
-"""What the grey does to the sparse model: methods side by side, over several seeds of the mapper.
+"""Measure how the grey affects the sparse model: methods side by side, over several seeds of the mapper.
 
     python benchmarks/grey.py [PHOTOGRAPHS] [--methods ihe,rec709] [--seeds 3]
 

@@ -1,4 +1,4 @@
-"""What the triplet does to matching: correct matches of every triplet of a grid on many sets.
+"""Measure how the weights affect matching: correct matches of every triplet of a grid on many sets.
 
     python benchmarks/guard.py table SET [...] [--work DIR] [--demo DIR] [--step 0.2] [--triplet R,G,B]
     python benchmarks/guard.py list
@@ -39,7 +39,7 @@ Features = tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32]]
 
 
 def grey_images(given: Set, triplet: tuple[float, float, float], tone: str) -> list[NDArray[np.uint8]]:
-    """As `colmap_ihe.grey` converts them; linear by the set-wide white point of this triplet."""
+    """Convert as `colmap_ihe.grey` converts them; linear by the set-wide white point of this triplet."""
     weights = np.array(triplet, np.float32)
     planes = [rgb.astype(np.float32) @ weights for rgb in given.images]
     if given.images[0].dtype == np.uint8:
@@ -50,7 +50,7 @@ def grey_images(given: Set, triplet: tuple[float, float, float], tone: str) -> l
 
 
 def features(grey: NDArray[np.uint8]) -> Features:
-    """All that COLMAP's SIFT finds: (x, y, scale, angle) (N, 4), descriptors (N, 128), strength (N,)."""
+    """Return all that COLMAP's SIFT finds: (x, y, scale, angle) (N, 4), descriptors (N, 128), strength (N,)."""
     options = pycolmap.FeatureExtractionOptions()
     options.use_gpu = False
     options.num_threads = 1
@@ -60,7 +60,7 @@ def features(grey: NDArray[np.uint8]) -> Features:
 
 
 def strength(grey: NDArray[np.uint8], keypoints: NDArray[np.float32]) -> NDArray[np.float32]:
-    """|difference of Gaussians| at each keypoint, of the level it was found in."""
+    """Return |difference of Gaussians| at each keypoint, of the level it was found in."""
     level = np.rint(3 * np.log2(np.maximum(keypoints[:, 2], 0.1) / _SIGMA0)).astype(int)
     result = np.zeros(len(keypoints), np.float32)
     image = np.asarray(cv2.resize(grey.astype(np.float32), None, fx=2, fy=2), np.float32)
@@ -93,7 +93,7 @@ def strongest(found: Features, count: int) -> Features:
 
 
 def coarsest(found: Features, count: int, whole_levels: bool = True) -> Features:
-    """As COLMAP keeps them: whole levels of the scale space from the coarsest, until there are more than
+    """Keep features as COLMAP does: whole levels of the scale space from the coarsest, until there are more than
     `count` places (a place with two orientations is one). Up to half as many again may stay, and one place
     more or less decides about a level: without `whole_levels`, `count` places, whatever their level."""
     places, which = np.unique(found[0][:, :3], axis=0, return_inverse=True)
@@ -108,7 +108,8 @@ def coarsest(found: Features, count: int, whole_levels: bool = True) -> Features
 
 
 def matches(first: Features, second: Features) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Places of mutual nearest neighbours that pass the ratio test, angles between descriptors as COLMAP takes them."""
+    """Return the places of mutual nearest neighbours that pass the ratio test, by angles between descriptors as in
+    COLMAP."""
     a, b = (f[1] / np.linalg.norm(f[1], axis=1, keepdims=True) for f in (first, second))
     if not len(a) or not len(b):
         return np.zeros((0, 2)), np.zeros((0, 2))
@@ -137,7 +138,7 @@ def correct(given: Set, pair: tuple[int, int], a: NDArray[np.float64], b: NDArra
 
 
 def reference_geometry(given: Set) -> None:
-    """Where there is no truth: one fundamental matrix a pair, from the matches of three greys."""
+    """Estimate, where there is no truth, one fundamental matrix a pair, from the matches of three greys."""
     if given.fundamental or given.homography:
         return
     pooled: dict[tuple[int, int], list[Any]] = {pair: [] for pair in given.pairs}
@@ -157,7 +158,7 @@ def measure(given: Set, triplet: tuple[float, float, float], tone: str) -> dict[
 
 
 def measure_greys(given: Set, greys: list[NDArray[np.uint8]]) -> dict[str, Any]:
-    """Features an image, and correct matches a pair in each way of keeping features."""
+    """Return features an image, and correct matches a pair in each way of keeping features."""
     found = [features(g) for g in greys]
     row: dict[str, Any] = {"features": [len(f[0]) for f in found]}
     ways = {

@@ -1,4 +1,4 @@
-"""Judges the guard by the tables of `guard.py`: what each closeness would have chosen, and what that gains.
+"""Judge the guard by the tables of `guard.py`: what each closeness would have chosen, and what that gains.
 
     python benchmarks/guard_rules.py [SET ...] [--work DIR] [--demo DIR]
 
@@ -31,7 +31,7 @@ Surface = Callable[[F64], F64]
 
 
 def surface(weights: F64, gains: F64) -> Surface:
-    """Quadratic in the weights, and what that leaves as a Gaussian process of width .25 and 1 % noise."""
+    """Fit a quadratic in the weights, and what that leaves as a Gaussian process of width .25 and 1 % noise."""
 
     def quadratic(w: F64) -> F64:
         r, g = w[:, 0], w[:, 1]
@@ -59,7 +59,7 @@ def surfaces(path: Path) -> list[Surface]:
 
 
 def flatness(given: Set, grid: list[tuple[int, int, int]]) -> F64:
-    """S of every triplet, from a sample of the pixels."""
+    """Return S of every triplet, from a sample of the pixels."""
     pixels = np.concatenate([rgb.reshape(-1, 3) for rgb in given.images])
     pixels = pixels[:: max(1, len(pixels) // PIXELS)].astype(np.uint32)
     planes = [np.ascontiguousarray(pixels[:, c]) for c in range(3)]

@@ -1,4 +1,4 @@
-"""The test sets of `benchmarks/guard.py`: photographs, RAW made from photographs, painted isoluminant pairs.
+"""Make the test sets of `benchmarks/guard.py`: photographs, RAW made from photographs, painted isoluminant pairs.
 
 A set is a few images, the pairs among them that overlap, and what tells a correct match: the true
 epipolar geometry, or one estimated from the matches of three greys pooled, the same for every triplet.
@@ -36,8 +36,8 @@ Rgb = NDArray[np.uint8] | NDArray[np.uint16]
 
 @dataclass
 class Set:
-    """`images`: (H, W, 3), uint8 coded or uint16 linear. `fundamental` or `homography` by pair, where known.
-    `mosaics`: the RAW files of linear images."""
+    """Hold a set. `images`: (H, W, 3), uint8 coded or uint16 linear. `fundamental` or `homography`: by pair, where
+    known. `mosaics`: the RAW files of linear images."""
 
     images: list[Rgb]
     pairs: list[tuple[int, int]]
@@ -56,7 +56,7 @@ def read_rgb(path: Path, shrink: int = 1) -> NDArray[np.uint8]:
 
 
 def recompress(rgb: NDArray[np.uint8], quality: int, halved_chroma: bool = True) -> NDArray[np.uint8]:
-    """As a JPEG of this quality would show it."""
+    """Return it as a JPEG of this quality would show it."""
     sampling = cv2.IMWRITE_JPEG_SAMPLING_FACTOR_420 if halved_chroma else cv2.IMWRITE_JPEG_SAMPLING_FACTOR_444
     options = [cv2.IMWRITE_JPEG_QUALITY, quality, cv2.IMWRITE_JPEG_SAMPLING_FACTOR, sampling]
     _, coded = cv2.imencode(".jpg", rgb[..., ::-1], options)
@@ -75,7 +75,7 @@ def fountain_truth(scale: float) -> dict[tuple[int, int], NDArray[np.float64]]:
 
 
 def epipolar(first: Any, second: Any) -> NDArray[np.float64]:
-    """x2' F x1 = 0, from (K, R world to camera, centre) each."""
+    """Return F with x2' F x1 = 0, from (K, R world to camera, centre) each."""
     (k1, r1, c1), (k2, r2, c2) = first, second
     rotation = r2 @ r1.T
     t = r2 @ (c1 - c2)
@@ -91,7 +91,7 @@ def originals(name: str, shrink: int) -> list[NDArray[np.uint8]]:
 
 
 def photographs(name: str, quality: int | None = None) -> Set:
-    """Half resolution; with `quality`, compressed again as a camera of that resolution would."""
+    """Halve the resolution; with `quality`, compressed again as a camera of that resolution would."""
     images = originals(name, 2)
     if quality is not None:
         images = [recompress(rgb, quality) for rgb in images]
@@ -99,7 +99,7 @@ def photographs(name: str, quality: int | None = None) -> Set:
 
 
 def crops(name: str, size: tuple[int, int] = (1536, 1024)) -> Set:
-    """At full resolution, where chroma is still subsampled: windows of two images that see the same."""
+    """Cut, at full resolution, where chroma is still subsampled: windows of two images that see the same."""
     whole = originals(name, 1)
     small = [
         np.asarray(cv2.resize(i, None, fx=0.25, fy=0.25, interpolation=cv2.INTER_AREA), np.uint8)
@@ -124,7 +124,7 @@ def crops(name: str, size: tuple[int, int] = (1536, 1024)) -> Set:
 
 
 def _shift(first: NDArray[np.uint8], second: NDArray[np.uint8]) -> NDArray[np.float64]:
-    """The median way from a feature near the middle of the first image to its match in the second."""
+    """Return the median way from a feature near the middle of the first image to its match in the second."""
     sift = cv2.SIFT.create(3000)
     (k1, d1), (k2, d2) = (
         sift.detectAndCompute(cv2.cvtColor(i, cv2.COLOR_RGB2GRAY), None) for i in (first, second)
@@ -142,7 +142,7 @@ def linear_of(coded: NDArray[np.uint8]) -> NDArray[np.float32]:
 
 
 def developed(path: Path, demosaic: str = "LINEAR") -> NDArray[np.uint16]:
-    """As `develop`, by this algorithm of LibRaw's."""
+    """Develop as `develop`, by this algorithm of LibRaw's."""
     if demosaic == "AHD":
         return develop(path).linear_rgb
     with rawpy.imread(str(path)) as raw:
@@ -164,7 +164,7 @@ def raw_set(
     demosaic: str = "LINEAR",
     lights: tuple[tuple[float, float, float], ...] = ((1.0, 1.0, 1.0),) * 3,
 ) -> Set:
-    """RAW of the same scenes, of one exposure or of one each, in one light or in one each: see `expose`."""
+    """Make RAW of the same scenes, of one exposure or of one each, in one light or in one each: see `expose`."""
     scenes = [
         cv2.resize(linear_of(i), None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA)
         for i in originals(name, 1)
@@ -189,7 +189,7 @@ def expose(
     demosaic: str = "LINEAR",
     focal_35mm: int = 35,
 ) -> Set:
-    """DNG of linear scenes (1 is white), with the photon and read noise of that ISO, developed as the product does."""
+    """Write DNG of linear scenes (1 is white), with the photon and read noise of that ISO, and develop it."""
     folder.mkdir(parents=True, exist_ok=True)
     images: list[Rgb] = []
     files = []
@@ -222,7 +222,7 @@ def expose(
 
 
 def demo_set(folder: Path, suffix: str) -> Set:
-    """Three views of the demo scene, rendered before with `colmap-ihe demo`."""
+    """Return three views of the demo scene, rendered before with `colmap-ihe demo`."""
     stems = ("portico_05", "portico_06", "portico_07")
     record = json.loads((folder / "truth" / "cameras.json").read_text())["cameras"]
     cameras = []
@@ -237,7 +237,7 @@ def demo_set(folder: Path, suffix: str) -> Set:
 
 
 def painted(kind: str, folder: Path) -> Set:
-    """A wall painted in two colours of one Rec.709 grey, and a little relief in grey; seen twice.
+    """Paint a wall in two colours of one Rec.709 grey, and a little relief in grey; seen twice.
 
     In sRGB for JPEG; in the sensor's own linear values for RAW, since there Rec.709 is taken of those.
     """
@@ -276,7 +276,7 @@ def painted(kind: str, folder: Path) -> Set:
 
 
 def all_sets(work: Path, demo: Path) -> dict[str, Callable[[], Set]]:
-    """By name, in order of interest."""
+    """Return the sets by name, in order of interest."""
     sets: dict[str, Callable[[], Set]] = {
         "fountain-half": partial(photographs, "fountain-p11"),
         "sceaux-half": partial(photographs, "sceaux"),

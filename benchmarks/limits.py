@@ -1,4 +1,4 @@
-"""What a run holds while it works: memory, disk, open files and threads; and how it fares where there is less.
+"""Measure what a run uses: memory, disk, open files and threads; and what it does where there is less.
 
     python benchmarks/limits.py disk PHOTOGRAPHS ...
     python benchmarks/limits.py memory [--views 8] [--size 960 640] [--as GB ...] [--data GB ...]
@@ -52,8 +52,8 @@ os.execv(sys.executable, [sys.executable, "-m", "colmap_ihe.cli", *sys.argv[2:]]
 
 @dataclass
 class Seen:
-    """The most that was seen, by stage: bytes of memory of all processes and in the project, and of any one process
-    its open files and threads."""
+    """Hold the most that was seen, by stage: bytes of memory of all processes and in the project, and open files and
+    threads of any one process."""
 
     memory: dict[str, int] = field(default_factory=lambda: defaultdict(int))
     disk: dict[str, int] = field(default_factory=lambda: defaultdict(int))
@@ -90,7 +90,7 @@ def descendants(process: int) -> list[int]:
 
 
 def held(process: int) -> tuple[int, int, int]:
-    """Bytes of memory, shared pages in parts; open files; threads."""
+    """Return bytes of memory, shared pages in parts; open files; threads."""
     place = Path("/proc") / str(process)
     try:
         lines = (place / "smaps_rollup").read_text().splitlines()
@@ -129,7 +129,7 @@ def sampled(process: int, project: Path, seen: Seen, over: threading.Event) -> N
 
 
 def run(project: Path, words: Sequence[str], limits: Mapping[int, int] | None = None) -> Ended:
-    """`colmap-ihe reconstruct` under these limits of `resource`, watched."""
+    """Run `colmap-ihe reconstruct` under these limits of `resource`, and watch it."""
     command = [sys.executable, "-c", START, json.dumps(list((limits or {}).items()))]
     command += ["reconstruct", str(project), "--json", "--verbose", *words]
     began, seen, over = time.monotonic(), Seen(), threading.Event()

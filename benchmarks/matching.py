@@ -1,4 +1,4 @@
-"""Whether matching gives the same matches every time, and what it costs: COLMAP's own threads, and ours.
+"""Compare matching by COLMAP's own threads and by ours: are the matches the same every time, and how long it takes.
 
     python benchmarks/matching.py [PROJECT] [--rounds 3] [--strategy exhaustive]
 

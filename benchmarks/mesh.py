@@ -1,4 +1,4 @@
-"""The mesh, measured: against the demo's truth, and its texture against the photographs.
+"""Measure the mesh against the demo's truth, and its texture against the photographs.
 
     python benchmarks/mesh.py PROJECT [--truth PROJECT/truth] [--pictures DIR]
 
@@ -119,7 +119,7 @@ def _reprojection(dense: Path, pictures: Path | None) -> list[tuple[str, str]]:
 
 
 def _elsewhere(views: list[PinholeCamera]) -> PinholeCamera:
-    """Higher than the middle camera by a quarter of what the cameras span, turned down to what it looked at."""
+    """Return the middle camera, raised by a quarter of what the cameras span and turned down to what it looked at."""
     middle = views[len(views) // 2]
     right, down, forward = middle.cam_from_world[:, :3]
     span = float(np.linalg.norm(np.ptp([view.centre for view in views], axis=0)))
@@ -135,7 +135,7 @@ def _elsewhere(views: list[PinholeCamera]) -> PinholeCamera:
 def rendered(
     vertices: Array, faces: Array, texel: Array, texture: Array, view: PinholeCamera
 ) -> tuple[Array, Array]:
-    """(H, W, 3) float and (H, W) where the mesh is; only faces that show their outside, with perspective."""
+    """Draw the mesh in perspective: (H, W, 3) float, and (H, W) where it is; only faces that show their outside."""
     pixels, depths = view.project(vertices.astype(np.float32))
     corners, depth = pixels[faces], depths[faces]
     one, other = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]

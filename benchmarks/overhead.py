@@ -1,4 +1,4 @@
-"""What `reconstruct` costs beside bare pycolmap calls on the same grey images with the same options.
+"""Measure the time of `reconstruct` beside bare pycolmap calls on the same grey images with the same options.
 
     python benchmarks/overhead.py [PHOTOGRAPHS] [--rounds 2]
 
@@ -24,7 +24,7 @@ SCEAUX = Path(__file__).resolve().parents[2] / "shared" / "data" / "sceaux"
 
 
 def bare(grey: Path, work: Path, model: str) -> None:
-    """pycolmap as its own tutorial uses it."""
+    """Run pycolmap as its own tutorial does."""
     shutil.rmtree(work, ignore_errors=True)
     (work / "sparse").mkdir(parents=True)
     names = sorted(p.name for p in grey.iterdir())

@@ -1,4 +1,5 @@
-"""How large a page is, how soon it opens and how fluently its cloud turns, in a Chromium that draws in software.
+"""Measure the size of a page, the time until it opens and the frames a second of its cloud, in a Chromium that draws in
+software.
 
     python benchmarks/page.py [--points 200000]
 

@@ -1,4 +1,4 @@
-"""The picture of docs/dense.md from a finished demo: photograph, grey, depth, cloud.
+"""Draw the picture of docs/dense.md from a finished demo: photograph, grey, depth, cloud.
 
 python benchmarks/picture.py DEMO_FOLDER [-o docs/images/demo.jpg] [--view 6]
 """
@@ -21,7 +21,7 @@ Picture = NDArray[np.uint8]
 
 
 def read_cloud(path: Path) -> tuple[NDArray[np.float64], Picture]:
-    """Points (N, 3) in the model's frame and their colours (N, 3) uint8, of COLMAP's fused.ply."""
+    """Return points (N, 3) in the model's frame and their colours (N, 3) uint8, of COLMAP's fused.ply."""
     content = path.read_bytes()
     header, _, body = content.partition(b"end_header\n")
     count = next(int(line.split()[2]) for line in header.splitlines() if line.startswith(b"element vertex"))
@@ -30,7 +30,7 @@ def read_cloud(path: Path) -> tuple[NDArray[np.float64], Picture]:
 
 
 def cloud_from(dense: Path, number: int, turn_deg: float) -> Picture:
-    """The fused cloud seen from image `number`, the camera turned about the scene's middle by `turn_deg`."""
+    """Draw the fused cloud seen from image `number`, the camera turned about the scene's middle by `turn_deg`."""
     model = pycolmap.Reconstruction(dense / "sparse")
     image = model.images[sorted(model.reg_image_ids())[number]]
     camera = model.cameras[image.camera_id]
@@ -52,7 +52,7 @@ def cloud_from(dense: Path, number: int, turn_deg: float) -> Picture:
 
 
 def depth_of(dense: Path, name: str) -> Picture:
-    """A depth map in colour, near warm; black where there is none."""
+    """Draw a depth map in colour, near warm; black where there is none."""
     found = pycolmap.DepthMap()
     found.read(dense / "stereo" / "depth_maps" / f"{name}.geometric.bin")
     depth = found.to_array()

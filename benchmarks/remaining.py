@@ -1,4 +1,4 @@
-"""How right the remaining time is: `reconstruct` of each folder, and its forecast twice a second against what came.
+"""Compare the remaining time with the true one: `reconstruct` of each folder, its forecast read twice a second.
 
     python benchmarks/remaining.py ../shared/data/sceaux ../shared/data/fountain-p11 [--keep FOLDER]
     python benchmarks/remaining.py --again FOLDER/sceaux.json
@@ -33,7 +33,7 @@ Event = tuple[float, str, list[Any]]
 
 
 class _Recorder(Forecast):
-    """Keeps what it is told, and when."""
+    """Keep what was reported, and when."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -82,7 +82,7 @@ class _Part(StageDisplay):
 
 
 def tell(name: str, events: Sequence[Event]) -> None:
-    """The rows of a run, and below them what each part took."""
+    """Return the rows of a run, and below them what each part took."""
     now = began = events[0][0]
     forecast = Forecast(lambda: now)
     said: dict[str, list[tuple[float, float | None]]] = {"": []}

@@ -1,4 +1,4 @@
-"""The same photographs and options several times, in processes and folders of their own: which files are the same?
+"""Run the same photographs and options several times, in processes and folders of their own, and compare the files.
 
     python benchmarks/reproducible.py [PHOTOGRAPHS] [--threads N ...] [--runs N] [--set STAGE.OPTION=VALUE]
 
@@ -47,7 +47,7 @@ KINDS = {
 
 
 def demo_photographs(folder: Path) -> Path:
-    """The small demo, of each view either the RAW or the JPEG."""
+    """Write the small demo, of each view either the RAW or the JPEG."""
     render_demo(folder, views=VIEWS, size=SIZE)
     for file in (folder / "images").iterdir():
         if (file.suffix == ".dng") != (int(file.stem[-2:]) % 2 == 0):
@@ -56,7 +56,7 @@ def demo_photographs(folder: Path) -> Path:
 
 
 def run(project: Path, images: Path, arguments: Sequence[str]) -> tuple[float, float]:
-    """Seconds, and how many cores were busy."""
+    """Return seconds, and how many cores were busy."""
     command = [sys.executable, "-m", "colmap_ihe", "reconstruct", str(project), "--images", str(images), "-q"]
     began, before = time.monotonic(), os.times()
     subprocess.run([*command, "--json", *arguments], check=True, stdout=subprocess.DEVNULL)

@@ -1,4 +1,4 @@
-"""Killed in the middle of each stage in turn: does the same command end with the same result?
+"""Kill a run in the middle of each stage in turn, and compare what the same command then ends with.
 
     python benchmarks/resume.py [PHOTOGRAPHS] [--set STAGE.OPTION=VALUE]
 
@@ -41,7 +41,7 @@ def run(words: list[str]) -> dict[str, Any]:
 
 
 def kill_in(stage: str, words: list[str], place: Project, after_s: float) -> bool:
-    """Starts the command and kills it `after_s` into `stage`; False if it was over before."""
+    """Start the command and kill it `after_s` into `stage`; False if it was over before."""
     process = subprocess.Popen(words, stdout=subprocess.DEVNULL)
     while process.poll() is None and not place.begun_file(stage).exists():
         time.sleep(0.005)

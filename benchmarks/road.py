@@ -1,4 +1,4 @@
-"""Simulated RAW through the whole road, beside what other programs would give COLMAP of the same shots.
+"""Reconstruct simulated RAW, beside what other programs would give COLMAP of the same shots.
 
     python benchmarks/road.py [demo] [fountain-p11] [--iso 400 1600] [--seeds 3] [--work DIR]
 
@@ -47,7 +47,7 @@ COLUMNS = ("set", "ISO", "variant", "registered", "verified matches", "to usual"
 
 @dataclass(frozen=True)
 class Scenes:
-    """Linear colours by name, 1 is white; the 35 mm equivalent focal length; where the truth is."""
+    """Hold linear colours by name, 1 is white; the 35 mm equivalent focal length; where the truth is."""
 
     linear: Mapping[str, NDArray[np.float32]]
     focal_35mm: int
@@ -80,7 +80,7 @@ SETS: Mapping[str, Callable[[], Scenes]] = {"demo": demo, "fountain-p11": founta
 
 
 def simulate(scenes: Scenes, folder: Path, iso: int) -> None:
-    """The three kinds of photographs, each in its folder, with the same EXIF."""
+    """Write the three kinds of photographs, each in its folder, with the same EXIF."""
     white = np.float32(np.percentile(np.stack([s[::4, ::4] for s in scenes.linear.values()]), 99.8))
     lit = [scene / white for scene in scenes.linear.values()]
     files = expose(lit, folder / "shots", GAINS["a"], iso, focal_35mm=scenes.focal_35mm).mosaics
@@ -132,7 +132,7 @@ def main() -> None:
 
 
 def measured(scenes: Scenes, work: Path, kind: str, method: str, seed: int) -> tuple[float, ...]:
-    """Registered images, verified matches, mean position error in millimetres, reprojection error in pixels."""
+    """Return registered images, verified matches, mean position error in millimetres, reprojection error in pixels."""
     options = load_options(None, [f"fit.method={method}", f"sparse.seed={seed}", "dense.enabled=false"])
     done = reconstruct(work / f"{kind}-project", options, images=work / kind)
     record = json.loads((done.project.records / "matches.json").read_text())

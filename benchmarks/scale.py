@@ -1,4 +1,4 @@
-"""What each stage costs as sets grow, what that comes to for a million photographs, and what workers bring.
+"""Measure each stage as sets grow, what that gives for a million photographs, and what workers gain.
 
     python benchmarks/scale.py grow [--small] [--sizes 30 100 300 1000 3000] [--out FOLDER]
     python benchmarks/scale.py workers [--photographs 200] [--workers 2]
@@ -97,7 +97,7 @@ def main() -> None:
 
 
 class City:
-    """Layers of roofs over a ground, each a texture that shows where nothing is above it."""
+    """Make layers of roofs over a ground, each a texture that shows where nothing is above it."""
 
     def __init__(self, photographs: int, seed: int = 0) -> None:
         random = np.random.default_rng(seed)
@@ -115,7 +115,7 @@ class City:
             self.layers.append((_texture(size, random), shown))
 
     def photograph(self, number: int) -> NDArray[np.uint8]:
-        """(H, W, 3) uint8: looking straight down from a place on the grid."""
+        """Return (H, W, 3) uint8: looking straight down from a place on the grid."""
         x, y = self.place(number)
         picture = np.zeros((HEIGHT, WIDTH, 3), np.uint8)
         for height, (texture, shown) in zip(ROOFS, self.layers, strict=True):
@@ -132,7 +132,7 @@ class City:
 
 
 def _texture(size: tuple[int, int], random: np.random.Generator) -> NDArray[np.uint8]:
-    """Noise of several scales in colour, with edges: what SIFT finds something in."""
+    """Draw noise of several scales in colour, with edges: what SIFT finds something in."""
     texture = np.zeros((*size, 3), np.float32)
     for cell in (4, 12, 40):
         small = random.random((size[0] // cell + 2, size[1] // cell + 2, 3), np.float32)
@@ -141,7 +141,7 @@ def _texture(size: tuple[int, int], random: np.random.Generator) -> NDArray[np.u
 
 
 def shoot(project: Path, count: int, small: bool = False) -> None:
-    """`count` JPEGs with EXIF into project/images, at three quarters of the size if `small`."""
+    """Write `count` JPEGs with EXIF into project/images, at three quarters of the size if `small`."""
     images = project / "images"
     images.mkdir(parents=True)
     city = City(count)
@@ -167,7 +167,7 @@ def _degrees(value: float) -> tuple[float, float, float]:
 
 
 def run(project: Path, until: str, *more: str) -> tuple[dict[str, Any], float, float]:
-    """`reconstruct --until`: the summary, its core seconds, and the peak memory in MB of its largest process."""
+    """Run `reconstruct --until`: the summary, its core seconds, and the peak memory in MB of its largest process."""
     settings = [part for assignment in (*QUICK, *more) for part in ("--set", assignment)]
     command = [
         sys.executable,
@@ -249,7 +249,7 @@ def _note(
 
 
 def exponent(by_size: dict[int, float]) -> float | None:
-    """The slope of log core seconds over log photographs, of at least two sizes of 30 and more."""
+    """Return the slope of log core seconds over log photographs, of at least two sizes of 30 and more."""
     known = [(math.log(n), math.log(v)) for n, v in by_size.items() if n >= 30]
     if len(known) < 2:
         return None
@@ -270,7 +270,7 @@ def tables(costs: Costs) -> None:
 
 
 def on_paper(costs: Costs) -> None:
-    """Core seconds a photograph at the largest size measured, and a million of them on workers."""
+    """Print core seconds a photograph at the largest size measured, and a million of them on workers."""
     rows = []
     for name, found in costs.items():
         largest = max(map(int, found))
@@ -304,7 +304,7 @@ def _days(seconds: float) -> str:
 
 
 def workers(photographs: int, most: int) -> None:
-    """The per-image stages on one worker and on several, in turn."""
+    """Run the per-image stages on one worker and on several, in turn."""
     names = ("captures", "convert", "features")
     found: dict[int, list[dict[str, float]]] = {1: [], most: []}
     free = []
@@ -337,7 +337,7 @@ def workers(photographs: int, most: int) -> None:
 
 
 def free_cores(processes: int) -> float:
-    """How many times as much so many busy loops do as one does alone."""
+    """Return how many times as much so many busy loops do as one does alone."""
     with ProcessPoolExecutor(processes, mp_context=get_context("spawn")) as pool:
         list(pool.map(spin, [0.01] * processes))
         alone = pool.submit(spin, 1.0).result()
@@ -346,7 +346,7 @@ def free_cores(processes: int) -> float:
 
 
 def spin(seconds: float) -> int:
-    """How often a little work was done in that time."""
+    """Return how often a little work was done in that time."""
     count, end = 0, time.perf_counter() + seconds
     while time.perf_counter() < end:
         sum(range(1000))

@@ -1,4 +1,4 @@
-"""The main job on real photographs: one row a set, side by side.
+"""Reconstruct real photographs: one row a set, side by side.
 
     python benchmarks/sets.py [--work DIR] [--set STAGE.OPTION=VALUE] [SET ...]
 
@@ -48,7 +48,7 @@ COLUMNS = (
 
 
 def run_set(name: str, work: Path, assignments: list[str]) -> tuple[str, ...]:
-    """One row of the table, but for the memory."""
+    """Return one row of the table, but for the memory."""
     project = work / name
     shutil.rmtree(project, ignore_errors=True)
     began = time.monotonic()
@@ -80,7 +80,7 @@ def _row(name: str, summary: Any, error: str, seconds: float) -> tuple[str, ...]
 
 
 def row_of(name: str, work: Path, assignments: list[str]) -> tuple[str, ...]:
-    """`run_set` in a process of its own, and the memory that it took."""
+    """Run `run_set` in a process of its own, and return its memory too."""
     most = 0
     with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as pool:
         row = pool.submit(run_set, name, work, assignments)

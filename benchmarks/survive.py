@@ -1,4 +1,4 @@
-"""Disturbed at random moments, does the same command end with the same result, and is nothing half-written?
+"""Disturb a run at random moments: the same command must end with the same result, and no file be half-written.
 
     python benchmarks/survive.py --times 100 --seed 1
 
@@ -55,7 +55,7 @@ _DISK = 60_000_000  # bytes; the project takes about half
 
 @dataclass(frozen=True)
 class Came:
-    """What a finished project holds: digests of what has to be the same, and what has to be as good."""
+    """Return what a finished project holds: digests of what has to be the same, and what has to be as good."""
 
     digests: dict[str, str]
     registered: int
@@ -68,7 +68,7 @@ def command(project: Path) -> list[str]:
 
 
 def finish(project: Path) -> tuple[int, str]:
-    """Exit status and the last line of stderr of an undisturbed run."""
+    """Return exit status and the last line of stderr of an undisturbed run."""
     done = subprocess.run(command(project), capture_output=True, text=True, timeout=LONG, check=False)
     return done.returncode, (done.stderr.strip().splitlines() or [""])[-1]
 
@@ -88,7 +88,7 @@ def came_of(project: Path, truth: Truth) -> Came:
 
 
 def partial_files(project: Path) -> list[str]:
-    """Files under their final names in workspace/, colour/, report/ and records/ that are not whole."""
+    """Return files under their final names in workspace/, colour/, report/ and records/ that are not whole."""
     broken = []
     for folder in ("workspace", "colour", "report", "records"):
         for file in sorted((project / folder).rglob("*")):
@@ -149,7 +149,7 @@ def _read_ply(file: Path) -> None:
 
 
 def disturb(project: Path, kind: str, stage: str, after_s: float) -> str:
-    """Disturbs a run so long after `stage` began, or after the start if it is empty. The stage in which that came."""
+    """Disturb a run so long after `stage` began, or after the start if it is empty. The stage in which that came."""
     with subprocess.Popen(
         command(project), stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, start_new_session=True
     ) as process:
@@ -174,7 +174,7 @@ def disturb(project: Path, kind: str, stage: str, after_s: float) -> str:
 
 @contextmanager
 def place(where: Path, size: int | None) -> Iterator[Path]:
-    """A folder for the project; with `size` on a disk of its own."""
+    """Make a folder for the project; with `size` on a disk of its own."""
     where.mkdir()
     if size is not None:
         subprocess.run(["mount", "-t", "tmpfs", "-o", f"size={size}", "tmpfs", str(where)], check=True)
@@ -188,7 +188,7 @@ def place(where: Path, size: int | None) -> Iterator[Path]:
 
 @dataclass(frozen=True)
 class Moment:
-    """So many seconds after `stage` began, or after the start if it is empty; of a disk, how much of it there is."""
+    """Describe a disturbance: seconds after `stage` began, or after the start if it is empty; of a disk, its size."""
 
     stage: str
     after_s: float
@@ -201,7 +201,7 @@ def moment_in(seconds: Mapping[str, float], drawn: random.Random) -> Moment:
 
 
 def once(work: Path, images: Path, truth: Truth, kind: str, moment: Moment, wanted: Came) -> tuple[str, str]:
-    """Where it was disturbed, and what went wrong, empty for nothing."""
+    """Return where it was disturbed, and what went wrong, empty for nothing."""
     size = int(moment.share * _DISK * 0.6) + 200_000 if kind == "full disk" else None
     with place(work / "once", size) as disk:
         project = disk / "project"

@@ -1,4 +1,4 @@
-"""What the tone curve of RAW does to features, matches and cameras; and what exposure normalisation does.
+"""Measure how the tone curve of RAW and exposure normalisation affect features, matches and cameras.
 
     python benchmarks/tone.py [matches | cameras] [--work DIR]
 
@@ -59,7 +59,7 @@ COLUMNS = ("set", "exposure", "tone", "features", "5,000 strongest", "8,192 coar
 
 
 def normalised(images: Sequence[Rgb], exposures: Sequence[float]) -> list[Rgb]:
-    """As `develop.exposure: normalise` has it, by the exposure times of EXIF."""
+    """Level exposures as `develop.exposure: normalise`, by the exposure times of EXIF."""
     shots = {str(n): Metadata(exposure_s=e, f_number=8, iso=100) for n, e in enumerate(exposures)}
     gains, _ = exposure_gains(shots)
     return [prepared(rgb, Recipe(gains=(gains[str(n)],) * 3)) for n, rgb in enumerate(images)]
@@ -141,7 +141,7 @@ def cameras(work: Path) -> None:
 
 
 def solved(greys: dict[str, NDArray[np.uint8]]) -> tuple[str, ...]:
-    """Registered images and their errors, mean and standard deviation over the seeds."""
+    """Return registered images and their errors, mean and standard deviation over the seeds."""
     truth = read_truth(DATA / "fountain-p11" / "gt")
     k = np.loadtxt(DATA / "fountain-p11" / "K.txt")
     params = tuple(float(v) / 4 for v in (k[0, 0], k[1, 1], k[0, 2] + 0.5, k[1, 2] + 0.5))

@@ -1,4 +1,4 @@
-"""What the clustering of a vocabulary tree costs, and whether more of it finds more of the pairs that match.
+"""Measure the clustering of a vocabulary tree: its time, and whether more of it finds more of the pairs that match.
 
     python benchmarks/vocabulary.py PROJECT [--neighbours 30]
 

@@ -1,4 +1,4 @@
-"""What the wider workflow of the paper does to matches: colour balance, denoising, Wallis, each against none.
+"""Measure how the wider workflow of the paper affects matches: colour balance, denoising, Wallis, each against none.
 
     python benchmarks/workflow.py [balance | denoise | wallis ...] [--work DIR] [--strength 1]
 
@@ -55,7 +55,7 @@ COLUMNS = (
 
 
 def recoloured(name: str) -> Set:
-    """Coded photographs in unlike white balance."""
+    """Make coded photographs in unlike white balance."""
     given = photographs(name)
     images: list[Rgb] = []
     for rgb, light in zip(given.images, LIGHTS, strict=True):
@@ -73,7 +73,7 @@ def saved(images: Sequence[Rgb], folder: Path) -> None:
 
 
 def balanced(given: Set, folder: Path) -> list[Rgb]:
-    """As `develop.balance` has it."""
+    """Balance as `develop.balance`."""
     if not given.mosaics:
         saved(given.images, folder)
     captures = discover(given.mosaics[0].parent if given.mosaics else folder).captures
@@ -84,7 +84,7 @@ def balanced(given: Set, folder: Path) -> list[Rgb]:
 
 
 def sets(work: Path) -> dict[str, tuple[tuple[str, ...], Callable[[], Set]]]:
-    """By name, with the steps that are tried on it."""
+    """Return the sets by name, with the steps that are tried on it."""
     every = ("balance", "denoise", "wallis")
     found: dict[str, tuple[tuple[str, ...], Callable[[], Set]]] = {}
     for name in NAMES:

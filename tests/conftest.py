@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from playwright.sync_api import Browser
 
 settings.register_profile("house", deadline=None, derandomize=True, database=None)
+settings.register_profile("many", settings.get_profile("house"), max_examples=24_000)  # of scripts/test-slow
 settings.load_profile("house")
 
 FAULTS = """

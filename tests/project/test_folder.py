@@ -14,10 +14,10 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from fuzz_records import records
 from hypothesis import given
 from hypothesis import strategies as st
 from small_demo import ROOT
+from stage_records import records
 
 from colmap_ihe.errors import DiskFullError, ProjectError
 from colmap_ihe.machine.files import (
@@ -103,7 +103,20 @@ def test_json_keeps_names_that_are_not_ascii_readable(tmp_path: Path) -> None:
     assert read_json(tmp_path / "a.json") == {"façade/日本.jpg": [1, None]}
 
 
-@pytest.mark.parametrize("content", [b"", b"{", b"[1]", b"3", b"\xff\xfe", b'{"a": 1'])
+UNREADABLE = [
+    b"",
+    b"{",
+    b"[1]",
+    b"3",
+    b"\xff\xfe",
+    b'{"a": 1',
+    b"[" * 100_000,
+    b'{"a": ' * 100_000,
+    b"1" * 5000,
+]
+
+
+@pytest.mark.parametrize("content", UNREADABLE, ids=lambda content: content[:9])
 def test_json_that_cannot_be_read_is_none(tmp_path: Path, content: bytes) -> None:
     (tmp_path / "a.json").write_bytes(content)
     assert read_json(tmp_path / "a.json") is None

@@ -17,6 +17,8 @@ from colmap_ihe.colmap.checks.repeated_structure import Conflicts
 from colmap_ihe.colmap.native import pycolmap
 from colmap_ihe.errors import MappingError
 from colmap_ihe.pipeline.reconstruct import Reconstruction, reconstruct
+from colmap_ihe.pipeline.stages import STAGE_NAMES
+from colmap_ihe.pipeline.status import status
 from colmap_ihe.pipeline.warnings.model import camera_warnings, flat_warnings, fold_warnings, match_warnings
 from colmap_ihe.project.options import Options
 from colmap_ihe.project.options_file import load_options
@@ -52,21 +54,33 @@ def warnings(done: Reconstruction) -> str:
             "convert",
         ),
         ("all_black", "no features were found in any of the 3", "black", "convert"),
-        ("one_colour", "no features were found in any of the 3", "one colour", "convert"),
+        ("one_colour", "no features were found in any of the 3 photographs", "one colour", "convert"),
         ("no_overlap", "no two of the 4 photographs match", "overlap by about two thirds", "features"),
         ("two_from_one_place", "show the same view from the same place", "step sideways", "matches"),
-        ("pure_rotation", "the camera only turned on the spot", "step sideways", "matches"),
+        (
+            "pure_rotation",
+            "none of the 6 photographs could be placed.*the camera only turned on the spot",
+            "step sideways",
+            "matches",
+        ),
     ],
 )
 def test_no_model_can_be_made_and_what_was_made_stays(
-    run: Callable[..., Reconstruction], tmp_path: Path, name: str, words: str, hint: str, last: str
+    run: Callable[..., Reconstruction],
+    quick_options: MakeOptions,
+    tmp_path: Path,
+    name: str,
+    words: str,
+    hint: str,
+    last: str,
 ) -> None:
     with pytest.raises(MappingError, match=words) as caught:
         run(name)
     assert hint in caught.value.hint
-    records = {p.stem for p in (tmp_path / "records").glob("*.json") if not p.stem.endswith("begun")}
-    assert last in records
-    assert "sparse" not in records
+    states = [s.state for s in status(tmp_path, quick_options(*QUICK))]
+    finished = STAGE_NAMES.index(last) + 1
+    assert states == [*["done"] * finished, *["to do"] * (6 - finished), "off", "off"]
+    assert not list((tmp_path / "workspace").glob(".sparse*"))
     greys = {p.stem for p in (tmp_path / "workspace/images").iterdir()}
     assert greys == {p.stem for p in (tmp_path / "images").iterdir()}
     assert not (tmp_path / "workspace/sparse").exists()

@@ -61,15 +61,8 @@ def test_a_file_of_options_names_nothing_outside_of_the_project(tmp_path: Path, 
         load_options(file)
     assert str(file) in str(caught.value) and "say it yourself" in caught.value.hint
     # On the command line the user may name what he likes.
-    (_, value), *_ = named_paths(
-        {k: v if isinstance(v, dict) else {"address": v} for k, v in yaml.safe_load(text).items()}
-    )
-    (full,) = [
-        k
-        for k, _ in named_paths(
-            {k: v if isinstance(v, dict) else {"address": v} for k, v in yaml.safe_load(text).items()}
-        )
-    ]
+    sections = {k: v if isinstance(v, dict) else {"address": v} for k, v in yaml.safe_load(text).items()}
+    ((full, value),) = named_paths(sections)
     assert load_options(file, [f"{full}={json.dumps(value)}"])
 
 

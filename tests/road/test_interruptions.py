@@ -68,18 +68,14 @@ def assert_goes_on(project: Path, stage: str) -> None:
     assert summary["dense_points"] > 15_000
 
 
-def test_killed_in_a_stage(new_project: Callable[..., Path]) -> None:
-    """One stage, matching: it shares its database with the stage before it."""
-    project = new_project()
-    status, _ = kill_in(project, "matches", 0.1)
-    assert status == -signal.SIGKILL
-    assert_goes_on(project, "matches")
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("stage", STAGE_NAMES)
-@pytest.mark.parametrize("seed", [1, 2])
-def test_killed_in_every_stage(new_project: Callable[..., Path], stage: str, seed: int) -> None:
+@pytest.mark.parametrize(
+    ("stage", "seed"),
+    [
+        ("matches", 0),  # it shares its database with the stage before it
+        *(pytest.param(s, n, marks=pytest.mark.slow) for s in STAGE_NAMES for n in (1, 2)),
+    ],
+)
+def test_killed_in_a_stage(new_project: Callable[..., Path], stage: str, seed: int) -> None:
     project = new_project()
     longest = {"fit": 0.3, "features": 0.6, "matches": 0.3, "sparse": 0.3, "dense": 1.5}.get(stage, 0.02)
     delay = random.Random(f"{stage}{seed}").uniform(0, longest)

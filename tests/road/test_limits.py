@@ -109,21 +109,18 @@ def test_one_worker_that_may_find_too_little_is_told_before(monkeypatch: pytest.
     assert memory_warnings(next(one for one in smaller if one.stage == "features")) == []
 
 
+LIMITED = (
+    "import os, resource, sys; resource.setrlimit(int(sys.argv[1]), (int(sys.argv[2]),) * 2);"
+    " os.execv(sys.executable, [sys.executable, '-m', 'colmap_ihe.cli', *sys.argv[3:]])"
+)
+ENVIRONMENT = os.environ | {"PYTHONPATH": str(ROOT)}
+SETTINGS = [part for assignment in QUICK for part in ("--set", assignment)]
+
+
 def _limited(project: Path, kind: int, most: int, *more: str) -> subprocess.CompletedProcess[str]:
-    settings = [part for assignment in QUICK for part in ("--set", assignment)]
-    start = (
-        "import os, resource, sys; resource.setrlimit(int(sys.argv[1]), (int(sys.argv[2]),) * 2);"
-        " os.execv(sys.executable, [sys.executable, '-m', 'colmap_ihe.cli', *sys.argv[3:]])"
-    )
-    command = ["reconstruct", str(project), "--json", "--verbose", *settings, *more]
-    return subprocess.run(
-        [sys.executable, "-c", start, str(kind), str(most), *command],
-        capture_output=True,
-        text=True,
-        timeout=600,
-        check=False,
-        env=os.environ | {"PYTHONPATH": str(ROOT)},
-    )
+    command = [sys.executable, "-c", LIMITED, str(kind), str(most), "reconstruct", str(project), "--json"]
+    command += ["--verbose", *SETTINGS, *more]
+    return subprocess.run(command, capture_output=True, text=True, timeout=600, check=False, env=ENVIRONMENT)
 
 
 @pytest.mark.slow
@@ -261,17 +258,11 @@ def children(process: int) -> list[int]:
 def test_open_files_threads_and_processes_do_not_grow_with_the_set(tmp_path: Path, count: int) -> None:
     """With few open files allowed; each photograph that left one open would end the run half-way."""
     photographs(tmp_path / "project/images", count)
-    command = ["reconstruct", str(tmp_path / "project"), "--quiet", "--until", "features"]
-    start = (
-        "import os, resource, sys; resource.setrlimit(resource.RLIMIT_NOFILE, (int(sys.argv[1]),) * 2);"
-        " os.execv(sys.executable, [sys.executable, '-m', 'colmap_ihe.cli', *sys.argv[2:]])"
-    )
+    command = [sys.executable, "-c", LIMITED, str(resource.RLIMIT_NOFILE), "48"]
+    command += ["reconstruct", str(tmp_path / "project"), "--quiet", "--until", "features"]
+    command += ["--set", "fit.measure=false", "--set", "fit.step=0.1"]
     files = threads = processes = 0
-    with subprocess.Popen(
-        [sys.executable, "-c", start, "48", *command, "--set", "fit.measure=false", "--set", "fit.step=0.1"],
-        stderr=subprocess.PIPE,
-        env=os.environ | {"PYTHONPATH": str(ROOT)},
-    ) as process:
+    with subprocess.Popen(command, stderr=subprocess.PIPE, env=ENVIRONMENT) as process:
         assert process.stderr is not None
         while process.poll() is None:
             everyone = [process.pid, *children(process.pid)]
@@ -307,12 +298,8 @@ def read_only() -> Iterator[Callable[[Path], None]]:
             folder.chmod(0o555)
             return
         for options in ("bind", "remount,bind,ro"):
-            done = subprocess.run(
-                ["mount", "-o", options, str(folder), str(folder)],
-                capture_output=True,
-                text=True,
-                check=False,
-            )
+            command = ["mount", "-o", options, str(folder), str(folder)]
+            done = subprocess.run(command, capture_output=True, text=True, check=False)
             if done.returncode:
                 pytest.skip(f"a folder cannot be mounted read-only: {done.stderr.strip()}")
             mounted.append(folder)
@@ -343,24 +330,17 @@ def test_a_project_that_may_not_be_written_to_is_one_line(
     assert "not writable" in line and "give write permission, or use another folder" in line
 
 
-@pytest.mark.parametrize("command", ["reconstruct", "report"])
+@pytest.mark.parametrize(
+    ("command", "held", "more"),
+    [("reconstruct", "", SETTINGS), ("report", "", SETTINGS), ("compare", "compare", ["--methods", "green"])],
+)
 def test_the_second_on_one_project_says_so_and_leaves(
-    finished: Path, capsys: pytest.CaptureFixture[str], command: str
+    finished: Path, capsys: pytest.CaptureFixture[str], command: str, held: str, more: Sequence[str]
 ) -> None:
-    settings = [part for assignment in QUICK for part in ("--set", assignment)]
-    with Project.at(finished).locked():
-        assert main([command, str(finished), *settings]) == 1
+    with Project.at(finished / held, finished / "images").locked():
+        assert main([command, str(finished), *more]) == 1
     line = capsys.readouterr().err.strip().splitlines()[-1]
     assert "another run is working on this project" in line and "wait for it, or stop it" in line
-
-
-def test_a_second_comparison_says_so_and_leaves(
-    new_project: Make, capsys: pytest.CaptureFixture[str]
-) -> None:
-    project = new_project(3)
-    with Project.at(project / "compare", project / "images").locked():
-        assert main(["compare", str(project), "--methods", "green"]) == 1
-    assert "another run is working on this project" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("command", ["convert", "develop"])

@@ -1,4 +1,4 @@
-"""Parsers of what we wrote ourselves, and somebody may have changed; and what is built on names of files."""
+"""What we wrote ourselves, spoilt, and what is built on names of files."""
 
 from __future__ import annotations
 
@@ -9,12 +9,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from fuzz_mutations import BYTES, JSON, TEXT, Target
+from spoilt import BYTES, JSON, TEXT, parser
+from stage_records import records
 
-import colmap_ihe  # noqa: F401  before pycolmap
 from colmap_ihe.batch.folder import BatchFolder
 from colmap_ihe.batch.state import BatchState, project_state, publish
-from colmap_ihe.dense.ply import read_mesh
+from colmap_ihe.dense.ply import read_mesh, write_mesh
+from colmap_ihe.dense.texture.mesh import Mesh
 from colmap_ihe.machine.executor import local_executor
 from colmap_ihe.machine.progress import SILENT
 from colmap_ihe.photographs.discover import Capture, discover
@@ -32,51 +33,12 @@ from colmap_ihe.report.page import render_page
 from colmap_ihe.report.summary import summarise, summary_rows
 
 
-def records() -> dict[str, dict[str, Any]]:
-    """Of a small project, as a run leaves them."""
-    whole: dict[str, Any] = {
-        "fingerprint": "0",
-        "seconds": 1.5,
-        "options": {},
-        "versions": {},
-        "warnings": [],
-    }
-    weights = {
-        "method": "ihe",
-        "weights": [0.2, 0.3, 0.5],
-        "score": 0.1,
-        "tones": 200,
-        "images": 2,
-        "encoding": "coded",
-    }
-    tried = {
-        "chosen": "ihe",
-        "in_words": "3 % more",
-        "pairs": [["a.jpg", "b.jpg"]],
-        "candidates": {},
-        "reason": "",
-    }
-    model = {"registered_images": 2, "points3d": 9, "points_over_3_views": 3, "mean_track_length": 2.5}
-    return {
-        "captures": whole
-        | {"images": 2, "raw": 0, "paired": {}, "with_gps": 0, "shared_by": 2, "pixels": 99, "largest": 50}
-        | {"development": {}, "recipes": {"a.jpg": {"denoise": 1.0, "dark": "d.npy"}}, "ignored": [], "left_out": {}},
-        "fit": whole | {"weights": {"coded": weights}, "colour_white": 1.0, "tried": {"coded": tried}, "left_out": {}},
-        "convert": whole | {"grey": {"a.jpg": "a.png", "b/c.jpg": "b/c.png"}, "left_out": {}},
-        "features": whole | {"images": 2, "cameras": 1, "with_focal_prior": 2, "features": 99, "missing": []},
-        "matches": whole | {"strategy": "exhaustive", "pairs_verified": 1, "inliers": 20, "pairs_matched": 1},
-        "sparse": whole
-        | {"models": [model | {"mean_reprojection_error_px": 0.5, "image_names": ["a.png"]}], "unregistered": []},
-        "dense": whole | {"points": 99, "backend": "sgm", "pixels": 100, "pixels_with_depth": 60},
-        "mesh": whole | {"files": ["mesh.ply"], "faces": 9, "texture": {"width": 9, "height": 9}},
-    }  # fmt: skip
-
-
-def _record_samples() -> list[bytes]:
+def stage_records(_: Path) -> list[bytes]:
     return [json.dumps({"stage": name, **record}).encode() for name, record in records().items()]
 
 
-def _record(data: bytes, folder: Path) -> object:
+@parser(stage_records, JSON)
+def test_stage_records(data: bytes, folder: Path) -> object:
     """The record of one stage, spoilt, among sound ones: what a run would build on them."""
     (folder / "images").mkdir()
     (folder / "records").mkdir()
@@ -104,7 +66,8 @@ def _record(data: bytes, folder: Path) -> object:
     return fit_of(found["fit"]) if "fit" in found else summary
 
 
-def _digests(data: bytes, folder: Path) -> object:
+@parser(lambda _: [json.dumps({"a.jpg": [1, 1, 1, 1, 1, "00"]}).encode()], JSON, share=0.5)
+def test_digests(data: bytes, folder: Path) -> object:
     for name in ("images", "records"):
         (folder / name).mkdir()
     (folder / "images/a.jpg").write_bytes(b"x")
@@ -116,14 +79,13 @@ def _digests(data: bytes, folder: Path) -> object:
     return found
 
 
-def _summary_samples() -> list[bytes]:
-    found = summarise(records(), Options())
-    return [
-        json.dumps(found | {"state": "done", "seconds": 3.0, "reason": "", "hint": "", "set": []}).encode()
-    ]
+def summaries(_: Path) -> list[bytes]:
+    ended = {"state": "done", "seconds": 3.0, "reason": "", "hint": "", "set": []}
+    return [json.dumps(summarise(records(), Options()) | ended).encode()]
 
 
-def _batched(data: bytes, folder: Path) -> object:
+@parser(summaries, JSON, share=0.3)
+def test_summary_and_batch_json(data: bytes, folder: Path) -> object:
     for name in ("images", "records", "report"):
         (folder / "a" / name).mkdir(parents=True)
     (folder / "a/report/summary.json").write_bytes(data)
@@ -134,13 +96,14 @@ def _batched(data: bytes, folder: Path) -> object:
     return row
 
 
-def _ledger_samples() -> list[bytes]:
+def folder_records(_: Path) -> list[bytes]:
     file = {"photograph": "a.jpg", "fingerprint": "0", "digest": ""}
     fit = {"fingerprint": "0", "weights": [{"weights": [0.2, 0.3, 0.5]}], "colour_white": 1.0, "left_out": {}}
     return [json.dumps({"files": {"a.png": file, "b/c.png": file}, "notes": {"fit": fit}}).encode()]
 
 
-def _ledger(data: bytes, folder: Path) -> object:
+@parser(folder_records, JSON, share=0.5)
+def test_record_of_a_folder(data: bytes, folder: Path) -> object:
     out, outside = folder / "out", folder / "mine"
     out.mkdir()
     outside.mkdir()
@@ -158,47 +121,31 @@ def _ledger(data: bytes, folder: Path) -> object:
 _DISCOVERY = type("None", (), {"captures": (Capture("a.jpg", Path("a.jpg"), "coded", "a"),)})()
 
 
-def _ply_samples() -> list[bytes]:
-    from colmap_ihe.dense.ply import write_mesh
-    from colmap_ihe.dense.texture.mesh import Mesh
-
-    path = Path(f"sample-{os.getpid()}.ply")
-    try:
-        write_mesh(
-            path,
-            Mesh(
-                np.eye(4, 3, dtype=np.float32),
-                np.array([[0, 1, 2], [1, 2, 3]], np.int32),
-                np.zeros((4, 3), np.uint8),
-            ),
-        )
-        return [path.read_bytes()]
-    finally:
-        path.unlink()
+def meshes(folder: Path) -> list[bytes]:
+    faces, grey = np.array([[0, 1, 2], [1, 2, 3]], np.int32), np.zeros((4, 3), np.uint8)
+    write_mesh(folder / "a.ply", Mesh(np.eye(4, 3, dtype=np.float32), faces, grey))
+    return [(folder / "a.ply").read_bytes()]
 
 
-def _ply(data: bytes, folder: Path) -> object:
+@parser(meshes, (*BYTES, *TEXT))
+def test_ply(data: bytes, folder: Path) -> object:
     (folder / "a.ply").write_bytes(data)
     mesh = read_mesh(folder / "a.ply")
     assert not len(mesh.faces) or 0 <= mesh.faces.min() <= mesh.faces.max() < len(mesh.vertices)
     return mesh
 
 
-def _name_samples() -> list[bytes]:
-    return [
-        b"IMG 1.JPG",
-        "façade nord/Été 01.jpg".encode(),
-        b"a.nef\na.jpg\na.tif",
-        b"x/.hidden.jpg",
-        b"- rf.png",
-    ]
+def file_names(_: Path) -> list[bytes]:
+    names = ("IMG 1.JPG", "façade nord/Été 01.jpg", "a.nef\na.jpg\na.tif", "x/.hidden.jpg", "- rf.png")
+    return [name.encode() for name in names]
 
 
 def _page(title: str, photographs: Sequence[PhotographEntry]) -> str:
     return render_page(Contents(title=title, result="", rows=[], grey=None, photographs=photographs))
 
 
-def _names(data: bytes, folder: Path) -> object:
+@parser(file_names, TEXT, share=0.3)
+def test_file_names(data: bytes, folder: Path) -> object:
     """A name a line, each of a file; discovered, and shown on a page."""
     images = folder / "images"
     images.mkdir()
@@ -221,19 +168,3 @@ def _names(data: bytes, folder: Path) -> object:
 
 
 _SCRIPTS = _page("a", ()).count("<script")
-
-
-TARGETS = (
-    Target("records", _record_samples, JSON, _record),
-    Target(
-        "digests.json",
-        lambda: [json.dumps({"a.jpg": [1, 1, 1, 1, 1, "00"]}).encode()],
-        JSON,
-        _digests,
-        share=0.5,
-    ),
-    Target("summary.json, batch.json", _summary_samples, JSON, _batched, share=0.3),
-    Target("record of grey images", _ledger_samples, JSON, _ledger, share=0.5),
-    Target("PLY", _ply_samples, (*BYTES, *TEXT), _ply),
-    Target("file names", _name_samples, TEXT, _names, share=0.3),
-)

@@ -1,0 +1,74 @@
+"""The package keeps its floor plan: small modules in rooms, and tests in rooms of the same names."""
+
+from __future__ import annotations
+
+import ast
+from collections.abc import Iterator
+from pathlib import Path
+
+from small_demo import ROOT
+
+PACKAGE, TESTS = ROOT / "colmap_ihe", ROOT / "tests"
+OUTSIDE = {"__main__", "cli", "errors"}
+WITHOUT_MODULE = {
+    "dense/stereo/test_steps", "dense/texture/test_texture", "photographs/raw/test_sensors",
+    "pipeline/stages/test_mesh", "report/test_batch_page", "report/test_hostile_pages", "report/test_page_in_browser",
+}  # fmt: skip
+THROUGH_OTHERS = {
+    "__main__", "colmap/database", "colmap/database_probe", "colmap/feature_files", "colmap/features",
+    "colmap/features_on_workers", "colmap/measures", "commandline/batch_display", "commandline/display",
+    "commandline/json_lines", "commandline/shared_arguments", "dense/fusion_cell_workspace",
+    "dense/textured_mesh", "evaluation/demo/errors", "evaluation/demo/grid", "evaluation/demo/light",
+    "evaluation/demo/materials", "evaluation/demo/run", "evaluation/figures", "evaluation/forecast",
+    "evaluation/page", "grey/compiled", "machine/cancel", "machine/cluster/executor", "machine/cluster/local",
+    "machine/cluster/task", "machine/decoder_process", "photographs/decoder_main", "photographs/icc_profile",
+    "photographs/raw/calibration_frames", "photographs/raw/calibration_masters", "photographs/raw/undecoded",
+    "pipeline/doctor", "pipeline/environment", "pipeline/explain", "pipeline/fit_sources",
+    "pipeline/model_view", "pipeline/rewrite_page",
+}  # fmt: skip
+
+
+def names(root: Path, pattern: str) -> set[str]:
+    """Paths of the modules below `root`, without suffix."""
+    return {p.relative_to(root).with_suffix("").as_posix() for p in root.rglob(pattern)}
+
+
+MODULES = {name for name in names(PACKAGE, "*.py") if not name.endswith("__init__")}
+
+
+def imported() -> Iterator[str]:
+    """Modules of the package that a test imports, or something of them."""
+    for file in TESTS.rglob("*.py"):
+        for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.ImportFrom):
+                yield from (f"{node.module}.{alias.name}" for alias in node.names)
+                yield str(node.module)
+            elif isinstance(node, ast.Import):
+                yield from (alias.name for alias in node.names)
+
+
+def test_every_module_has_a_test_of_its_name_or_is_imported_by_one() -> None:
+    tested = {name.replace("test_", "") for name in names(TESTS, "test_*.py")}
+    tested |= {
+        name.partition(".")[2].replace(".", "/") for name in imported() if name.startswith("colmap_ihe.")
+    }
+    assert MODULES - tested <= THROUGH_OTHERS <= MODULES
+
+
+def test_no_test_stands_for_a_module_that_is_gone() -> None:
+    tests = {name for name in names(TESTS, "test_*.py") if "/" in name and not name.startswith("road/")}
+    assert {name for name in tests if name.replace("test_", "") not in MODULES} <= WITHOUT_MODULE
+
+
+def test_only_the_entry_lies_outside_of_the_rooms() -> None:
+    assert {name for name in names(PACKAGE, "*.py") if "/" not in name} == {"__init__", *OUTSIDE}
+
+
+def test_no_module_and_no_function_is_long() -> None:
+    for file in PACKAGE.rglob("*.py"):
+        text = file.read_text(encoding="utf-8")
+        assert len(text.splitlines()) <= 300, file
+        for node in ast.walk(ast.parse(text)):
+            if isinstance(node, ast.FunctionDef):
+                start = node.body[0].end_lineno if ast.get_docstring(node) else node.body[0].lineno
+                assert (node.end_lineno or 0) - (start or 0) <= 60, f"{node.name} in {file}"
