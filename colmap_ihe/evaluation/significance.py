@@ -34,14 +34,14 @@ def standard_error(values: Sequence[float]) -> float:
     return float(np.std(values, ddof=1) * ((1 - LEFT_OUT) / LEFT_OUT) ** 0.5)
 
 
-def verdict(ours: Sequence[float], theirs: Sequence[float], *, more_is_better: bool) -> Verdict:
+def verdict(values: Sequence[float], reference: Sequence[float], *, more_is_better: bool) -> Verdict:
     """Compare the values of two methods: the first with all matches, the others by the same seeds.
 
     Raises ValueError for unlike numbers of values, or none.
     """
-    if len(ours) != len(theirs) or not ours:
-        raise ValueError(f"{len(ours)} and {len(theirs)} values, expected as many of both, at least one")
-    differences = np.subtract(ours, theirs)
+    if len(values) != len(reference) or not values:
+        raise ValueError(f"{len(values)} and {len(reference)} values, expected as many of both, at least one")
+    differences = np.subtract(values, reference)
     difference, error = float(differences[0]), standard_error(differences[1:].tolist())
     if not differences.any():
         return Verdict(difference, "no difference")
