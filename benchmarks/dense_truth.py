@@ -19,6 +19,7 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
+from surface_errors import moved, surface_errors, true_points
 
 from colmap_ihe import convert_folder
 from colmap_ihe.colmap.native import pycolmap
@@ -30,7 +31,6 @@ from colmap_ihe.dense.undistort import undistort
 from colmap_ihe.evaluation.demo.scene import portico
 from colmap_ihe.evaluation.demo.shapes import Rect
 from colmap_ihe.evaluation.depth_errors import depth_errors, pooled
-from colmap_ihe.evaluation.surface_errors import moved, surface_errors, true_points
 from colmap_ihe.evaluation.truth import Truth, key_of, pose_errors, read_truth
 from colmap_ihe.project.folder import Project
 from colmap_ihe.project.options import FitOptions

@@ -19,6 +19,7 @@ import numpy as np
 import numpy.typing as npt
 import trimesh
 from PIL import Image
+from surface_errors import moved, points_on, surface_errors, true_points
 
 from colmap_ihe.colmap.native import pycolmap
 from colmap_ihe.dense.camera import PinholeCamera
@@ -26,7 +27,6 @@ from colmap_ihe.dense.depth_maps import camera_of
 from colmap_ihe.dense.ply import read_mesh
 from colmap_ihe.dense.texture.bake import sample
 from colmap_ihe.dense.texture.raster import covered, depth_picture
-from colmap_ihe.evaluation.surface_errors import moved, points_on, surface_errors, true_points
 from colmap_ihe.evaluation.truth import pose_errors, read_truth
 
 SAMPLES = 1_000_000

@@ -102,7 +102,7 @@ def position_mm(done: Reconstruction, truth: Truth) -> float:
     model = pycolmap.Reconstruction(done.sparse_model)
     poses = {model.images[i].name: model.images[i].cam_from_world().matrix() for i in model.reg_image_ids()}
     errors = pose_errors(poses, truth)
-    return 1000 * float(np.mean(list(errors.position_m.values())))
+    return 1000 * errors.position_error_m
 
 
 def main() -> None:

@@ -28,7 +28,6 @@ from dataclasses import dataclass
 from hashlib import sha256
 from pathlib import Path
 
-import numpy as np
 from PIL import Image
 
 from colmap_ihe.colmap.measures import poses_of
@@ -83,7 +82,7 @@ def came_of(project: Path, truth: Truth) -> Came:
     return Came(
         {p.relative_to(project).as_posix(): sha256(p.read_bytes()).hexdigest() for p in same},
         len(poses),
-        float(np.mean(list(errors.position_m.values()))),
+        errors.position_error_m,
     )
 
 

@@ -10,7 +10,6 @@ from colmap_ihe.commandline.display import Display
 from colmap_ihe.commandline.shared_arguments import (
     Command,
     add_camera,
-    add_cluster,
     add_development,
     add_ends,
     add_project,
@@ -182,10 +181,6 @@ def _add_compare(command: Command) -> None:
         metavar="N",
         help="runs of the mapper without some of the matches, which tell the error (%(default)s)",
     )
-    parser.add_argument(
-        "--jobs", type=count, default=1, metavar="N", help="methods at a time as far as their matches (1)"
-    )
-    add_cluster(parser)
     parser.add_argument("--no-dense", action="store_true", help="without dense clouds")
     parser.add_argument(
         "--pairs",

@@ -31,7 +31,6 @@ from colmap_ihe.pipeline.reconstruct import Reconstruction, reconstruct
 from colmap_ihe.pipeline.repeat import read_run
 from colmap_ihe.pipeline.rewrite_page import report
 from colmap_ihe.pipeline.status import status
-from colmap_ihe.project.folder import Project
 from colmap_ihe.project.options import ClusterOptions, ConvertOptions, FitOptions
 from colmap_ihe.project.options_file import load_options, project_options
 from colmap_ihe.report.summary import weights_in_words
@@ -193,31 +192,21 @@ def _status(parsed: argparse.Namespace, follower: Display) -> None:
 
 def _compare(parsed: argparse.Namespace, follower: Display) -> None:
     assignments = [*parsed.assignments, *(["dense.enabled=false"] if parsed.no_dense else [])]
-    place = Project.at(parsed.project, parsed.images)
-    with ExitStack() as stack:
-        workers = None
-        if parsed.cluster:
-            where = ClusterOptions(address=parsed.cluster)
-            workers = stack.enter_context(
-                connected(where, place.comparison, [place.root, place.images], follower)
-            )
-        found = compare(
-            parsed.project,
-            project_options(parsed.project, assignments),
-            methods=[name.strip() for name in parsed.methods.split(",") if name.strip()],
-            seeds=parsed.seeds,
-            pairs=parsed.pairs,
-            jobs=parsed.jobs,
-            images=parsed.images,
-            progress=follower,
-            executor=workers,
-        )
+    results = compare(
+        parsed.project,
+        project_options(parsed.project, assignments),
+        methods=[name.strip() for name in parsed.methods.split(",") if name.strip()],
+        seeds=parsed.seeds,
+        pairs=parsed.pairs,
+        images=parsed.images,
+        progress=follower,
+    )
     if parsed.json:
-        _result(follower, [asdict(one) for one in found])
+        _result(follower, [asdict(result) for result in results])
         return
-    for table in tables_of(found):
+    for table in tables_of(results):
         print_table(table.title, [tuple(row) for row in table.rows], tuple(table.columns))
-    for sentence in sentences(found):
+    for sentence in sentences(results):
         print(sentence)
     print(f"report    {parsed.project / 'compare' / 'index.html'}")
 

@@ -1,4 +1,4 @@
-"""Estimated depth maps against true ones."""
+"""Compare estimated depth maps with true ones."""
 
 from __future__ import annotations
 
@@ -8,15 +8,14 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from colmap_ihe.evaluation.truth import F32, F64, PoseErrors, TrueImage
+from colmap_ihe.evaluation.truth import F32, F64, TrueImage
 
 _EDGE = 0.02  # relative step of true depth within 3 x 3 pixels that counts as an edge
-_CLOSE_PERCENT = 0.5
 
 
 @dataclass(frozen=True)
 class DepthErrors:
-    """Of one image or several.
+    """Hold the errors of one image or several.
 
     `relative_percent` (N,) float32 is |estimated / true - 1| in percent where both are known, away
     from edges; `seeing` pixels see the scene, `estimated` of them have a depth.
@@ -28,24 +27,17 @@ class DepthErrors:
 
     @property
     def median_percent(self) -> float:
-        """nan where nothing could be compared."""
+        """Return the median error, nan where nothing could be compared."""
         return float(np.median(self.relative_percent)) if self.relative_percent.size else float("nan")
 
     @property
-    def close_percent(self) -> float:
-        """Share of the compared pixels within 0.5 % of the truth."""
-        if not self.relative_percent.size:
-            return float("nan")
-        return 100 * float(np.mean(self.relative_percent <= _CLOSE_PERCENT))
-
-    @property
     def coverage_percent(self) -> float:
-        """Share of the pixels that see the scene which have an estimated depth."""
+        """Return the share of the pixels that see the scene which have an estimated depth."""
         return 100 * self.estimated / self.seeing if self.seeing else float("nan")
 
 
 def depth_errors(estimated: F32, calibration: F64, truth: TrueImage, metres_per_unit: float) -> DepthErrors:
-    """How far one depth map is from the truth.
+    """Compare one depth map with the truth. Raises ValueError for one that is not (H, W).
 
     `estimated` is (H, W) float32 along the optical axis in the model's unit, not positive or nan
     where unknown; `calibration` its K (3, 3), of an undistorted camera at the place of the true
@@ -59,39 +51,25 @@ def depth_errors(estimated: F32, calibration: F64, truth: TrueImage, metres_per_
     to_true = truth.calibration @ np.linalg.inv(calibration)
     column = to_true[0, 0] * (np.arange(estimated.shape[1]) + 0.5) + to_true[0, 2]
     row = to_true[1, 1] * (np.arange(estimated.shape[0]) + 0.5) + to_true[1, 2]
-    inside = ((row >= 0) & (row < true.shape[0]))[:, None] & ((column >= 0) & (column < true.shape[1]))[
-        None, :
-    ]
+    inside = ((row >= 0) & (row < true.shape[0]))[:, None] & (column >= 0) & (column < true.shape[1])
     rows = np.clip(np.floor(row), 0, true.shape[0] - 1).astype(np.intp)
     columns = np.clip(np.floor(column), 0, true.shape[1] - 1).astype(np.intp)
-    there = true[np.ix_(rows, columns)]
-    seeing = inside & (there > 0)
-    known = seeing & (estimated > 0)
-    compared = known & ~_at_edge(true)[np.ix_(rows, columns)]
-    error = 100 * np.abs(estimated[compared] * np.float32(metres_per_unit) / there[compared] - 1)
-    return DepthErrors(error.astype(np.float32), int(seeing.sum()), int(known.sum()))
+    expected = true[np.ix_(rows, columns)]
+    seeing = inside & (expected > 0)
+    both = seeing & (estimated > 0)
+    compared = both & ~_at_edge(true)[np.ix_(rows, columns)]
+    error = 100 * np.abs(estimated[compared] * np.float32(metres_per_unit) / expected[compared] - 1)
+    return DepthErrors(error.astype(np.float32), int(seeing.sum()), int(both.sum()))
 
 
 def pooled(errors: Iterable[DepthErrors]) -> DepthErrors:
-    """Several images as if they were one."""
+    """Return the errors of several images as if they were one."""
     parts = list(errors)
     relative = np.concatenate([np.empty(0, np.float32), *(part.relative_percent for part in parts)])
     return DepthErrors(relative, sum(part.seeing for part in parts), sum(part.estimated for part in parts))
 
 
-def truth_summary(poses: PoseErrors, depth: DepthErrors | None) -> dict[str, float]:
-    """The section `truth` of summary.json; without depth maps, only the poses."""
-    section = {
-        "rotation_error_deg": poses.rotation_error_deg,
-        "position_error_percent": poses.position_error_percent,
-    }
-    if depth is not None:
-        section["dense_median_error_percent"] = depth.median_percent
-        section["depth_coverage_percent"] = depth.coverage_percent
-    return section
-
-
 def _at_edge(depth: F32) -> np.ndarray[tuple[int, ...], np.dtype[np.bool_]]:
-    """Where depth within 3 x 3 pixels differs by more than `_EDGE`; nothing (0) beside something does too."""
+    """Return where depth within 3 x 3 pixels differs by more than `_EDGE`; nothing (0) beside something does too."""
     kernel = np.ones((3, 3), np.uint8)
     return np.asarray(cv2.dilate(depth, kernel) > (1 + _EDGE) * cv2.erode(depth, kernel))

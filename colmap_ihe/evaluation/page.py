@@ -1,4 +1,4 @@
-"""The page of a comparison: its tables, and each method in the same pictures."""
+"""Write the page of a comparison: its tables, and each method in the same pictures."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 from colmap_ihe.dense.undistort import read_colour, read_grey
 from colmap_ihe.evaluation.tables import MethodResult, sentences, tables_of
 from colmap_ihe.machine.files import write_bytes
-from colmap_ihe.pipeline import model_view as shown
+from colmap_ihe.pipeline import model_view
 from colmap_ihe.pipeline.page import CITATION
 from colmap_ihe.project.folder import Project
 from colmap_ihe.report import pictures
@@ -21,66 +21,62 @@ _LONGEST, _CLOUD = 900, 640  # pixels; of a cloud fewer, for it has about one po
 
 
 def write_comparison(
-    place: Project, found: Sequence[MethodResult], projects: Sequence[Project], cameras: Path
-) -> Path:
-    """Writes compare/index.html of a project. `projects` of the methods, in the order of `found`; `cameras`: the model
-    whose cameras served for all dense clouds. Raises `KnownError`s."""
-    first, second = _best_pair(projects[0], cameras)
-    methods = [one.method for one in found]
+    compared: Project, results: Sequence[MethodResult], projects: Sequence[Project], cameras: Path
+) -> None:
+    """Write compare/index.html of a project. Raises `KnownError`s.
+
+    `projects` of the methods, in the order of `results`; `cameras`: the model whose cameras served for all dense
+    clouds.
+    """
+    pair = _best_pair(projects[0], cameras)
+    methods = [result.method for result in results]
     comparison = Comparison(
-        title=f"{place.root.resolve().name}: {len(found)} greys compared",
-        sentences=sentences(found),
-        tables=tables_of(found),
-        figures=[_figures(m, p, cameras, first, second) for m, p in zip(methods, projects, strict=True)],
-        command=f"colmap-ihe compare {place.root.name} --methods {','.join(methods)}",
+        title=f"{compared.root.resolve().name}: {len(results)} greys compared",
+        sentences=sentences(results),
+        tables=tables_of(results),
+        figures=[_figures(m, p, cameras, pair) for m, p in zip(methods, projects, strict=True)],
+        command=f"colmap-ihe compare {compared.root.name} --methods {','.join(methods)}",
         citation=CITATION,
     )
-    page = place.comparison / "index.html"
-    write_bytes(page, render_comparison(comparison).encode())
-    return page
+    write_bytes(compared.comparison / "index.html", render_comparison(comparison).encode())
 
 
 def _best_pair(project: Project, cameras: Path) -> tuple[str, str]:
-    """Of the photographs with a place in the model, the two with most verified matches."""
-    names = shown.ModelView(cameras).names
-    matched = np.triu(shown.verified_matches(project.database, names))
-    one, other = np.unravel_index(int(np.argmax(matched)), matched.shape)
-    return names[one], names[other]
+    """Return the two registered photographs with most verified matches."""
+    names = model_view.ModelView(cameras).names
+    matched = np.triu(model_view.verified_matches(project.database, names))
+    first, second = np.unravel_index(int(np.argmax(matched)), matched.shape)
+    return names[first], names[second]
 
 
-def _figures(method: str, project: Project, cameras: Path, first: str, second: str) -> MethodFigures:
-    whole = [read_grey(project.grey / name) for name in (first, second)]
-    one, other = (pictures.shrunk(grey, _LONGEST) for grey in whole)
-    default = pictures.rec709(pictures.shrunk(read_colour(project.colour / first), _LONGEST))
-    cloud = project.workspace / "same-cameras.ply"
+def _figures(method: str, project: Project, cameras: Path, pair: tuple[str, str]) -> MethodFigures:
+    greys = [read_grey(project.grey / name) for name in pair]
+    chosen = pictures.shrunk(greys[0], _LONGEST)
+    default = pictures.rec709(pictures.shrunk(read_colour(project.colour / pair[0]), _LONGEST))
+    difference = pictures.difference(chosen, default)
     return MethodFigures(
         method,
-        pictures.picture(one, f"{first} by {method}", _LONGEST),
-        pictures.picture(
-            pictures.difference(one, default), f"{method} less Rec.709, middle grey is none", _LONGEST
-        ),
-        _matches(project, first, second, one, other, whole[0].shape[1], whole[1].shape[1]),
-        _cloud(cloud, cameras, first, method) if cloud.exists() else None,
+        pictures.picture(chosen, f"{pair[0]} by {method}", _LONGEST),
+        pictures.picture(difference, f"{method} less Rec.709, middle grey is none", _LONGEST),
+        _matches(project, pair, greys),
+        _cloud(project.workspace / "same-cameras.ply", cameras, pair[0], method),
     )
 
 
-def _matches(
-    project: Project,
-    first: str,
-    second: str,
-    one: pictures.U8,
-    other: pictures.U8,
-    first_width: int,
-    second_width: int,
-) -> Picture | None:
-    ones, others = shown.places_of_matches(project.database, first, second)
-    if not len(ones):
+def _matches(project: Project, pair: tuple[str, str], greys: Sequence[pictures.U8]) -> Picture | None:
+    places = model_view.places_of_matches(project.database, *pair)
+    if not len(places[0]):
         return None
-    ones, others = ones * (one.shape[1] / first_width), others * (other.shape[1] / second_width)
-    drawn = pictures.matches_drawn(one, other, ones, others)
-    return pictures.picture(drawn, f"{len(ones):,} verified matches of {first} and {second}", 2 * _LONGEST)
+    first, second = (pictures.shrunk(grey, _LONGEST) for grey in greys)
+    starts = places[0] * (first.shape[1] / greys[0].shape[1])
+    ends = places[1] * (second.shape[1] / greys[1].shape[1])
+    drawn = pictures.matches_drawn(first, second, starts, ends)
+    alt = f"{len(places[0]):,} verified matches of {pair[0]} and {pair[1]}"
+    return pictures.picture(drawn, alt, 2 * _LONGEST)
 
 
-def _cloud(cloud: Path, cameras: Path, name: str, method: str) -> Picture:
-    seen = shown.cloud_as_seen(cloud, cameras, name, _CLOUD)
-    return pictures.picture(seen, f"The dense cloud of {method}, with the same cameras", _CLOUD)
+def _cloud(cloud: Path, cameras: Path, name: str, method: str) -> Picture | None:
+    if not cloud.exists():
+        return None
+    pixels = model_view.cloud_as_seen(cloud, cameras, name, _CLOUD)
+    return pictures.picture(pixels, f"The dense cloud of {method}, with the same cameras", _CLOUD)

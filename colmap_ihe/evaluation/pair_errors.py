@@ -1,4 +1,4 @@
-"""Pairs of photographs: how well they matched, how the camera moved between them, and how true its movement is."""
+"""Measure pairs of photographs: how well they match, how the camera moved, and how true its movement is."""
 
 from __future__ import annotations
 
@@ -19,21 +19,21 @@ _PARALLEL_DEG = 8.0  # turned by less, a camera counts as moved sideways only
 
 @dataclass(frozen=True)
 class PairMatches:
-    """Putative matches of a pair, and those that its geometry verifies."""
+    """Count the putative matches of a pair, and those that its geometry verifies."""
 
     putative: int
     inliers: int
 
 
 def efficiency_percent(pairs: Sequence[PairMatches]) -> float | None:
-    """Inliers of putative matches over some pairs (the paper's Table 1); None without any match."""
+    """Return the share of inliers in the putative matches of all pairs (the paper's Table 1); None without any."""
     putative = sum(pair.putative for pair in pairs)
     return 100 * sum(pair.inliers for pair in pairs) / putative if putative else None
 
 
 def movement(first: F64, second: F64) -> Movement:
-    """How the camera moved between two poses, (3, 4) `cam_from_world`: parallel to itself, turned to the side or about
-    its axis, or tilted up or down."""
+    """Tell how the camera moved between two poses, (3, 4) `cam_from_world`: parallel to itself, turned to the side or
+    about its axis, or tilted up or down."""
     turn, _ = cv2.Rodrigues(second[:, :3] @ first[:, :3].T)
     across, down, along = np.abs(np.degrees(turn.ravel()))
     if np.hypot(np.hypot(across, down), along) < _PARALLEL_DEG:
@@ -42,28 +42,26 @@ def movement(first: F64, second: F64) -> Movement:
 
 
 def relative_errors_deg(poses: Mapping[str, F64], true: Mapping[str, F64]) -> F64:
-    """(n,) float64: of each two true images the larger of the errors of their relative rotation and of the direction of
-    their translation, in degrees; 180 where one of them has no pose. Keys as in `true`."""
+    """Return (n,) float64, in degrees: the larger error of relative rotation and direction of translation of each pair.
+
+    180 where one of the two has no pose. Keys as in `true`.
+    """
     errors = []
-    for one, other in combinations(sorted(true), 2):
-        if one not in poses or other not in poses:
+    for first, second in combinations(sorted(true), 2):
+        if first not in poses or second not in poses:
             errors.append(180.0)
             continue
-        (turned, moved), (true_turned, true_moved) = (_relative(of[one], of[other]) for of in (poses, true))
+        (turned, moved), (true_turned, true_moved) = (_relative(p[first], p[second]) for p in (poses, true))
         rotation, _ = cv2.Rodrigues(turned @ true_turned.T)
         lengths = np.linalg.norm(moved) * np.linalg.norm(true_moved)
         cosine = float(moved @ true_moved) / lengths if lengths else 1.0
-        errors.append(
-            max(
-                float(np.degrees(np.linalg.norm(rotation))),
-                float(np.degrees(np.arccos(np.clip(cosine, -1, 1)))),
-            )
-        )
+        angle = max(float(np.linalg.norm(rotation)), float(np.arccos(np.clip(cosine, -1, 1))))
+        errors.append(float(np.degrees(angle)))
     return np.array(errors)
 
 
 def area_under_curve_percent(errors: F64, most: float) -> float:
-    """Of the share of `errors` below each threshold up to `most`: 100 where all are 0. nan for none."""
+    """Return the mean share of `errors` below each threshold up to `most`: 100 where all are 0, nan for none."""
     if not len(errors):
         return float("nan")
     return 100 * float(np.mean(np.maximum(0.0, 1 - errors / most)))

@@ -1,4 +1,4 @@
-"""Pairs of photographs that the user chose: a file of two names a line, as COLMAP's lists of pairs."""
+"""Read the pairs of photographs that the user chose: a file of two names a line, as COLMAP's lists of pairs."""
 
 from __future__ import annotations
 
@@ -13,20 +13,22 @@ _LONGEST = 10_000  # characters of a line: of names that a file can have, two ar
 
 
 def read_pairs(file: Path, names: Collection[str]) -> set[frozenset[str]]:
-    """The pairs in `file`, each of two of `names`, which may hold spaces; empty lines and those that begin with # do
-    not count. Raises `OptionError` naming the line."""
+    """Return the pairs in `file`, each of two of `names`, which may hold spaces.
+
+    Empty lines and those that begin with # do not count. Raises `OptionError`, which names the line.
+    """
     hint = "two names of photographs a line, as below images/, with a space between"
     try:
         lines = read_at_most(file, _MOST_BYTES).decode("utf-8").splitlines()
     except (OSError, UnicodeDecodeError) as error:
         reason = error.strerror if isinstance(error, OSError) else "not UTF-8 text"
         raise OptionError(f"{file}: cannot be read ({reason})", hint=hint) from error
-    known = set(names)
+    photographs = set(names)
     chosen = set()
     for number, line in enumerate(lines, 1):
         text = line.strip()
         if text and not text.startswith("#"):
-            pair = _pair(text, known) if len(text) <= _LONGEST else None
+            pair = _pair(text, photographs) if len(text) <= _LONGEST else None
             if pair is None:
                 raise OptionError(f"{file}: line {number}, {text!r:.80}, is not two photographs", hint=hint)
             chosen.add(pair)
@@ -35,10 +37,10 @@ def read_pairs(file: Path, names: Collection[str]) -> set[frozenset[str]]:
     return chosen
 
 
-def _pair(text: str, known: set[str]) -> frozenset[str] | None:
+def _pair(text: str, photographs: set[str]) -> frozenset[str] | None:
     for at, letter in enumerate(text):
         if letter.isspace():
-            one, other = text[:at].strip(), text[at:].strip()
-            if one in known and other in known and one != other:
-                return frozenset((one, other))
+            pair = frozenset((text[:at].strip(), text[at:].strip()))
+            if len(pair) == 2 and pair <= photographs:
+                return pair
     return None

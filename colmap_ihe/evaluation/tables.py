@@ -1,4 +1,4 @@
-"""What a comparison of methods came to: its figures, its tables, and what they say."""
+"""Tell what a comparison of methods came to: its figures, its tables, and sentences about them."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from colmap_ihe.evaluation.pair_errors import MOVEMENTS
-from colmap_ihe.evaluation.significance import LEFT_OUT, standard_error, verdict
+from colmap_ihe.evaluation.significance import LEFT_OUT, Verdict, standard_error, verdict
 from colmap_ihe.report.tables import Table
 
 METHODS = ("ihe", "rec709", "rgb2gray", "green", "photoshop", "decolorize", "realtime")
@@ -19,7 +19,7 @@ REFERENCE = "rec709"
 
 @dataclass(frozen=True)
 class MethodResult:
-    """What was measured of one method.
+    """Hold what was measured of one method.
 
     `runs`: 0 with all matches, 1 and up without some of them, by seed; each with `registered`, `points`,
     `points_over_3_views`, `mean_error_px`, `rms_px`, and where truth is known `rotation_deg`, `position_m`,
@@ -36,7 +36,7 @@ class MethodResult:
 
 @dataclass(frozen=True)
 class _Figure:
-    """One that differs from seed to seed. `decimals` to show; `share`: judged in percent of the reference."""
+    """Describe a figure that differs from seed to seed; `decimals` are shown."""
 
     name: str
     title: str
@@ -45,7 +45,7 @@ class _Figure:
 
 
 _FIGURES = (
-    _Figure("registered", "oriented", 1, True),
+    _Figure("registered", "registered", 1, True),
     _Figure("rms_px", "RMS px", 3, False),
     _Figure("points", "points", 0, True),
     _Figure("points_over_3_views", "points in > 3 images", 0, True),
@@ -55,94 +55,90 @@ _FIGURES = (
 )
 
 
-def tables_of(found: Sequence[MethodResult]) -> list[Table]:
-    """Tables 1 to 3 of the paper, and the differences from COLMAP's default, or from the first method without it."""
-    tables = [_matching(found), _reconstruction(found)]
-    return [*tables, _differences(found)] if len(found) > 1 else tables
+def tables_of(results: Sequence[MethodResult]) -> list[Table]:
+    """Return tables 1 to 3 of the paper, and the differences from the reference where there are several methods."""
+    tables = [_matching(results), _reconstruction(results)]
+    return [*tables, _differences(results)] if len(results) > 1 else tables
 
 
-def reference_of(found: Sequence[MethodResult]) -> MethodResult:
-    return next((one for one in found if one.method == REFERENCE), found[0])
+def sentences(results: Sequence[MethodResult]) -> list[str]:
+    """Say the differences from the reference in words, one method a sentence."""
+    lines = []
+    for method, verdicts in _verdicts(results).items():
+        parts = []
+        for word in ("better", "worse"):
+            titles = [f.title for f, judged in verdicts.items() if judged.words == word]
+            parts += [f"{word} in {', '.join(titles)}"] if titles else []
+        differences = "; ".join(parts) or "no difference that this test can see"
+        lines.append(f"{method} against {_reference(results).method}: {differences}.")
+    return lines
 
 
-def sentences(found: Sequence[MethodResult]) -> list[str]:
-    """What the differences say, one method a sentence."""
-    default = reference_of(found)
-    said = []
-    for one in found:
-        if one is default:
-            continue
-        words = {f.title: _verdict(one, default, f) for f in _shown(found)}
-        better = [name for name, word in words.items() if word == "better"]
-        worse = [name for name, word in words.items() if word == "worse"]
-        parts = [f"better in {', '.join(better)}"] if better else []
-        parts += [f"worse in {', '.join(worse)}"] if worse else []
-        if not parts:
-            parts = ["no difference that this test can see"]
-        said.append(f"{one.method} against {default.method}: {'; '.join(parts)}.")
-    return said
-
-
-def _matching(found: Sequence[MethodResult]) -> Table:
-    kinds = [k for k in ("all", *MOVEMENTS) if found[0].matching[k]["pairs"]]
+def _matching(results: Sequence[MethodResult]) -> Table:
+    kinds = [k for k in ("all", *MOVEMENTS) if results[0].matching[k]["pairs"]]
     columns = ["method", "weights", "putative", "inliers"]
-    columns += [f"{kind}, % of putative ({found[0].matching[kind]['pairs']} pairs)" for kind in kinds]
+    columns += [f"{kind}, % of putative ({results[0].matching[kind]['pairs']} pairs)" for kind in kinds]
     rows = []
-    for one in found:
-        weights = "-" if one.weights is None else " ".join(f"{w:.2f}" for w in one.weights)
-        counts = one.matching["all"]
-        shares = [_share(one.matching[kind]["efficiency_percent"]) for kind in kinds]
-        rows.append([one.method, weights, f"{counts['putative']:,}", f"{counts['inliers']:,}", *shares])
+    for result in results:
+        weights = "-" if result.weights is None else " ".join(f"{w:.2f}" for w in result.weights)
+        counts = result.matching["all"]
+        shares = [result.matching[kind]["efficiency_percent"] for kind in kinds]
+        percents = ["-" if share is None else f"{share:.1f}" for share in shares]
+        rows.append([result.method, weights, f"{counts['putative']:,}", f"{counts['inliers']:,}", *percents])
     return Table("matching", "Pairwise matching efficiency: inliers of putative matches", columns, rows)
 
 
-def _reconstruction(found: Sequence[MethodResult]) -> Table:
-    figures = _shown(found)
+def _reconstruction(results: Sequence[MethodResult]) -> Table:
+    figures = _measured(results)
     columns = ["method", *(f.title for f in figures), "dense points, same cameras"]
     rows = []
-    for one in found:
-        values = [
-            _with_error([run[f.name] for _, run in sorted(one.runs.items())], f.decimals) for f in figures
-        ]
-        rows.append([one.method, *values, "-" if one.dense_points is None else f"{one.dense_points:,}"])
-    runs = len(found[0].runs) - 1
+    for result in results:
+        runs = [run for _, run in sorted(result.runs.items())]
+        values = [_with_error([run[f.name] for run in runs], f.decimals) for f in figures]
+        dense = "-" if result.dense_points is None else f"{result.dense_points:,}"
+        rows.append([result.method, *values, dense])
     title = (
-        f"Reconstruction +- standard error, from {runs} runs without {100 * LEFT_OUT:.0f} % of the matches"
+        f"Reconstruction +- standard error, from {len(results[0].runs) - 1} runs"
+        f" without {100 * LEFT_OUT:.0f} % of the matches"
     )
     return Table("reconstruction", title, columns, rows)
 
 
-def _differences(found: Sequence[MethodResult]) -> Table:
-    default, figures = reference_of(found), _shown(found)
-    rows = []
-    for one in found:
-        if one is default:
-            continue
-        row = [one.method]
-        for figure in figures:
-            ours, theirs = _paired(one, default, figure)
-            judged = verdict(ours, theirs, more_is_better=figure.more_is_better)
-            row.append(f"{judged.difference:+,.{figure.decimals}f} ({judged.words})")
-        rows.append(row)
-    title = f"Differences from {default.method}, paired by seed"
-    return Table("differences", title, ["method", *(f.title for f in figures)], rows)
+def _differences(results: Sequence[MethodResult]) -> Table:
+    rows = [
+        [method, *(f"{v.difference:+,.{f.decimals}f} ({v.words})" for f, v in verdicts.items())]
+        for method, verdicts in _verdicts(results).items()
+    ]
+    title = f"Differences from {_reference(results).method}, paired by seed"
+    return Table("differences", title, ["method", *(f.title for f in _measured(results))], rows)
 
 
-def _shown(found: Sequence[MethodResult]) -> list[_Figure]:
-    return [f for f in _FIGURES if all(f.name in run for one in found for run in one.runs.values())]
+def _reference(results: Sequence[MethodResult]) -> MethodResult:
+    """Return COLMAP's default, or the first method where it was not measured."""
+    return next((result for result in results if result.method == REFERENCE), results[0])
 
 
-def _paired(one: MethodResult, other: MethodResult, figure: _Figure) -> tuple[list[float], list[float]]:
-    seeds = sorted(one.runs.keys() & other.runs.keys())
-    return [one.runs[s][figure.name] for s in seeds], [other.runs[s][figure.name] for s in seeds]
+def _verdicts(results: Sequence[MethodResult]) -> dict[str, dict[_Figure, Verdict]]:
+    """Judge each method but the reference against it, figure by figure, paired by seed."""
+    reference = _reference(results)
+    verdicts: dict[str, dict[_Figure, Verdict]] = {}
+    for result in results:
+        if result is not reference:
+            seeds = sorted(result.runs.keys() & reference.runs.keys())
+            verdicts[result.method] = {
+                figure: verdict(
+                    [result.runs[seed][figure.name] for seed in seeds],
+                    [reference.runs[seed][figure.name] for seed in seeds],
+                    more_is_better=figure.more_is_better,
+                )
+                for figure in _measured(results)
+            }
+    return verdicts
 
 
-def _verdict(one: MethodResult, other: MethodResult, figure: _Figure) -> str:
-    return verdict(*_paired(one, other, figure), more_is_better=figure.more_is_better).words
-
-
-def _share(percent: float | None) -> str:
-    return "-" if percent is None else f"{percent:.1f}"
+def _measured(results: Sequence[MethodResult]) -> list[_Figure]:
+    """Return the figures that every run of every method has."""
+    return [f for f in _FIGURES if all(f.name in run for result in results for run in result.runs.values())]
 
 
 def _with_error(values: Sequence[float], decimals: int) -> str:

@@ -1,6 +1,6 @@
-"""Where the cameras really were, what they really saw, and how far a reconstruction is from that.
+"""Read where the cameras really were and what they saw, and tell how far a reconstruction is from that.
 
-Numbers only. Poses are (3, 4) float64 `cam_from_world`, camera x right, y down, z forward. Pixels
+Poses are (3, 4) float64 `cam_from_world`, camera x right, y down, z forward. Pixels
 are COLMAP's: the centre of the top left pixel is (0.5, 0.5). Images go by name without suffix
 (`key_of`), because the pictures a project works on have another suffix than the photographs.
 """
@@ -29,7 +29,7 @@ _LONGEST = 100_000  # pixels of a side
 
 @dataclass(frozen=True)
 class TrueImage:
-    """One photograph: `calibration` K (3, 3), `cam_from_world` (3, 4) in metres.
+    """Describe one photograph: `calibration` K (3, 3), `cam_from_world` (3, 4) in metres.
 
     `depth_file` is None where no depth is known; else see `depth_m`.
     """
@@ -42,14 +42,16 @@ class TrueImage:
     nearest_m: float = 1.0
 
     def depth_m(self) -> F32:
-        """(height, width) float32: metres along the optical axis at pixel centres, 0 where nothing is. Raises
-        ValueError where no depth is known, `ProjectError` for a file that is not of this image."""
+        """Read (height, width) float32: metres along the optical axis at pixel centres, 0 where nothing is.
+
+        Raises ValueError where no depth is known, `ProjectError` for a file that is not of this image.
+        """
         if self.depth_file is None:
             raise ValueError("no true depth is known of this image")
         try:
             with open_file(self.depth_file) as file, Image.open(file, formats=("PNG",)) as picture:
                 if picture.size != (self.width, self.height) or not picture.mode.startswith("I"):
-                    raise ValueError(f"{picture.size} pixels of kind {picture.mode}, wanted 16-bit grey")
+                    raise ValueError(f"{picture.size} pixels of kind {picture.mode}, expected 16-bit grey")
                 code = np.asarray(picture).astype(np.float32)
         except (OSError, ValueError, SyntaxError, MemoryError, Image.DecompressionBombError) as error:
             raise ProjectError(
@@ -63,21 +65,21 @@ class TrueImage:
 
 @dataclass(frozen=True)
 class Truth:
-    """The true images by key, and the extent of the scene in metres that errors are compared with."""
+    """Hold the true images by key, and the extent of the scene in metres that errors are compared with."""
 
     images: Mapping[str, TrueImage]
     extent_m: float
 
 
 def key_of(name: str) -> str:
-    """An image's name, relative to its folder, without its suffix."""
+    """Return an image's name, relative to its folder, without its suffix."""
     return PurePosixPath(name).with_suffix("").as_posix()
 
 
 def read_truth(folder: Path) -> Truth:
-    """Reads `cameras.json` of the demo or Strecha's `NAME.camera` files, whichever `folder` holds.
+    """Read `cameras.json` of the demo or Strecha's `NAME.camera` files, whichever `folder` holds.
 
-    Raises `ProjectError` where there is neither or it cannot be read.
+    Raises `ProjectError` where there is neither, and where it cannot be read.
     """
     cameras = sorted(folder.glob("*.camera"))
     try:
@@ -93,7 +95,7 @@ def read_truth(folder: Path) -> Truth:
 
 
 def _read_demo(file: Path) -> Truth:
-    """`cameras.json`, documented in `colmap_ihe.evaluation.demo.render`."""
+    """Read `cameras.json`, documented in `colmap_ihe.evaluation.demo.render`."""
     record = json.loads(read_at_most(file, _MOST_BYTES).decode("utf-8"))
     images = {
         str(key): TrueImage(
@@ -119,10 +121,10 @@ def _sides(width: object, height: object) -> tuple[int, int]:
 
 
 def _matrix(values: object, shape: tuple[int, int]) -> F64:
-    found = np.array(values, np.float64)
-    if found.shape != shape or not np.isfinite(found).all():
-        raise ValueError(f"{found.shape} numbers, expected {shape}, all finite")
-    return found
+    matrix = np.array(values, np.float64)
+    if matrix.shape != shape or not np.isfinite(matrix).all():
+        raise ValueError(f"{matrix.shape} numbers, expected {shape}, all finite")
+    return matrix
 
 
 def _positive(value: object) -> float:
@@ -132,22 +134,18 @@ def _positive(value: object) -> float:
 
 
 def _beside(file: Path, name: str) -> Path:
-    """The file of that name in the folder of `file`, nowhere else."""
-    found = file.parent / name
-    if (
-        not name
-        or Path(name).name != name
-        or not name.isprintable()
-        or not found.resolve().is_relative_to(file.parent.resolve())
-    ):
+    """Return the file of that name in the folder of `file`. Raises ValueError for a name that leads elsewhere."""
+    path = file.parent / name
+    plain = name and Path(name).name == name and name.isprintable()
+    if not plain or not path.resolve().is_relative_to(file.parent.resolve()):
         raise ValueError(f"{name!r:.80} is not a file beside {file.name}")
-    return found
+    return path
 
 
 def _read_strecha(files: Sequence[Path]) -> Truth:
-    """Strecha et al. 2008, one file an image: K, three zeros, R camera to world, centre, width height.
+    """Read Strecha et al. 2008, one file an image: K, three zeros, R camera to world, centre, width height.
 
-    There K has the centre of the top left pixel at (0, 0). Nothing says how large the scene is:
+    There K has the centre of the top left pixel at (0, 0). The files do not say how large the scene is:
     the extent is the diagonal of the box around the cameras.
     """
     images, centres = {}, []
@@ -169,7 +167,7 @@ def _read_strecha(files: Sequence[Path]) -> Truth:
 
 @dataclass(frozen=True)
 class Similarity:
-    """`to = scale * rotation @ from + translation`."""
+    """Describe `to = scale * rotation @ from + translation`: (3, 3) and (3,) float64."""
 
     scale: float
     rotation: F64
@@ -177,10 +175,10 @@ class Similarity:
 
 
 def align_similarity(points_from: F64, points_to: F64) -> Similarity:
-    """The similarity that takes (N, 3) points nearest to (N, 3) others in the sense of least squares.
+    """Return the similarity that takes (N, 3) points nearest to (N, 3) others by least squares.
 
-    N >= 3, not on one line: else ValueError. Closed form of Umeyama 1991 over all points; pycolmap
-    estimates robustly from samples, which would hide bad cameras.
+    Raises ValueError for fewer than three points, or all on one line. Closed form of Umeyama 1991 over all points;
+    pycolmap estimates robustly from samples, which would hide bad cameras.
     """
     if points_from.shape != points_to.shape or points_from.ndim != 2 or points_from.shape[1] != 3:
         raise ValueError(f"{points_from.shape=}, {points_to.shape=}, expected (N, 3) twice")
@@ -196,23 +194,8 @@ def align_similarity(points_from: F64, points_to: F64) -> Similarity:
 
 
 @dataclass(frozen=True)
-class Spread:
-    """Errors of a set of images in three numbers."""
-
-    mean: float
-    median: float
-    largest: float
-
-
-def spread_of(errors: Mapping[str, float]) -> Spread:
-    """The spread of errors by image; there must be one at least."""
-    values = np.array(list(errors.values()))
-    return Spread(float(values.mean()), float(np.median(values)), float(values.max()))
-
-
-@dataclass(frozen=True)
 class PoseErrors:
-    """Errors of oriented images by key, after the best similarity; `missing` were not oriented."""
+    """Hold the errors of registered images by key, after the best similarity; `missing` were not registered."""
 
     rotation_deg: Mapping[str, float]
     position_m: Mapping[str, float]
@@ -222,17 +205,22 @@ class PoseErrors:
 
     @property
     def rotation_error_deg(self) -> float:
-        """Mean over the oriented images."""
-        return spread_of(self.rotation_deg).mean
+        """Return the mean over the registered images."""
+        return float(np.mean(list(self.rotation_deg.values())))
+
+    @property
+    def position_error_m(self) -> float:
+        """Return the mean over the registered images."""
+        return float(np.mean(list(self.position_m.values())))
 
     @property
     def position_error_percent(self) -> float:
-        """Mean over the oriented images, of the extent of the scene."""
-        return spread_of(self.position_percent).mean
+        """Return the mean over the registered images, in percent of the extent of the scene."""
+        return float(np.mean(list(self.position_percent.values())))
 
 
 def pose_errors(cam_from_world: Mapping[str, F64], truth: Truth) -> PoseErrors:
-    """How far estimated poses, (3, 4) by image name with or without suffix, are from the truth.
+    """Return how far estimated poses, (3, 4) by image name with or without suffix, are from the truth.
 
     The model's frame is aligned to the truth by the projection centres alone. Raises `ProjectError`
     where fewer than three images are known to both, or all lie on one line.
@@ -249,7 +237,7 @@ def pose_errors(cam_from_world: Mapping[str, F64], truth: Truth) -> PoseErrors:
         )
     except ValueError as error:
         raise ProjectError(
-            f"{len(keys)} oriented images cannot be compared with the truth: {error}"
+            f"{len(keys)} registered images cannot be compared with the truth: {error}"
         ) from error
     rotation, position = {}, {}
     for key in keys:
@@ -267,6 +255,6 @@ def _centre(cam_from_world: F64) -> F64:
 
 
 def _angle_deg(rotation: F64) -> float:
-    """Angle of a rotation; by the sine too, since the cosine alone cannot tell angles below 1e-6."""
+    """Return the angle of a rotation; by the sine too, since the cosine alone cannot tell angles below 1e-6."""
     sine = np.linalg.norm((rotation - rotation.T)[[0, 0, 1], [1, 2, 2]]) / 2
     return float(np.degrees(np.arctan2(sine, (np.trace(rotation) - 1) / 2)))

@@ -6,7 +6,6 @@ of the project. On the command line anything may be named.
 
 from __future__ import annotations
 
-import json
 import os
 import re
 import socket
@@ -17,7 +16,6 @@ from typing import Any
 from urllib.parse import urlsplit
 
 from colmap_ihe.errors import OptionError
-from colmap_ihe.project.options import Options
 
 _NATIVE = re.compile(r"(path|file|folder|directory|dir|list)$")
 """By which COLMAP's options that name files are told, as snapshot_path and trust_region_problem_dump_directory."""
@@ -42,16 +40,6 @@ def _native_paths(place: str, values: Mapping[str, Any]) -> Iterator[tuple[str, 
             yield from _native_paths(key, value)
         elif isinstance(value, str) and value and _NATIVE.search(str(name)):
             yield key, value
-
-
-def native_assignments(options: Options) -> list[str]:
-    """Return what options have COLMAP read or write, as `--set` would say it: to be given beside a project.yaml of
-    ours."""
-    return [
-        f"{key}={json.dumps(text)}"
-        for key, text in named_paths(options.as_yaml())
-        if key not in ("fit.weights", "cluster.address")
-    ]
 
 
 def refuse_paths(values: Mapping[str, Any], source: str, root: Path, said: Collection[str]) -> None:

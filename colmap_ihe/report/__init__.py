@@ -1,1 +1,1 @@
-"""Pages, pictures and tables from records; computes nothing."""
+"""Draw pages, pictures and tables from records."""

@@ -1,8 +1,7 @@
-"""The numbers behind the charts of a page; its templates draw them."""
+"""Work out the numbers behind the charts of a page; its templates draw them."""
 
 from __future__ import annotations
 
-import base64
 from collections.abc import Mapping
 from dataclasses import dataclass
 
@@ -11,11 +10,11 @@ from numpy.typing import NDArray
 
 from colmap_ihe.photographs.png import encode_png
 from colmap_ihe.report.contents import Contents, Grey
+from colmap_ihe.report.embed import as_base64
 
 WIDTH, HEIGHT = 640, 200  # of a chart, in units of its drawing
-_HIGHEST_SHARE = (
-    99.5  # percentile of the tones that a chart reaches to: black and white borders stand out of it
-)
+_HIGHEST_SHARE = 99.5
+"""Percentile of the tones that a chart reaches to: black and white borders stand out of it."""
 _BARS = 20  # longest track with a bar of its own
 _INK = (46, 110, 178)  # R, G, B of the match picture: seen on dark and on light
 _LEAST_SIDE = 320
@@ -23,7 +22,7 @@ _LEAST_SIDE = 320
 
 @dataclass(frozen=True)
 class TonesChart:
-    """Outlines of two histograms as SVG paths; `clipped` where a tone stands out of the chart."""
+    """Hold the outlines of two histograms as SVG paths; `clipped` where a tone stands out of the chart."""
 
     chosen: str
     rec709: str
@@ -32,7 +31,7 @@ class TonesChart:
 
 @dataclass(frozen=True)
 class Bar:
-    """A bar of a chart, in units of its drawing. `share` of all points, in 0..1."""
+    """Describe a bar of a chart, in units of its drawing. `share` of all points, in 0..1."""
 
     label: str
     points: int
@@ -44,7 +43,7 @@ class Bar:
 
 @dataclass(frozen=True)
 class MatchPicture:
-    """Matches between photographs, as a PNG picture in a `data:` address, and its highest count."""
+    """Show the matches between photographs, as a PNG picture in a `data:` address, with its highest count."""
 
     uri: str
     side: int
@@ -53,7 +52,7 @@ class MatchPicture:
 
 
 def tones_chart(grey: Grey) -> TonesChart | None:
-    """None where the histograms are missing."""
+    """Return the chart of the tones, None where the histograms are missing."""
     if len(grey.tones_chosen) < 2 or len(grey.tones_chosen) != len(grey.tones_rec709):
         return None
     both = np.nan_to_num(np.array([grey.tones_chosen, grey.tones_rec709], np.float64))
@@ -64,7 +63,7 @@ def tones_chart(grey: Grey) -> TonesChart | None:
 
 
 def tracks_chart(track_lengths: Mapping[int, int]) -> list[Bar]:
-    """A bar for each number of images from the least, the last for all that are longer."""
+    """Return a bar for each number of images from the least, the last for all longer tracks too."""
     if not track_lengths or not any(track_lengths.values()):
         return []
     first, longest = min(track_lengths), max(track_lengths)
@@ -87,7 +86,7 @@ def tracks_chart(track_lengths: Mapping[int, int]) -> list[Bar]:
 
 
 def match_picture(matches: NDArray[np.int64]) -> MatchPicture | None:
-    """A square a pair, the fuller the more matches, as the square root. None where there are none."""
+    """Draw a square a pair, the fuller the more matches, as the square root. None where there are none."""
     both = np.maximum(matches, matches.T).astype(np.float64)
     np.fill_diagonal(both, 0)
     if not both.size or both.max() <= 0:
@@ -98,12 +97,12 @@ def match_picture(matches: NDArray[np.int64]) -> MatchPicture | None:
     picture[..., 3] = np.round(255 * strength)
     times = max(1, -(-_LEAST_SIDE // len(both)))
     picture = picture.repeat(times, axis=0).repeat(times, axis=1)
-    uri = "data:image/png;base64," + base64.b64encode(encode_png(picture)).decode("ascii")
+    uri = f"data:image/png;base64,{as_base64(encode_png(picture))}"
     return MatchPicture(uri, len(picture), int(both.max()), int(np.count_nonzero(np.triu(both))))
 
 
 def partners(contents: Contents) -> dict[str, int]:
-    """How many others each photograph has verified matches with, by name; empty without matches."""
+    """Count the others that each photograph has verified matches with, by name; empty without matches."""
     if contents.matches is None or len(contents.matches) != len(contents.photographs):
         return {}
     linked = (contents.matches > 0) | (contents.matches.T > 0)
@@ -112,7 +111,7 @@ def partners(contents: Contents) -> dict[str, int]:
 
 
 def duration(seconds: float) -> str:
-    """Seconds as a person reads them."""
+    """Write seconds as a person reads them."""
     if seconds < 10:
         return f"{seconds:.1f} s"
     whole = round(seconds)
@@ -124,7 +123,7 @@ def duration(seconds: float) -> str:
 
 
 def _outline(heights: NDArray[np.float64]) -> str:
-    """A closed path of steps, from (W,) heights in 0..1."""
+    """Return a closed path of steps, from (W,) heights in 0..1."""
     step = WIDTH / len(heights)
     tops = [f"L{i * step:.1f} {HEIGHT * (1 - h):.1f}H{(i + 1) * step:.1f}" for i, h in enumerate(heights)]
     return f"M0 {HEIGHT}{''.join(tops)}V{HEIGHT}Z"

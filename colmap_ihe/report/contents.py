@@ -1,7 +1,7 @@
-"""What the page of a project shows, in plain values and arrays: the border between gathering it and drawing it.
+"""Hold what pages show, in plain values and arrays: `pipeline` and `evaluation` gather it, this package draws it.
 
-Sections that a project has nothing for are None or empty, and are not drawn. Names are the user's own and may hold
-anything: whoever draws them escapes them.
+Sections without contents are None or empty, and are not drawn. Names are the user's own and may hold anything: the
+templates escape them.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from colmap_ihe.report.tables import Table
 
 @dataclass(frozen=True)
 class Picture:
-    """A coded picture. `alt` is what it shows, in words."""
+    """Hold a coded picture. `alt` says in words what it shows."""
 
     jpeg: bytes
     width: int
@@ -28,11 +28,11 @@ class Picture:
 
 @dataclass(frozen=True)
 class Cloud:
-    """Points for the viewer, y up, the middle of the scene near the origin, in units of the model.
+    """Hold points for the viewer, y up, the middle of the scene near the origin, in units of the model.
 
     `positions` (N, 3) float32; `colours` (N, 3) uint8 sRGB; `grey` (N,) uint8, the grey that the weights make of the
     colours. Points are shuffled, so that any first part of them is a thinner cloud. `kind`: "dense" or "sparse".
-    `metres_per_unit`: None where no scale is known.
+    `metres_per_unit`: None where the scale is not known.
     """
 
     positions: NDArray[np.float32]
@@ -45,8 +45,8 @@ class Cloud:
 
 @dataclass(frozen=True)
 class CameraPose:
-    """A registered photograph in the frame of the cloud: `centre` (3,), `corners` (4, 3) of its picture at a depth that
-    looks well, from the top left clockwise."""
+    """Place a registered photograph in the frame of the cloud: `centre` (3,), `corners` (4, 3) of its picture at a good
+    depth, from the top left clockwise."""
 
     name: str
     centre: NDArray[np.float32]
@@ -55,8 +55,8 @@ class CameraPose:
 
 @dataclass(frozen=True)
 class PhotographEntry:
-    """One of the set. `points`: of the sparse model that it sees; `error_px` their mean reprojection error; `coverage`
-    the share of its area that they lie in. `left_out`: why, if it is not in the model."""
+    """Describe one photograph of the set. `points` of the sparse model that it sees; `error_px` their mean reprojection
+    error; `coverage` the share of its area that they lie in. `left_out`: why, if it is not in the model."""
 
     name: str
     thumbnail: Picture | None
@@ -68,7 +68,7 @@ class PhotographEntry:
 
 @dataclass(frozen=True)
 class Slider:
-    """One photograph before and after, at one size. `difference`: chosen grey minus Rec.709, plus 127."""
+    """Show one photograph before and after, at one size. `difference`: chosen grey minus Rec.709, plus 127."""
 
     name: str
     colour: Picture
@@ -79,7 +79,7 @@ class Slider:
 
 @dataclass(frozen=True)
 class Pair:
-    """Two photographs side by side with their verified matches drawn, in the chosen grey and in COLMAP's default."""
+    """Show two photographs side by side with their verified matches, in the chosen grey and in COLMAP's default."""
 
     first: str
     second: str
@@ -91,8 +91,8 @@ class Pair:
 
 @dataclass(frozen=True)
 class Grey:
-    """What was done. `weights` R, G, B in 0..1; `tones` the histograms (256,) of the whole set in shares, in the chosen
-    grey and in Rec.709; `patchwork` of the set in colour and in grey."""
+    """Describe the chosen grey. `weights` R, G, B in 0..1; `tones` the histograms (256,) of the whole set in shares, in
+    the chosen grey and in Rec.709; `patchwork` of the set in colour and in grey."""
 
     method: str
     weights: tuple[float, float, float] | None
@@ -106,8 +106,8 @@ class Grey:
 
 @dataclass(frozen=True)
 class MethodFigures:
-    """One method of a comparison in pictures, all of them of the same photographs: the grey, its difference from
-    Rec.709, the verified matches of a pair, and the dense cloud as one camera sees it."""
+    """Show one method of a comparison in pictures of the same photographs: the grey, its difference from Rec.709, the
+    verified matches of a pair, and the dense cloud as one camera sees it."""
 
     method: str
     grey: Picture
@@ -118,7 +118,7 @@ class MethodFigures:
 
 @dataclass(frozen=True)
 class Comparison:
-    """All of the page of a comparison. `sentences` say what the tables say; `command` makes it again."""
+    """Hold the page of a comparison. `sentences` say what the tables say; `command` makes it again."""
 
     title: str
     sentences: Sequence[str]
@@ -130,8 +130,8 @@ class Comparison:
 
 @dataclass(frozen=True)
 class ProjectRow:
-    """One project of a batch. `kind` is how its `state`, in words, is to be seen; `page` and `log`: addresses of its
-    own page and of the log of its run, relative to the page of the batch, empty if there is none."""
+    """Describe one project of a batch. `kind` decides the look of its `state`, in words; `page` and `log`: addresses of
+    its own page and of the log of its run, relative to the page of the batch, empty if there is none."""
 
     name: str
     kind: Literal["done", "failed", "running", "waiting"]
@@ -146,8 +146,8 @@ class ProjectRow:
 
 @dataclass(frozen=True)
 class BatchContents:
-    """All of the page of a batch. `again_s`: seconds after which it is shown anew, None if nothing changes any more;
-    `command` goes on with it."""
+    """Hold the page of a batch. `again_s`: seconds after which it is loaded again, None when nothing changes any more;
+    `command` resumes the batch."""
 
     title: str
     result: str
@@ -160,9 +160,9 @@ class BatchContents:
 
 @dataclass(frozen=True)
 class Contents:
-    """All of a page. `rows`: the summary as a person reads it; `track_lengths`: points by the number of images that see
-    them; `matches` (n, n): verified inliers between photographs, in the order of `photographs`; `options` as YAML;
-    `methods_sentence`: for a methods section, with the citation."""
+    """Hold the page of a project. `rows`: the summary as a person reads it; `track_lengths`: points by the number of
+    images that see them; `matches` (n, n): verified inliers between photographs, in the order of `photographs`;
+    `options` as YAML; `methods_sentence`: for a methods section, with the citation."""
 
     title: str
     result: str

@@ -1,4 +1,4 @@
-"""Pictures and clouds as text inside a page."""
+"""Write pictures and clouds as text inside a page."""
 
 from __future__ import annotations
 
@@ -12,19 +12,18 @@ from numpy.typing import NDArray
 
 from colmap_ihe.report.contents import CameraPose, Cloud, Picture
 
-_FAR_OUT = (
-    30  # times the median distance from the middle: beyond are stray points, which would coarsen all others
-)
+_FAR_OUT = 30
+"""Times the median distance from the middle: beyond are stray points, which would coarsen all others."""
 _STEPS = 65535
 
 
 def data_uri(picture: Picture) -> str:
-    """The picture as a `data:` address."""
-    return "data:image/jpeg;base64," + base64.b64encode(picture.jpeg).decode("ascii")
+    """Return the picture as a `data:` address."""
+    return f"data:image/jpeg;base64,{as_base64(picture.jpeg)}"
 
 
 def cloud_data(cloud: Cloud, cameras: Sequence[CameraPose]) -> Markup:
-    """What the viewer reads, as JSON that may stand in a script element.
+    """Return what the viewer reads, as JSON that may stand in a script element.
 
     `positions`: little-endian uint16 (N, 3), 0 at `low` and 65535 at `low` + `extent`, so within 1/131070 of the
     extent; `tints`: uint8 (N, 4), the colours and the grey; both in base64. Points that are not finite or lie far
@@ -42,8 +41,8 @@ def cloud_data(cloud: Cloud, cameras: Sequence[CameraPose]) -> Markup:
     tints = np.concatenate([cloud.colours[kept], cloud.grey[kept][:, None]], axis=1)
     return script_json(
         {
-            "positions": _base64(steps.astype("<u2")),
-            "tints": _base64(tints.astype(np.uint8)),
+            "positions": as_base64(steps.astype("<u2").tobytes()),
+            "tints": as_base64(tints.astype(np.uint8).tobytes()),
             "low": low.tolist(),
             "extent": extent.tolist(),
             "metres_per_unit": cloud.metres_per_unit,
@@ -57,7 +56,7 @@ def cloud_data(cloud: Cloud, cameras: Sequence[CameraPose]) -> Markup:
 
 
 def script_json(value: object) -> Markup:
-    """JSON in which nothing can end the script element that holds it."""
+    """Return JSON in which nothing can end the script element that holds it."""
     text = json.dumps(value, separators=(",", ":"), allow_nan=False)
     for character in "<>&":
         text = text.replace(character, f"\\u{ord(character):04x}")
@@ -65,7 +64,7 @@ def script_json(value: object) -> Markup:
 
 
 def _near(positions: NDArray[np.float32]) -> NDArray[np.bool_]:
-    """(N,) whether each point is finite and not far out."""
+    """Return (N,) bool: the points that are finite and not far out."""
     finite = np.asarray(np.isfinite(positions).all(axis=1))
     if not finite.any():
         return finite
@@ -75,8 +74,9 @@ def _near(positions: NDArray[np.float32]) -> NDArray[np.bool_]:
     return near
 
 
-def _base64(values: NDArray[np.generic]) -> str:
-    return base64.b64encode(np.ascontiguousarray(values).tobytes()).decode("ascii")
+def as_base64(data: bytes) -> str:
+    """Return bytes as text."""
+    return base64.b64encode(data).decode("ascii")
 
 
 def _numbers(values: NDArray[np.float32]) -> list[float]:

@@ -1,4 +1,4 @@
-"""Pictures for a page, coded to be looked at: arrays in, `Picture`s out."""
+"""Make the pictures of a page, coded to be looked at: arrays in, `Picture`s out."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ import numpy as np
 import simplejpeg
 from numpy.typing import NDArray
 
+from colmap_ihe.grey.weights import FIXED
 from colmap_ihe.report.contents import Picture
 
 U8 = NDArray[np.uint8]
@@ -17,13 +18,11 @@ U8 = NDArray[np.uint8]
 _QUALITY = 85
 _DRAWN = 250  # matches of a pair; more of them hide the photographs
 _GAP = 8  # pixels between two photographs side by side
-_REC709 = (0.2126, 0.7152, 0.0722)
-MIDDLE = 127
-"""Of a picture of differences: no difference."""
+_MIDDLE = 127  # of a picture of differences: no difference
 
 
 def picture(pixels: U8, alt: str, longest: int) -> Picture:
-    """(H, W) or (H, W, 3) uint8 sRGB, shrunk until its longer side is `longest` at the most, as JPEG."""
+    """Code (H, W) or (H, W, 3) uint8 sRGB as JPEG, shrunk until its longer side is at most `longest`."""
     pixels = shrunk(pixels, longest)
     coded = simplejpeg.encode_jpeg(
         np.ascontiguousarray(pixels if pixels.ndim == 3 else pixels[..., None]),
@@ -35,7 +34,7 @@ def picture(pixels: U8, alt: str, longest: int) -> Picture:
 
 
 def shrunk(pixels: U8, longest: int) -> U8:
-    """With its longer side at most `longest`; each pixel the mean over its area."""
+    """Return `pixels` with their longer side at most `longest`; each pixel is the mean over its area."""
     scale = longest / max(pixels.shape[:2])
     if scale >= 1:
         return pixels
@@ -44,42 +43,44 @@ def shrunk(pixels: U8, longest: int) -> U8:
 
 
 def rec709(rgb: U8) -> U8:
-    """(H, W) uint8: the grey that COLMAP makes of (H, W, 3) uint8 by default."""
-    return np.asarray(np.rint(rgb @ np.array(_REC709, np.float32)), np.uint8)
+    """Return (H, W) uint8: the grey that COLMAP makes of (H, W, 3) uint8 by default."""
+    return np.asarray(np.rint(rgb @ np.array(FIXED["rec709"], np.float32)), np.uint8)
 
 
 def difference(chosen: U8, default: U8) -> U8:
-    """(H, W) uint8: what two greys differ in, `MIDDLE` where nothing."""
-    return np.asarray(np.clip(chosen.astype(np.int16) - default + MIDDLE, 0, 255), np.uint8)
+    """Return (H, W) uint8: the difference of two greys, `_MIDDLE` where there is none."""
+    return np.asarray(np.clip(chosen.astype(np.int16) - default + _MIDDLE, 0, 255), np.uint8)
 
 
 def patchwork(pixels: Sequence[U8], side: int) -> U8:
-    """The middle squares of photographs, all (h, w) or all (h, w, 3), as tiles of `side` pixels in a square."""
+    """Lay the middle squares of photographs, all (h, w) or all (h, w, 3), as tiles of `side` pixels in a square."""
     across = int(np.ceil(len(pixels) ** 0.5))
     down = -(-len(pixels) // across)
     whole = np.full((down * side, across * side, *pixels[0].shape[2:]), 255, np.uint8)
-    for number, one in enumerate(pixels):
-        height, width = one.shape[:2]
+    for number, photograph in enumerate(pixels):
+        height, width = photograph.shape[:2]
         edge = min(height, width)
-        square = one[(height - edge) // 2 :][:edge, (width - edge) // 2 :][:, :edge]
+        square = photograph[(height - edge) // 2 :][:edge, (width - edge) // 2 :][:, :edge]
         y, x = (n * side for n in divmod(number, across))
         whole[y : y + side, x : x + side] = cv2.resize(square, (side, side), interpolation=cv2.INTER_AREA)
     return whole
 
 
-def matches_drawn(first: U8, second: U8, ones: NDArray[np.float64], others: NDArray[np.float64]) -> U8:
-    """(H, W, 3) uint8: two greys side by side, and lines between the (N, 2) places that match, in pixels of each. Of
-    many matches some, spread over all; colours tell neighbours apart and mean nothing."""
+def matches_drawn(first: U8, second: U8, starts: NDArray[np.float64], ends: NDArray[np.float64]) -> U8:
+    """Return (H, W, 3) uint8: two greys side by side, with lines between (N, 2) points that match, in pixels of each.
+
+    Of many matches some are drawn, spread over all; colours only tell neighbours apart.
+    """
     height = max(len(first), len(second))
     shift = first.shape[1] + _GAP
     canvas = np.full((height, shift + second.shape[1]), 255, np.uint8)
     canvas[: len(first), : first.shape[1]] = first
     canvas[: len(second), shift:] = second
     drawn = cv2.cvtColor(canvas, cv2.COLOR_GRAY2RGB)
-    order = np.lexsort((ones[:, 1], ones[:, 0]))
+    order = np.lexsort((starts[:, 1], starts[:, 0]))
     chosen = order[np.unique(np.linspace(0, len(order) - 1, min(_DRAWN, len(order))).astype(int))]
     for number, row in enumerate(chosen):
         colour = [round(255 * c) for c in colorsys.hsv_to_rgb(number * 0.618 % 1, 0.75, 1.0)]
-        start, end = np.rint(ones[row]).astype(int), np.rint(others[row] + (shift, 0)).astype(int)
+        start, end = np.rint(starts[row]).astype(int), np.rint(ends[row] + (shift, 0)).astype(int)
         cv2.line(drawn, tuple(start.tolist()), tuple(end.tolist()), colour, 1, cv2.LINE_AA)
     return np.asarray(drawn, np.uint8)

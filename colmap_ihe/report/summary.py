@@ -1,4 +1,4 @@
-"""The summary of a run, from its records: for machines as plain values, for people as rows of a table."""
+"""Summarise a run from its records: for machines as plain values, for people as rows of a table."""
 
 from __future__ import annotations
 
@@ -11,23 +11,24 @@ _NAMES = ("red", "green", "blue")
 
 
 def summarise(records: Mapping[str, Mapping[str, Any]], options: Options) -> dict[str, Any]:
-    """What report/summary.json holds; a value is None where its stage has not run.
+    """Return what report/summary.json holds; a value is None where its stage has not run.
 
     `weights` are those of the kind of photograph (gamma-coded or linear) that most are of;
     `weights_by_encoding` holds all. `tried` is what was measured against COLMAP's default grey.
     """
     by_encoding = records["fit"]["weights"] if "fit" in records else {}
     main = max(by_encoding.values(), key=lambda w: int(w["images"]), default=None)
-    models = records["sparse"]["models"] if "sparse" in records else []
+    features, matches, sparse, dense, mesh = (
+        records.get(stage, {}) for stage in ("features", "matches", "sparse", "dense", "mesh")
+    )
+    models = sparse.get("models", [])
     model = models[0] if models else {}
-    dense = records.get("dense", {})
-    mesh = records.get("mesh", {})
     left_out = {name: why for r in records.values() for name, why in r.get("left_out", {}).items()}
     return {
         "images": records["captures"]["images"] + len(records["captures"]["left_out"]),
         "left_out": left_out,
         "registered_images": model.get("registered_images"),
-        "unregistered": records["sparse"]["unregistered"] if "sparse" in records else None,
+        "unregistered": sparse.get("unregistered"),
         "models": [m["registered_images"] for m in models] or None,
         "method": options.fit.method,
         "weights": main["weights"] if main else None,
@@ -35,12 +36,12 @@ def summarise(records: Mapping[str, Mapping[str, Any]], options: Options) -> dic
         "tones": main["tones"] if main else None,
         "tried": records["fit"]["tried"].get(main["encoding"]) if main else None,
         "weights_by_encoding": {e: w["weights"] for e, w in by_encoding.items()},
-        "cameras": records["features"]["cameras"] if "features" in records else None,
-        "with_focal_prior": records["features"]["with_focal_prior"] if "features" in records else None,
-        "features": records["features"]["features"] if "features" in records else None,
-        "matching": records["matches"]["strategy"] if "matches" in records else None,
-        "pairs_verified": records["matches"]["pairs_verified"] if "matches" in records else None,
-        "inlier_matches": records["matches"]["inliers"] if "matches" in records else None,
+        "cameras": features.get("cameras"),
+        "with_focal_prior": features.get("with_focal_prior"),
+        "features": features.get("features"),
+        "matching": matches.get("strategy"),
+        "pairs_verified": matches.get("pairs_verified"),
+        "inlier_matches": matches.get("inliers"),
         "points3D": model.get("points3d"),
         "points_over_3_views": model.get("points_over_3_views"),
         "mean_track_length": model.get("mean_track_length"),
@@ -56,44 +57,37 @@ def summarise(records: Mapping[str, Mapping[str, Any]], options: Options) -> dic
 
 
 def summary_rows(summary: Mapping[str, Any]) -> list[tuple[str, str]]:
-    """The summary as a person reads it: a name and a value a row, nothing for what has not run."""
+    """Return the summary as a person reads it: a name and a value a row, nothing for what has not run."""
     rows = [("photographs", _photographs(summary))]
     if summary["weights"] is not None:
         rows.append((f"grey ({summary['method']})", weights_in_words(summary["weights"])))
     if summary["tried"]:
         rows.append(("measured", summary["tried"]["in_words"]))
     if summary["registered_images"] is not None:
+        over_3 = f"{summary['points_over_3_views']:,} seen in more than 3 images"
         rows += [
             ("registered images", f"{summary['registered_images']} of {summary['images']}"),
-            (
-                "points",
-                f"{summary['points3D']:,}, {summary['points_over_3_views']:,} seen in more than 3 images",
-            ),
+            ("points", f"{summary['points3D']:,}, {over_3}"),
             ("mean reprojection error", f"{summary['mean_reprojection_error_px']:.3f} px"),
             ("mean track length", f"{summary['mean_track_length']:.2f} images"),
         ]
     if summary["dense_points"] is not None:
         coverage = summary["dense_pixels_with_depth_percent"]
         share = f", {coverage:.0f} % of the pixels have depth" if coverage is not None else ""
-        rows.append(
-            ("dense cloud", f"{summary['dense_points']:,} points ({summary['dense_backend']}{share})")
-        )
+        cloud = f"{summary['dense_points']:,} points ({summary['dense_backend']}{share})"
+        rows.append(("dense cloud", cloud))
     if summary["mesh_faces"] is not None:
         size = summary["mesh_texture"]
         look = f"a texture of {size[0]}x{size[1]}" if size else "vertex colours"
         rows.append(("mesh", f"{summary['mesh_faces']:,} triangles with {look}"))
-    if "truth" in summary:
-        rows += [
-            (f"truth: {name.replace('_', ' ')}", f"{value:.4g}") for name, value in summary["truth"].items()
-        ]
-    total = sum(summary["stages"].values())
-    rows.append(
-        ("time", ", ".join(f"{n} {s:.0f} s" for n, s in summary["stages"].items()) + f": {total:.0f} s")
-    )
-    return rows
+    for name, value in summary.get("truth", {}).items():
+        rows.append((f"truth: {name.replace('_', ' ')}", f"{value:.4g}"))
+    stages = ", ".join(f"{name} {seconds:.0f} s" for name, seconds in summary["stages"].items())
+    return [*rows, ("time", f"{stages}: {sum(summary['stages'].values()):.0f} s")]
 
 
 def weights_in_words(weights: Sequence[float]) -> str:
+    """Write R, G, B in 0..1 as percentages."""
     return ", ".join(f"{100 * w:.0f} % {name}" for w, name in zip(weights, _NAMES, strict=True))
 
 

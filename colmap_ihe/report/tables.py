@@ -1,4 +1,4 @@
-"""A table in every form that people want one in."""
+"""Write a table as CSV and as LaTeX."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _LATEX = {
 
 @dataclass(frozen=True)
 class Table:
-    """Rows of as many words as there are columns; the first column names the row. `name` is short, for a file."""
+    """Hold rows of as many texts as there are columns; the first column names the row. `name` is short, for a file."""
 
     name: str
     title: str
@@ -25,21 +25,22 @@ class Table:
     rows: Sequence[Sequence[str]]
 
     def as_csv(self) -> str:
+        """Return the columns and rows as CSV."""
         text = io.StringIO()
-        writer = csv.writer(text, lineterminator="\n")
-        writer.writerows([self.columns, *self.rows])
+        csv.writer(text, lineterminator="\n").writerows([self.columns, *self.rows])
         return text.getvalue()
 
     def as_latex(self) -> str:
-        """A tabular in the style of booktabs, with its caption."""
-        lines = [" & ".join(map(_escaped, row)) + r" \\" for row in (self.columns, *self.rows)]
-        body = [lines[0], r"\midrule", *lines[1:]]
+        """Return a tabular in the style of booktabs, with its caption."""
+        head, *body = [" & ".join(map(_escaped, row)) + r" \\" for row in (self.columns, *self.rows)]
         return "\n".join(
             [
                 r"\begin{table}",
                 rf"\caption{{{_escaped(self.title)}}}",
                 rf"\begin{{tabular}}{{l{'r' * (len(self.columns) - 1)}}}",
                 r"\toprule",
+                head,
+                r"\midrule",
                 *body,
                 r"\bottomrule",
                 r"\end{tabular}",

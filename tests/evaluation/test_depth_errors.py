@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from colmap_ihe.evaluation.depth_errors import depth_errors, pooled, truth_summary
-from colmap_ihe.evaluation.truth import F32, F64, PoseErrors, Similarity, TrueImage
+from colmap_ihe.evaluation.depth_errors import depth_errors, pooled
+from colmap_ihe.evaluation.truth import F32, F64, TrueImage
 
 WIDTH, HEIGHT = 240, 160
 K = np.array(((200.0, 0, 120), (0, 200, 80), (0, 0, 1)))
@@ -43,7 +43,6 @@ def test_true_depth_is_stored_far_more_finely_than_it_is_judged(image: TrueImage
 def test_right_depth_has_no_error_and_full_coverage(image: TrueImage) -> None:
     errors = depth_errors(slanted(K, WIDTH, HEIGHT) / np.float32(4), K, image, metres_per_unit=4.0)
     assert errors.median_percent < 0.005
-    assert errors.close_percent == 100
     assert errors.coverage_percent == 100
     assert errors.seeing == WIDTH * HEIGHT * 3 // 4
 
@@ -51,7 +50,6 @@ def test_right_depth_has_no_error_and_full_coverage(image: TrueImage) -> None:
 def test_a_known_error_is_found(image: TrueImage) -> None:
     errors = depth_errors(slanted(K, WIDTH, HEIGHT) * np.float32(1.01), K, image, 1.0)
     assert errors.median_percent == pytest.approx(1, abs=0.01)
-    assert errors.close_percent == 0
 
 
 def test_pixels_without_depth_lower_the_coverage_only(image: TrueImage) -> None:
@@ -95,11 +93,3 @@ def test_images_are_pooled_by_pixels(image: TrueImage) -> None:
     assert both.coverage_percent == pytest.approx(50)
     assert both.median_percent == right.median_percent
     assert np.isnan(nothing.median_percent)
-    poses = PoseErrors({"a": 0.1}, {"a": 0.02}, {"a": 0.2}, (), Similarity(1.0, np.eye(3), np.zeros(3)))
-    assert truth_summary(poses, both) == {
-        "rotation_error_deg": 0.1,
-        "position_error_percent": 0.2,
-        "dense_median_error_percent": both.median_percent,
-        "depth_coverage_percent": both.coverage_percent,
-    }
-    assert "depth_coverage_percent" not in truth_summary(poses, None)

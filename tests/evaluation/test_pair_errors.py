@@ -90,8 +90,8 @@ def test_the_standard_error_is_that_of_all_from_runs_without_some() -> None:
         ([90, 90, 91, 89], [100, 100, 101, 100], True, "worse"),
         ([101, 108, 95, 101], [100, 100, 101, 99], True, "no difference that this test can see"),
         ([11, 11, 11], [11, 11, 11], True, "no difference"),
-        ([12], [11], True, "one run: no telling"),
-        ([12, 13], [11, 11], True, "one run: no telling"),
+        ([12], [11], True, "one run: not decidable"),
+        ([12, 13], [11, 11], True, "one run: not decidable"),
     ],
 )
 def test_the_verdict(ours: list[float], theirs: list[float], more_is_better: bool, words: str) -> None:

@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 from PIL import Image
+from surface_errors import moved, points_on, surface_errors, true_points
 
-from colmap_ihe.evaluation.surface_errors import moved, points_on, surface_errors, true_points
 from colmap_ihe.evaluation.truth import Similarity, TrueImage
 
 SQUARE = np.array([[[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[1, 0, 0], [1, 1, 0], [0, 1, 0]]], np.float32)

@@ -20,7 +20,6 @@ from colmap_ihe.evaluation.truth import (
     key_of,
     pose_errors,
     read_truth,
-    spread_of,
 )
 
 F64 = npt.NDArray[np.float64]
@@ -111,9 +110,6 @@ def test_a_known_rotation_error_is_reported_in_degrees() -> None:
     assert errors.rotation_deg["sub/view2"] == pytest.approx(0.5, rel=1e-6)
     assert errors.rotation_error_deg == pytest.approx(0.5 / 6, rel=1e-5)
     assert errors.position_error_percent < 1e-9
-    spread = spread_of(errors.rotation_deg)
-    assert spread.largest == errors.rotation_deg["sub/view2"]
-    assert spread.median < 1e-6 < spread.mean
 
 
 def test_a_known_position_error_is_reported_in_metres_and_percent() -> None:
@@ -127,11 +123,11 @@ def test_a_known_position_error_is_reported_in_metres_and_percent() -> None:
     assert max(e for name, e in errors.position_m.items() if name != "sub/view7") < 0.03
 
 
-def test_images_that_were_not_oriented_are_named() -> None:
+def test_images_that_were_not_registered_are_named() -> None:
     true = poses(5)
     model = {name: true[name] for name in list(true)[:4]}
     assert pose_errors(model, truth_of(true)).missing == ("sub/view4",)
-    with pytest.raises(ProjectError, match="2 oriented images"):
+    with pytest.raises(ProjectError, match="2 registered images"):
         pose_errors({name: true[name] for name in list(true)[:2]}, truth_of(true))
 
 

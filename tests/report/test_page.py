@@ -1,12 +1,10 @@
-"""The page as text: what is escaped, what is left out, and what its policy allows."""
+"""The page as text: what it shows, and what is left out."""
 
 from __future__ import annotations
 
 import base64
 import dataclasses
-import hashlib
 import json
-import re
 from typing import Any
 
 import numpy as np
@@ -29,11 +27,6 @@ def whole() -> str:
     return render_page(synthetic_contents(2000))
 
 
-@pytest.fixture(scope="module")
-def hostile() -> str:
-    return render_page(synthetic_contents(2000, hostile=HOSTILE))
-
-
 def test_title_alone_is_a_page() -> None:
     elements = Elements(render_page(nothing_but()))
     names = [tag for tag, _ in elements.tags]
@@ -41,16 +34,9 @@ def test_title_alone_is_a_page() -> None:
     assert elements.headings == [1]
 
 
-def test_names_stay_text(whole: str, hostile: str) -> None:
-    plain, odd = Elements(whole), Elements(hostile)
-    assert [tag for tag, _ in plain.tags] == [tag for tag, _ in odd.tags]
-    assert [sorted(a) for _, a in plain.tags] == [sorted(a) for _, a in odd.tags]
-    assert "{{7*7}}" in hostile and "<img src=x" not in hostile
-    assert len(plain.scripts) == len(odd.scripts)
-
-
-def test_names_reach_the_viewer_unchanged(hostile: str) -> None:
-    (data,) = [json.loads(text) for kind, text in Elements(hostile).scripts if kind == "application/json"]
+def test_names_reach_the_viewer_unchanged() -> None:
+    scripts = Elements(render_page(synthetic_contents(500, hostile=HOSTILE))).scripts
+    (data,) = [json.loads(text) for kind, text in scripts if kind == "application/json"]
     assert data["cameras"][0]["name"] == f"{HOSTILE}DSC_4100.NEF"
 
 
@@ -58,32 +44,6 @@ def test_name_that_is_not_utf8_can_be_written() -> None:
     photograph = PhotographEntry("caf\udce9.jpg", None, left_out="cannot be read")
     page = render_page(dataclasses.replace(nothing_but(), photographs=[photograph]))
     assert b"caf\\udce9.jpg" in page.encode()
-
-
-@pytest.mark.parametrize("what", ["whole", "hostile"])
-def test_nothing_is_loaded(what: str, request: pytest.FixtureRequest) -> None:
-    html = request.getfixturevalue(what)
-    for tag, attributes in Elements(html).tags:
-        assert tag not in {"link", "iframe", "object", "embed", "base", "form"}
-        assert not any(name.startswith("on") for name in attributes)
-        for name in ("src", "href", "srcset", "poster", "action"):
-            assert re.match("data:image/|#", attributes.get(name) or "#")
-    style = re.search("<style>(.*?)</style>", html, re.S)
-    assert style and "url(" not in style[1] and "@import" not in style[1]
-
-
-def test_policy_allows_the_scripts_of_the_page_alone(whole: str) -> None:
-    elements = Elements(whole)
-    (policy,) = [a["content"] for t, a in elements.tags if a.get("http-equiv") == "Content-Security-Policy"]
-    assert policy is not None
-    rules = dict(rule.strip().split(" ", 1) for rule in policy.split(";"))
-    hashes = {
-        f"'sha256-{base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()}'"
-        for kind, text in elements.scripts
-        if kind is None
-    }
-    assert rules["default-src"] == "'none'" and rules["img-src"] == "data:"
-    assert set(rules["script-src"].split()) == hashes and len(hashes) == 2
 
 
 @pytest.mark.parametrize(
@@ -163,7 +123,7 @@ def test_match_picture_takes_either_half() -> None:
 
 
 @pytest.mark.parametrize(
-    ("seconds", "said"), [(0.04, "0.0 s"), (61.2, "61 s"), (125, "2 min 05 s"), (7325, "2 h 02 min")]
+    ("seconds", "text"), [(0.04, "0.0 s"), (61.2, "61 s"), (125, "2 min 05 s"), (7325, "2 h 02 min")]
 )
-def test_durations(seconds: float, said: str) -> None:
-    assert charts.duration(seconds) == said
+def test_durations(seconds: float, text: str) -> None:
+    assert charts.duration(seconds) == text

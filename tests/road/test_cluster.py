@@ -407,14 +407,3 @@ def test_whole_projects_of_a_batch_run_on_workers(
             "cluster" not in (root / name / "records/batch.log").read_text()
         )  # each by itself, where it ran
     assert main(arguments) == 0  # nothing is left to do
-
-
-def test_methods_of_a_comparison_run_on_workers(
-    new_project: Make, capsys: pytest.CaptureFixture[str]
-) -> None:
-    project = new_project()
-    settings = [part for assignment in QUICK for part in ("--set", assignment)]
-    arguments = ["--methods", "ihe,green", "--seeds", "1", "--no-dense", "--cluster", "local:2", *settings]
-    assert main(["compare", str(project), *arguments]) == 0
-    assert "green against ihe" in capsys.readouterr().out
-    assert all((project / "compare" / name / "records/batch.log").exists() for name in ("ihe", "green"))

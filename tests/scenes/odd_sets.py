@@ -18,11 +18,11 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from colmap_ihe.evaluation.demo.colour import coded
 from colmap_ihe.evaluation.demo.exif import PhotoExif, jpeg_exif
 from colmap_ihe.evaluation.demo.raycast import Surface, render
 from colmap_ihe.evaluation.demo.shapes import Rect
 from colmap_ihe.evaluation.demo.views import DemoView, looking
+from colmap_ihe.grey.srgb import coded
 
 F32 = NDArray[np.float32]
 F64 = NDArray[np.float64]

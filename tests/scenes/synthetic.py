@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-import cv2
+from functools import partial
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from colmap_ihe.report import pictures
 from colmap_ihe.report.contents import (
     CameraPose,
     Cloud,
@@ -18,7 +20,7 @@ from colmap_ihe.report.contents import (
 )
 
 _WEIGHTS = (0.61, 0.34, 0.05)
-_REC709 = (0.2126, 0.7152, 0.0722)
+coded = partial(pictures.picture, longest=960)
 
 
 def facade_picture(width: int, height: int, shift: float = 0.0) -> NDArray[np.uint8]:
@@ -44,12 +46,6 @@ def as_bytes(values: ArrayLike) -> NDArray[np.uint8]:
     return clipped
 
 
-def coded(rgb: NDArray[np.uint8], alt: str) -> Picture:
-    """As JPEG; `rgb` may be (H, W) grey."""
-    bgr = rgb[..., ::-1] if rgb.ndim == 3 else rgb
-    return Picture(cv2.imencode(".jpg", bgr)[1].tobytes(), rgb.shape[1], rgb.shape[0], alt)
-
-
 def grey_of(rgb: NDArray[np.uint8], weights: tuple[float, float, float]) -> NDArray[np.uint8]:
     return as_bytes(np.round(rgb @ np.array(weights)))
 
@@ -67,14 +63,8 @@ def facade_cloud(points: int) -> Cloud:
     tower = (np.abs(positions[:, 0]) < 1.5) & (draw.random(points) < 0.9)
     positions[tower, 2] += 1.2
     ground = draw.random(points) < 0.25
-    positions[ground] = np.stack(
-        [
-            12 * u[ground] - 6,
-            draw.normal(-4, 0.04, int(ground.sum())),
-            6 * v[ground],
-        ],
-        axis=1,
-    )
+    deep = draw.normal(-4, 0.04, int(ground.sum()))
+    positions[ground] = np.stack([12 * u[ground] - 6, deep, 6 * v[ground]], axis=1)
     colours[ground] = as_bytes(draw.normal((128, 132, 96), 14, (int(ground.sum()), 3)))
     kept = ~((v < 0.16) & ~ground)
     positions, colours = positions[kept].astype(np.float32), colours[kept]
@@ -100,11 +90,7 @@ def synthetic_contents(points: int = 20_000, photographs: int = 24, hostile: str
         PhotographEntry(
             name,
             coded(facade_picture(180, 120, 0.05 * i), f"{name}"),
-            *(
-                (0, None, None, f"{hostile}no overlap with others")
-                if i == 7
-                else (900 + 37 * i, 0.41 + 0.01 * (i % 9), 0.5)
-            ),
+            *((900 + 37 * i, 0.41, 0.5) if i != 7 else (0, None, None, f"{hostile}no overlap with others")),
         )
         for i, name in enumerate(names)
     ]
@@ -113,8 +99,7 @@ def synthetic_contents(points: int = 20_000, photographs: int = 24, hostile: str
     if photographs > 7:
         matches[7], matches[:, 7] = 0, 0
     one = facade_picture(960, 640)
-    chosen, rec709 = grey_of(one, _WEIGHTS), grey_of(one, _REC709)
-    difference = as_bytes(chosen.astype(int) - rec709 + 127)
+    chosen, rec709 = grey_of(one, _WEIGHTS), pictures.rec709(one)
     tones = [np.bincount(grey.ravel(), minlength=256) / grey.size for grey in (chosen, rec709)]
     patchwork = np.concatenate([facade_picture(240, 160, 0.2 * i) for i in range(4)], axis=1)
     sliders = [
@@ -123,7 +108,7 @@ def synthetic_contents(points: int = 20_000, photographs: int = 24, hostile: str
             coded(one, "The photograph in colour"),
             coded(chosen, "The photograph in the chosen grey"),
             coded(rec709, "The photograph in Rec.709"),
-            coded(difference, "The difference of both greys"),
+            coded(pictures.difference(chosen, rec709), "The difference of both greys"),
         )
         for i in range(3)
     ]
@@ -157,14 +142,7 @@ def synthetic_contents(points: int = 20_000, photographs: int = 24, hostile: str
         track_lengths={2: 9120, 3: 4210, 4: 2310, 5: 1200, 6: 730, 7: 402, 8: 210, 9: 120, 11: 31},
         matches=matches,
         warnings=[f"{hostile}Two photographs are much darker than the others: DSC_4112.NEF, DSC_4113.NEF."],
-        seconds={
-            "captures": 12.1,
-            "fit": 6.4,
-            "grey": 9.0,
-            "features": 31.2,
-            "matches": 44.8,
-            "dense": 812.5,
-        },
+        seconds={"captures": 12.1, "fit": 6.4, "features": 31.2, "matches": 44.8, "dense": 812.5},
         versions={"colmap-ihe": "0.1.0", "pycolmap": "4.2.0", f"opencv{hostile}": "5.0.0"},
         options=f"fit:\n  method: decolorize{hostile}\n  step: 0.01\ndense:\n  max_image_size: 2000\n",
         methods_sentence=f"{hostile}Photographs were made grey with one set of weights, fitted to the whole set.",
@@ -173,9 +151,7 @@ def synthetic_contents(points: int = 20_000, photographs: int = 24, hostile: str
 
 
 def _pair(grey: NDArray[np.uint8], matches: int) -> Picture:
-    half = cv2.resize(grey, (480, 320))
-    both = cv2.cvtColor(np.concatenate([half, half], axis=1), cv2.COLOR_GRAY2BGR)
     draw = np.random.default_rng(matches)
-    for x, y in draw.integers([10, 60], [470, 310], (matches // 8, 2)):
-        cv2.line(both, (int(x), int(y)), (int(x) + 476, int(y) + 2), (60, 170, 240), 1, cv2.LINE_AA)
-    return coded(as_bytes(both)[..., ::-1], f"Two photographs with {matches} matches drawn")
+    places = draw.uniform([20, 120], [940, 620], (matches // 8, 2))
+    drawn = pictures.matches_drawn(grey, grey, places, places + 2)
+    return coded(drawn, f"Two photographs with {matches} matches drawn")

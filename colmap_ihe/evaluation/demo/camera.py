@@ -1,4 +1,4 @@
-"""The demo's camera: from radiance to a RAW file and the JPEG that the camera makes of the same shot."""
+"""Take the demo's photographs: from radiance to a RAW file and the JPEG that the camera makes of the same shot."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ import numpy as np
 import numpy.typing as npt
 from PIL import Image
 
-from colmap_ihe.evaluation.demo.colour import coded
 from colmap_ihe.evaluation.demo.dng import write_dng
 from colmap_ihe.evaluation.demo.exif import PhotoExif, jpeg_exif
 from colmap_ihe.evaluation.demo.grid import F32
 from colmap_ihe.evaluation.demo.views import FOCAL_LENGTH_35MM, DemoView
+from colmap_ihe.grey.srgb import coded
 from colmap_ihe.machine.files import write_bytes
 
 BLACK, WHITE = 512, 16383
@@ -29,7 +29,7 @@ _RGB_FROM_XYZ = np.array(
 
 
 def take_photograph(radiance: F32, view: DemoView, shot: int, folder: Path, seed: int) -> None:
-    """Writes `folder/STEM.dng` and `folder/STEM.jpg`, both (H, W) of `radiance`.
+    """Write `folder/STEM.dng` and `folder/STEM.jpg`, both of the size of `radiance`.
 
     `radiance` is (H, W, 3) linear RGB as rendered; the exposure of `view` is applied here.
     `shot` numbers the photograph: its time, and with `seed` its noise.
@@ -60,7 +60,7 @@ def take_photograph(radiance: F32, view: DemoView, shot: int, folder: Path, seed
 
 
 def _sensor_response(exposed: F32, rng: np.random.Generator) -> F32:
-    """(H, W, 3): linear camera RGB with photon and read noise, 0 black, 1 saturation; not white balanced."""
+    """Return (H, W, 3): linear camera RGB with photon and read noise, 0 black, 1 saturation; not white balanced."""
     electrons = exposed * np.array(SENSOR_GAINS, np.float32) * np.float32(_FULL_WELL_E)
     spread = np.sqrt(electrons + np.float32(_READ_NOISE_E**2))
     electrons += spread * rng.standard_normal(exposed.shape, dtype=np.float32)
@@ -68,7 +68,7 @@ def _sensor_response(exposed: F32, rng: np.random.Generator) -> F32:
 
 
 def _mosaic(response: F32) -> npt.NDArray[np.uint16]:
-    """(H, W) raw values of an RGGB sensor: each pixel keeps one of its three responses."""
+    """Return (H, W) raw values of an RGGB sensor: each pixel keeps one of its three responses."""
     plane = response[..., 1].copy()
     plane[0::2, 0::2] = response[0::2, 0::2, 0]
     plane[1::2, 1::2] = response[1::2, 1::2, 2]

@@ -1,4 +1,4 @@
-"""Writes a Bayer mosaic as a DNG, the RAW format that every RAW reader knows."""
+"""Write a Bayer mosaic as a DNG, the RAW format that every RAW reader knows."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def write_dng(
     exif: PhotoExif,
     orientation: int = 1,
 ) -> None:
-    """Writes `path` whole or not at all; uncompressed, nothing cropped, no thumbnail.
+    """Write `path` whole or not at all; uncompressed, nothing cropped, no thumbnail.
 
     `mosaic_u16` is (H, W) uint16 with even H and W, the raw values of the sensor: `black` is no
     light, `white` saturation. `pattern` names the colours of the top-left 2x2 cell row by row.
@@ -44,13 +44,10 @@ def write_dng(
     _check(mosaic_u16, black, white, pattern)
     height, width = mosaic_u16.shape
     directory = ImageFileDirectory_v2()
-    for tag, value in main_tags(exif, orientation).items():
-        directory[tag] = value
+    directory.update(main_tags(exif, orientation))
     directory[ExifTags.IFD.Exif] = exif_tags(exif, width, height)
-    for tag, kind, value in _mosaic_tags(width, height, black, white, pattern):
-        directory.tagtype[tag] = kind
-        directory[tag] = value
-    for tag, kind, value in _colour_tags(exif, as_shot_neutral, colour_matrix):
+    mosaic_tags = _mosaic_tags(width, height, black, white, pattern)
+    for tag, kind, value in (*mosaic_tags, *_colour_tags(exif, as_shot_neutral, colour_matrix)):
         directory.tagtype[tag] = kind
         directory[tag] = value
     pixels = mosaic_u16.astype("<u2", copy=False).tobytes()
@@ -68,7 +65,7 @@ def _check(mosaic_u16: npt.NDArray[np.uint16], black: int, white: int, pattern: 
 
 
 def _mosaic_tags(width: int, height: int, black: int, white: int, pattern: str) -> list[tuple[int, int, Any]]:
-    """(tag, TIFF type, value) of what says how the pixels lie in the file."""
+    """Return (tag, TIFF type, value) of what says how the pixels lie in the file."""
     cell = bytes("RGB".index(colour) for colour in pattern)
     return [
         (254, TiffTags.LONG, 0),  # NewSubfileType: the full picture
@@ -92,7 +89,7 @@ def _mosaic_tags(width: int, height: int, black: int, white: int, pattern: str) 
 def _colour_tags(
     exif: PhotoExif, as_shot_neutral: tuple[float, float, float], colour_matrix: npt.NDArray[np.float64]
 ) -> list[tuple[int, int, Any]]:
-    """(tag, TIFF type, value) of what makes the TIFF a DNG and says what its colours mean."""
+    """Return (tag, TIFF type, value) of what makes the TIFF a DNG and says what its colours mean."""
     if colour_matrix.shape != (3, 3):
         raise ValueError(f"{colour_matrix.shape=}, expected (3, 3)")
     return [

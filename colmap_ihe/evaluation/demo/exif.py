@@ -1,7 +1,8 @@
-"""The EXIF data of the demo's photographs, one description for RAW and JPEG."""
+"""Describe the demo's photographs in EXIF, in the same words for RAW and JPEG."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from fractions import Fraction
 from typing import Any
@@ -14,7 +15,7 @@ _BASE = ExifTags.Base
 
 @dataclass(frozen=True, kw_only=True)
 class PhotoExif:
-    """What a camera notes about one shot. A field that is None or empty leaves its tag out."""
+    """Describe one shot as a camera does. A field that is None or empty leaves its tag out."""
 
     make: str = "colmap-ihe"
     model: str = "Demo camera"
@@ -28,8 +29,8 @@ class PhotoExif:
 
 
 def main_tags(exif: PhotoExif, orientation: int) -> dict[int, Any]:
-    """The tags of the first image directory, by number: maker, model, time, orientation (1..8)."""
-    tags: dict[int, Any] = {
+    """Return the tags of the first image directory, by number: maker, model, time, orientation (1..8)."""
+    tags = {
         _BASE.Make: exif.make,
         _BASE.Model: exif.model,
         _BASE.Orientation: orientation,
@@ -40,8 +41,8 @@ def main_tags(exif: PhotoExif, orientation: int) -> dict[int, Any]:
 
 
 def exif_tags(exif: PhotoExif, width: int, height: int) -> dict[int, Any]:
-    """The tags of the EXIF sub-directory, by number; `width` and `height` in pixels as stored."""
-    tags: dict[int, Any] = {
+    """Return the tags of the EXIF sub-directory, by number; `width` and `height` in pixels as stored."""
+    tags = {
         _BASE.ExposureTime: _rational(exif.exposure_time_s),
         _BASE.FNumber: _rational(exif.f_number),
         _BASE.ISOSpeedRatings: exif.iso,
@@ -57,14 +58,14 @@ def exif_tags(exif: PhotoExif, width: int, height: int) -> dict[int, Any]:
 
 
 def jpeg_exif(exif: PhotoExif, width: int, height: int, orientation: int = 1) -> Image.Exif:
-    """The block that `Image.save(..., exif=...)` takes."""
+    """Return the block that `Image.save(..., exif=...)` takes."""
     block = Image.Exif()
     block.update(main_tags(exif, orientation))
     block.get_ifd(ExifTags.IFD.Exif).update(exif_tags(exif, width, height))
     return block
 
 
-def _present(tags: dict[int, Any]) -> dict[int, Any]:
+def _present(tags: Mapping[Any, Any]) -> dict[int, Any]:
     return {int(tag): value for tag, value in tags.items() if value not in (None, "")}
 
 

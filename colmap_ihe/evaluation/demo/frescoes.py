@@ -1,4 +1,4 @@
-"""Painted panels: landscapes, and ornament in two colours that Rec.709 cannot tell apart.
+"""Paint the panels: landscapes, and ornament in two colours that Rec.709 cannot tell apart.
 
 The isoluminant panels mix their two colours in sRGB-coded values, where COLMAP takes its grey:
 every mixture then has the same Rec.709 grey, and under any neutral light nearly so.
@@ -12,11 +12,10 @@ from functools import partial
 import cv2
 import numpy as np
 
-from colmap_ihe.evaluation.demo.colour import colour, linear, mix
 from colmap_ihe.evaluation.demo.grid import F32, Grid, smoothstep
-from colmap_ihe.evaluation.demo.materials import Material, possible
-
-REC709 = np.array((0.2126, 0.7152, 0.0722), np.float32)
+from colmap_ihe.evaluation.demo.materials import Material, colour, mix, possible
+from colmap_ihe.grey.srgb import linear
+from colmap_ihe.grey.weights import FIXED
 
 Pattern = Callable[[F32, F32], F32]
 
@@ -29,11 +28,10 @@ _PAIRS = (
 
 
 def isoluminant(grid: Grid, pattern: Pattern, pair: int = 0) -> F32:
-    """A panel of one Rec.709 grey: `pattern` of centred (x, y) in half panel heights, and brushwork."""
+    """Paint a panel of one Rec.709 grey: `pattern` of centred (x, y) in half panel heights, and brushwork."""
     first, second = np.array(_PAIRS[pair], np.float32)
-    second = second + np.float32(
-        (first - second) @ REC709
-    )  # the same grey to the last bit: the weights sum to 1
+    # the same grey to the last bit: the weights sum to 1
+    second = second + np.float32((first - second) @ np.array(FIXED["rec709"], np.float32))
     x, y = _centred(grid)
     drawing = np.tanh(np.float32(4) * pattern(x, y)) + 0.45 * grid.fractal(1, 0.2, gain=1.1)
     drawing += 0.25 * grid.fractal(2, 1.5, 0.1)
@@ -42,16 +40,15 @@ def isoluminant(grid: Grid, pattern: Pattern, pair: int = 0) -> F32:
 
 
 def rosette(x: F32, y: F32) -> F32:
-    """A rose window: petals within rings."""
+    """Draw a rose window: petals within rings."""
     radius, angle = np.hypot(x, y), np.arctan2(y, x)
     petals = np.cos(8 * angle) * np.cos(9 * radius - 1.2) + 0.6 * np.cos(14 * radius)
-    return np.asarray(
-        np.where(radius < 1.05, petals, np.cos(6 * x + 3 * y) * np.cos(6 * y - 3 * x)), np.float32
-    )
+    ground = np.cos(6 * x + 3 * y) * np.cos(6 * y - 3 * x)
+    return np.asarray(np.where(radius < 1.05, petals, ground), np.float32)
 
 
 def scroll(x: F32, y: F32) -> F32:
-    """Spiral tendrils side by side, turning to and fro."""
+    """Draw spiral tendrils side by side, turning to and fro."""
     cell = np.floor(x / 1.1 + 0.5)
     aside = x - 1.1 * cell
     turn = np.where(cell % 2 == 0, 1.0, -1.0)
@@ -60,19 +57,17 @@ def scroll(x: F32, y: F32) -> F32:
 
 
 def lattice(x: F32, y: F32) -> F32:
-    """Stars in a net of diamonds."""
+    """Draw stars in a net of diamonds."""
     first, second = 5 * (x + y), 5 * (x - y)
     stars = np.cos(first) * np.cos(second) + 0.5 * np.cos(2 * first + 2 * second) * np.cos(6 * x)
     return np.asarray(stars + 0.35 * np.cos(14 * x) * np.cos(14 * y), np.float32)
 
 
 def landscape(grid: Grid) -> F32:
-    """Hills under a pale sky, a sun, cypresses: in earth colours, cracked and worn."""
+    """Paint hills under a pale sky, a sun, cypresses: in earth colours, cracked and worn."""
     x, y = _centred(grid)
     blend = smoothstep(-1.0, 0.5, y + 0 * x)
-    picture = mix(
-        np.broadcast_to(colour(0.45, 0.58, 0.72), (*grid.shape, 3)), colour(0.88, 0.80, 0.64), blend
-    )
+    picture = mix(colour(0.45, 0.58, 0.72), colour(0.88, 0.80, 0.64), blend)
     sun = 1 - smoothstep(0.20, 0.23, np.hypot(x - 0.55, y + 0.42))
     picture = mix(picture, colour(0.86, 0.52, 0.28), 0.9 * sun)
     picture = mix(picture, colour(0.93, 0.90, 0.84), 0.6 * smoothstep(0.5, 1.6, grid.noise(21, 0.9, 0.22)))
@@ -89,7 +84,7 @@ def landscape(grid: Grid) -> F32:
 
 
 def framed(grid: Grid, picture: Material) -> F32:
-    """`picture` within a painted border of red and white."""
+    """Paint `picture` within a border of red and white."""
     x = np.minimum(grid.across, grid.width_m - grid.across)
     y = np.minimum(grid.down, grid.height_m - grid.down)
     inward = np.minimum(x, y) + 0.002 * grid.fractal(41, 0.1)
@@ -101,7 +96,7 @@ def framed(grid: Grid, picture: Material) -> F32:
 
 
 def inscription(grid: Grid, ground: Material, text: str) -> F32:
-    """`text` cut into `ground`, filling about half the height and centred."""
+    """Cut `text` into `ground`, filling about half the height and centred."""
     (width, height), _ = cv2.getTextSize(text, cv2.FONT_HERSHEY_COMPLEX, 4.0, 7)
     letters = np.zeros((height + 40, width + 40), np.uint8)
     cv2.putText(letters, text, (20, height + 20), cv2.FONT_HERSHEY_COMPLEX, 4.0, 255, 7, cv2.LINE_AA)
@@ -115,20 +110,20 @@ def inscription(grid: Grid, ground: Material, text: str) -> F32:
 
 
 def _cypresses(grid: Grid, x: F32, y: F32) -> F32:
-    """(H, W): 1 on the trees, 0 elsewhere."""
+    """Return (H, W): 1 on the trees, 0 elsewhere."""
     rng = np.random.default_rng((grid.seed, 44))
     half = grid.width_m / grid.height_m
     trees = np.zeros(grid.shape, np.float32)
     for _ in range(5):
-        place, foot, tall = rng.uniform(-0.85, 0.85) * half, rng.uniform(0.25, 0.75), rng.uniform(0.35, 0.7)
+        stem, foot, tall = rng.uniform(-0.85, 0.85) * half, rng.uniform(0.25, 0.75), rng.uniform(0.35, 0.7)
         up = (foot - y) / tall
         wide = 0.16 * tall * np.sqrt(np.clip(up * (1 - up), 0, 1)) * (1 + 0.15 * grid.noise(45, 0.05))
-        trees = np.maximum(trees, smoothstep(0, 0.02, wide - np.abs(x - np.float32(place))))
+        trees = np.maximum(trees, smoothstep(0, 0.02, wide - np.abs(x - np.float32(stem))))
     return trees
 
 
 def _centred(grid: Grid) -> tuple[F32, F32]:
-    """(1, W) and (H, 1): x to the right, y down from the middle, in half panel heights."""
+    """Return (1, W) and (H, 1): x to the right, y down from the middle, in half panel heights."""
     unit = np.float32(grid.height_m / 2)
     return (grid.across - np.float32(grid.width_m / 2)) / unit, grid.down / unit - 1
 

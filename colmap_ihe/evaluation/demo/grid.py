@@ -1,4 +1,4 @@
-"""The surface of one patch as a grid of texels, and random patterns on it.
+"""Lay a grid of texels on the surface of one patch, with random patterns.
 
 Patterns are defined in metres: a coarser grid of the same patch shows the same pattern with
 its finest octaves missing.
@@ -14,11 +14,12 @@ import numpy as np
 import numpy.typing as npt
 
 F32 = npt.NDArray[np.float32]
+F64 = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True)
 class Grid:
-    """`width_m` x `height_m` of surface in texels of `texel_m`; `seed` makes its noise its own."""
+    """Divide `width_m` x `height_m` of surface into texels of `texel_m`; `seed` makes its noise its own."""
 
     width_m: float
     height_m: float
@@ -27,23 +28,23 @@ class Grid:
 
     @property
     def shape(self) -> tuple[int, int]:
-        """(rows, columns), at least 2 x 2."""
+        """Return (rows, columns), at least 2 x 2."""
         return max(2, round(self.height_m / self.texel_m)), max(2, round(self.width_m / self.texel_m))
 
     @property
     def across(self) -> F32:
-        """(1, W): distance from the left edge in metres, at texel centres."""
+        """Return (1, W): distance from the left edge in metres, at texel centres."""
         columns = self.shape[1]
         return ((np.arange(columns, dtype=np.float32) + 0.5) * (self.width_m / columns))[None, :]
 
     @property
     def down(self) -> F32:
-        """(H, 1): distance from the upper edge in metres, at texel centres."""
+        """Return (H, 1): distance from the upper edge in metres, at texel centres."""
         rows = self.shape[0]
         return ((np.arange(rows, dtype=np.float32) + 0.5) * (self.height_m / rows))[:, None]
 
     def noise(self, key: int, wave_m: float, wave_down_m: float | None = None) -> F32:
-        """(H, W): smooth Gaussian noise of one wavelength, mean near 0, deviation about 1."""
+        """Return (H, W): smooth Gaussian noise of one wavelength, mean near 0, deviation about 1."""
         rows, columns = self.shape
         step_across = wave_m / self.texel_m
         step_down = (wave_down_m or wave_m) / self.texel_m
@@ -54,16 +55,13 @@ class Grid:
         lattice *= np.float32(1 / 0.7)
         if max(step_across, step_down) < 16:
             size = (round(nodes[1] * step_across), round(nodes[0] * step_down))
-            return np.asarray(
-                cv2.resize(lattice, size, interpolation=cv2.INTER_CUBIC)[:rows, :columns], np.float32
-            )
-        # Large cells: resizing the whole lattice would make a picture far larger than the patch.
-        return np.asarray(
-            _cubic(nodes[0], rows, step_down) @ lattice @ _cubic(nodes[1], columns, step_across).T, np.float32
-        )
+            smooth = cv2.resize(lattice, size, interpolation=cv2.INTER_CUBIC)[:rows, :columns]
+        else:  # large cells: resizing the whole lattice would make a picture far larger than the patch
+            smooth = _cubic(nodes[0], rows, step_down) @ lattice @ _cubic(nodes[1], columns, step_across).T
+        return np.asarray(smooth, np.float32)
 
     def fractal(self, key: int, coarsest_m: float, finest_m: float = 0.0, gain: float = 0.75) -> F32:
-        """(H, W): octaves from `coarsest_m` down, each `gain` times the one before, deviation about 1."""
+        """Return (H, W): octaves from `coarsest_m` down, each `gain` times the one before, deviation about 1."""
         total = np.zeros(self.shape, np.float32)
         power, amplitude, wave_m, octave = 0.0, 1.0, coarsest_m, 0
         while wave_m >= max(finest_m, 1.5 * self.texel_m):
@@ -74,7 +72,7 @@ class Grid:
 
 
 def _cubic(nodes: int, count: int, step: float) -> F32:
-    """(count, nodes): Catmull-Rom interpolation from nodes `step` texels apart."""
+    """Return (count, nodes): Catmull-Rom interpolation from nodes `step` texels apart."""
     at = (np.arange(count) + 0.5) / step
     first = np.floor(at).astype(np.intp)
     f = at - first
@@ -91,6 +89,6 @@ def _cubic(nodes: int, count: int, step: float) -> F32:
 
 
 def smoothstep(low: float, high: float, value: F32) -> F32:
-    """0 below `low`, 1 above `high`, smooth between."""
+    """Return 0 below `low`, 1 above `high`, smooth between."""
     t = np.clip((value - np.float32(low)) / np.float32(high - low), 0, 1)
     return np.asarray(t * t * (3 - 2 * t), np.float32)

@@ -1,4 +1,4 @@
-"""Sunlight and skylight on the surfaces, worked out once for the whole scene.
+"""Work out sunlight and skylight on the surfaces, once for the whole scene.
 
 Everything is matt and nothing moves, so light does not depend on the camera: it is baked into
 the textures. Sunlight has cast shadows; skylight comes from many directions, dimmed by
@@ -10,17 +10,14 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from concurrent.futures import Executor
-from itertools import product
+from dataclasses import replace
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
-from colmap_ihe.evaluation.demo.grid import F32, Grid
+from colmap_ihe.evaluation.demo.grid import F32, F64, Grid
 from colmap_ihe.evaluation.demo.scene import Patch
-from colmap_ihe.evaluation.demo.shapes import Shape, Vector
-
-F64 = npt.NDArray[np.float64]
+from colmap_ihe.evaluation.demo.shapes import Shape, Vector, corners_of
 
 _TO_SUN = np.array((-0.50, -0.68, 0.62)) / math.sqrt(0.50**2 + 0.68**2 + 0.62**2)
 # Nearly neutral light: coloured light would give the isoluminant panels a grey pattern.
@@ -35,12 +32,12 @@ _REACH_M = 9.0  # what is farther away does not dim skylight
 
 
 def sunlight(scene: Sequence[Patch], grids: Sequence[Grid], executor: Executor) -> list[F32]:
-    """For each patch (h, w) on a grid of its own: cosine of the sun's incidence, 0 in cast shadow."""
+    """Return for each patch (h, w) on a grid of its own: cosine of the sun's incidence, 0 in cast shadow."""
     bounds = np.stack([_seen_from_sun(patch.shape) for patch in scene])
-    towards = _vector(_TO_SUN)
+    towards = list(_TO_SUN.astype(np.float32))
 
     def on_patch(patch: Patch, grid: Grid, reach: F64) -> F32:
-        lattice = _lattice(grid, max(_SUN_GRID_M, grid.texel_m))
+        lattice = replace(grid, texel_m=max(_SUN_GRID_M, grid.texel_m))
         point, normal = patch.shape.surface(lattice.across, lattice.down)
         cosine = np.maximum(_dot(normal, towards), np.float32(0))
         if not np.any(cosine > 0):
@@ -58,19 +55,18 @@ def sunlight(scene: Sequence[Patch], grids: Sequence[Grid], executor: Executor) 
 
 
 def skylight(scene: Sequence[Patch], grids: Sequence[Grid], executor: Executor) -> list[F32]:
-    """For each patch (h, w, 3) on a coarse grid of its own: light from sky, ground and walls; linear RGB."""
-    lattices = [_lattice(grid, _SKY_GRID_M) for grid in grids]
+    """Return for each patch (h, w, 3) on a coarse grid of its own: light from sky, ground, walls; linear RGB."""
+    lattices = [replace(grid, texel_m=_SKY_GRID_M) for grid in grids]
     surfaces = [p.shape.surface(g.across, g.down) for p, g in zip(scene, lattices, strict=True)]
-    point = _joined([s[0] for s in surfaces])
-    normal = _joined([s[1] for s in surfaces])
+    point, normal = ([np.concatenate([s[i][k].ravel() for s in surfaces]) for k in range(3)] for i in (0, 1))
     # Small things dim the sky little, and there are many of them.
     large = [patch.shape for patch in scene if math.prod(patch.shape.size_m) > 1.2]
 
     def from_direction(direction: F64) -> tuple[F32, F32]:
-        towards = _vector(direction)
+        towards = list(direction.astype(np.float32))
         cosine = _dot(normal, towards)
         facing = np.flatnonzero(cosine > 0)
-        origin = _lifted(_picked(point, facing), _picked(normal, facing))
+        origin = _lifted([p[facing] for p in point], [n[facing] for n in normal])
         clear = np.ones(facing.size, bool)
         for shape in large:
             clear &= ~(shape.hit(origin, towards) < _REACH_M)
@@ -90,55 +86,36 @@ def skylight(scene: Sequence[Patch], grids: Sequence[Grid], executor: Executor) 
 
 
 def irradiance(sun: F32, sky: F32, shape: tuple[int, int]) -> F32:
-    """(H, W, 3) of a (h, w) `sun` and a (h, w, 3) `sky`; at 1 a white surface has radiance 1."""
-    size = shape[::-1]
-    sun = np.asarray(cv2.resize(sun, size, interpolation=cv2.INTER_LINEAR), np.float32)
-    return sun[..., None] * _SUN + np.asarray(
-        cv2.resize(sky, size, interpolation=cv2.INTER_LINEAR), np.float32
+    """Return (H, W, 3) of a (h, w) `sun` and a (h, w, 3) `sky`; at 1 a white surface has radiance 1."""
+    direct, diffuse = (
+        np.asarray(cv2.resize(light, shape[::-1], interpolation=cv2.INTER_LINEAR), np.float32)
+        for light in (sun, sky)
     )
-
-
-def _lattice(grid: Grid, step_m: float) -> Grid:
-    return Grid(grid.width_m, grid.height_m, step_m, grid.seed)
+    return direct[..., None] * _SUN + diffuse
 
 
 def _lifted(point: Vector, normal: Vector) -> Vector:
-    """Points 4 mm off the surface, so that it does not shade itself."""
-    x, y, z = (p + np.float32(0.004) * n for p, n in zip(point, normal, strict=True))
-    return x, y, z
+    """Return points 4 mm off the surface, so that it does not shade itself."""
+    return [p + np.float32(0.004) * n for p, n in zip(point, normal, strict=True)]
 
 
 def _dot(first: Vector, second: Vector) -> F32:
     return np.asarray(first[0] * second[0] + first[1] * second[1] + first[2] * second[2], np.float32)
 
 
-def _joined(vectors: Sequence[Vector]) -> Vector:
-    x, y, z = (np.concatenate([v[k].ravel() for v in vectors]) for k in range(3))
-    return x, y, z
-
-
-def _picked(vector: Vector, index: npt.NDArray[np.intp]) -> Vector:
-    return vector[0][index], vector[1][index], vector[2][index]
-
-
 def _seen_from_sun(shape: Shape) -> F64:
-    """(2, 3): bounds of a shape's box across the sunlight (two axes) and towards the sun."""
+    """Return (2, 3): bounds of a shape's box across the sunlight (two axes) and towards the sun."""
     side = np.cross(_TO_SUN, (0, 0, 1))
     side /= np.linalg.norm(side)
     axes = np.stack((side, np.cross(side, _TO_SUN), _TO_SUN))
-    corners = np.array(list(product(*shape.box.T))) @ axes.T
+    corners = corners_of(shape) @ axes.T
     return np.stack((corners.min(axis=0), corners.max(axis=0)))
 
 
 def _sphere() -> F64:
-    """(_DIRECTIONS, 3): unit vectors evenly over the sphere (Fibonacci lattice)."""
+    """Return (_DIRECTIONS, 3): unit vectors evenly over the sphere (Fibonacci lattice)."""
     k = np.arange(_DIRECTIONS)
     z = 1 - (2 * k + 1) / _DIRECTIONS
     angle = k * math.pi * (3 - math.sqrt(5))
     ring = np.sqrt(1 - z * z)
     return np.stack((ring * np.cos(angle), ring * np.sin(angle), z), axis=1)
-
-
-def _vector(direction: F64) -> Vector:
-    x, y, z = direction.astype(np.float32)
-    return np.asarray(x), np.asarray(y), np.asarray(z)

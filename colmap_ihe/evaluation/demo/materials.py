@@ -1,4 +1,4 @@
-"""What the surfaces are made of: each material gives the linear albedo of a whole grid.
+"""Paint the surfaces: each material gives the linear albedo of a whole grid.
 
 A material is a function `(Grid) -> (H, W, 3) float32`, linear RGB with Rec.709 primaries in
 [0, 1]. All are irregular at every scale from metres to texels: repeated or empty walls would
@@ -13,17 +13,27 @@ from functools import partial
 import cv2
 import numpy as np
 
-from colmap_ihe.evaluation.demo.colour import colour, linear, mix
 from colmap_ihe.evaluation.demo.grid import F32, Grid, smoothstep
+from colmap_ihe.grey.srgb import linear
 
 Material = Callable[[Grid], F32]
 
 _OCHRE, _ROSE = (0.87, 0.77, 0.60), (0.84, 0.68, 0.58)
-_PALE, _DARK = (0.82, 0.78, 0.70), (0.42, 0.38, 0.33)
+_PALE = (0.82, 0.78, 0.70)
+
+
+def mix(first: F32, second: F32, share: F32) -> F32:
+    """Return (H, W, 3): `first` where `share` (H, W) is 0, `second` where it is 1."""
+    return np.asarray(first + (second - first) * share[..., None], np.float32)
+
+
+def colour(red: float, green: float, blue: float) -> F32:
+    """Return (3,): a linear colour from an sRGB-coded one in [0, 1]."""
+    return linear(np.array((red, green, blue), np.float32))
 
 
 def plaster(grid: Grid, tint: tuple[float, float, float] = _OCHRE, age: float = 1.0) -> F32:
-    """Lime plaster: cloudy, streaked by rain, cracked; where `age` is high it has fallen off the brick."""
+    """Paint lime plaster: cloudy, streaked by rain, cracked; where `age` is high it has fallen off the brick."""
     fine = grid.fractal(1, 0.2, gain=0.95)
     cloud = grid.fractal(2, 5.0, 0.1, gain=0.7)
     surface = colour(*tint) * (1 + 0.17 * fine + 0.12 * cloud)[..., None]
@@ -42,7 +52,7 @@ def plaster(grid: Grid, tint: tuple[float, float, float] = _OCHRE, age: float = 
 
 
 def brick(grid: Grid) -> F32:
-    """Hand-made bricks of many reds in wide lime joints."""
+    """Paint hand-made bricks of many reds in wide lime joints."""
     palette = (
         (0.66, 0.36, 0.27),
         (0.74, 0.46, 0.33),
@@ -53,16 +63,16 @@ def brick(grid: Grid) -> F32:
     return masonry(grid, palette, (0.68, 0.63, 0.55), course_m=0.085, length_m=0.27, joint_m=0.014)
 
 
-def stone(grid: Grid, course_m: float = 0.45, length_m: float = 0.9) -> F32:
-    """Limestone ashlar, each block its own tone, with fossils and rain marks."""
+def stone(grid: Grid) -> F32:
+    """Paint limestone ashlar, each block in its own tone, with fossils and rain marks."""
     palette = (_PALE, (0.76, 0.70, 0.60), (0.86, 0.82, 0.75), (0.70, 0.66, 0.60), (0.80, 0.72, 0.60))
-    surface = masonry(grid, palette, (0.45, 0.42, 0.38), course_m=course_m, length_m=length_m, joint_m=0.008)
+    surface = masonry(grid, palette, (0.45, 0.42, 0.38), course_m=0.45, length_m=0.9, joint_m=0.008)
     marks = smoothstep(0.5, 2.2, grid.noise(41, 0.16, 1.4) + 0.6 * grid.fractal(42, 0.5))
     return mix(surface, surface * colour(0.66, 0.63, 0.58), 0.8 * marks)
 
 
 def paving(grid: Grid) -> F32:
-    """Worn slabs, grey and warm."""
+    """Paint worn slabs, grey and warm."""
     palette = (
         (0.62, 0.58, 0.53),
         (0.54, 0.52, 0.50),
@@ -76,7 +86,7 @@ def paving(grid: Grid) -> F32:
 
 
 def marble(grid: Grid) -> F32:
-    """Grey-white marble with dark veins, for the columns."""
+    """Paint grey-white marble with dark veins, for the columns."""
     bend = grid.fractal(1, 0.8, 0.05, gain=0.6)
     vein = np.abs(np.sin(9 * (grid.down * 0.55 + grid.across) + 2.6 * bend))
     surface = colour(0.80, 0.77, 0.73) * (1 + 0.16 * grid.fractal(2, 0.2, gain=1.0))[..., None]
@@ -86,7 +96,7 @@ def marble(grid: Grid) -> F32:
 
 
 def wood(grid: Grid) -> F32:
-    """Oak planks of a door, with iron nails."""
+    """Paint the oak planks of a door, with iron nails."""
     plank = np.floor(grid.across / 0.19).astype(np.intp)
     tones = np.random.default_rng(grid.seed).uniform(0.6, 1.25, plank.max() + 1).astype(np.float32)[plank]
     grain = grid.noise(1, 0.012, 0.7) + 0.7 * grid.noise(2, 0.03, 0.35) + 0.5 * grid.fractal(3, 0.2)
@@ -105,7 +115,7 @@ def masonry(
     length_m: float,
     joint_m: float,
 ) -> F32:
-    """Blocks in running bond: course height, mean block length and joint width in metres."""
+    """Paint blocks in running bond: course height, mean block length and joint width in metres."""
     wobble = grid.fractal(11, 0.5, 0.03) * np.float32(0.25 * joint_m)
     height = np.asarray((grid.down + wobble) / course_m, np.float32)
     row = np.floor(height)
@@ -128,13 +138,13 @@ def masonry(
     )
 
 
-def _to_edge(place: F32) -> F32:
-    """Distance to the nearer end of a unit interval."""
-    return np.asarray(np.minimum(place, 1 - place), np.float32)
+def _to_edge(share: F32) -> F32:
+    """Return the distance to the nearer end of a unit interval."""
+    return np.asarray(np.minimum(share, 1 - share), np.float32)
 
 
 def possible(albedo: F32) -> F32:
-    """No surface reflects nothing or everything."""
+    """Clip what no surface does: reflect nothing, or everything."""
     return np.asarray(np.clip(albedo, 0.01, 0.9), np.float32)
 
 

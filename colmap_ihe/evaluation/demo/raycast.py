@@ -1,4 +1,4 @@
-"""Ray casting: what each view sees of the scene, and how far it is."""
+"""Cast rays: what each view sees of the scene, and how far it is."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ import numpy.typing as npt
 from colmap_ihe.evaluation.demo.grid import F32, Grid
 from colmap_ihe.evaluation.demo.light import irradiance, skylight, sunlight
 from colmap_ihe.evaluation.demo.scene import Patch
-from colmap_ihe.evaluation.demo.shapes import Shape, Vector
+from colmap_ihe.evaluation.demo.shapes import Shape, Vector, corners_of
 from colmap_ihe.evaluation.demo.views import DemoView
 
 _LEVELS = 5  # of each texture, each half as fine as the one before
@@ -25,7 +25,7 @@ _ZENITH, _HORIZON = np.array((0.30, 0.50, 0.80), np.float32), np.array((0.72, 0.
 
 @dataclass(frozen=True)
 class Surface:
-    """A patch with light on it: `pyramid` holds (H, W, 3) float32 linear radiance, finest first."""
+    """Hold a patch with light on it: `pyramid` holds (H, W, 3) float32 linear radiance, finest first."""
 
     shape: Shape
     texel_m: float
@@ -34,7 +34,7 @@ class Surface:
 
 @dataclass(frozen=True)
 class Rendering:
-    """`radiance` (H, W, 3) float32, linear RGB, Rec.709 primaries, white in the sun near 1;
+    """Hold `radiance` (H, W, 3) float32, linear RGB, Rec.709 primaries, white in the sun near 1;
     `depth` (H, W) float32, metres along the optical axis at pixel centres, 0 where nothing is."""
 
     radiance: F32
@@ -42,7 +42,7 @@ class Rendering:
 
 
 def bake(scene: Sequence[Patch], texel_m: float, seed: int, executor: Executor) -> list[Surface]:
-    """The scene's textures with light on them; `texel_m` is the finest texel."""
+    """Return the scene's textures with light on them; `texel_m` is the finest texel."""
     grids = [Grid(*p.shape.size_m, texel_m * p.texel, seed * 1009 + k) for k, p in enumerate(scene)]
     suns = sunlight(scene, grids, executor)
     skies = skylight(scene, grids, executor)
@@ -57,7 +57,7 @@ def bake(scene: Sequence[Patch], texel_m: float, seed: int, executor: Executor) 
 
 
 def render(surfaces: Sequence[Surface], view: DemoView) -> Rendering:
-    """One view; colour from 2 x 2 rays a pixel, depth from one ray through its centre."""
+    """Render one view; colour from 2 x 2 rays a pixel, depth from one ray through its centre."""
     radiance = np.empty((view.height, view.width, 3), np.float32)
     depth = np.empty((view.height, view.width), np.float32)
     visible = [(s, _pixel_bounds(s.shape, view)) for s in surfaces if s.shape.faces(view.centre)]
@@ -73,7 +73,7 @@ def render(surfaces: Sequence[Surface], view: DemoView) -> Rendering:
 
 
 class _Rays:
-    """The rays through rows `top` to `bottom` of a view, `samples` a pixel along each side.
+    """Hold the rays through rows `top` to `bottom` of a view, `samples` a pixel along each side.
 
     `direction` is three (h, w) arrays in the world with camera z = 1, so that t is the depth.
     """
@@ -84,16 +84,16 @@ class _Rays:
         x = (columns - view.width / 2)[None, :] / view.focal_px
         y = (rows - view.height / 2)[:, None] / view.focal_px
         right, down, forward = view.cam_from_world[:, :3]
-        d0, d1, d2 = ((right[k] * x + down[k] * y + forward[k]).astype(np.float32) for k in range(3))
-        self.direction: Vector = d0, d1, d2
-        o0, o1, o2 = (np.asarray(view.centre[k], np.float32) for k in range(3))
-        self.origin: Vector = o0, o1, o2
-        self.shape = d0.shape
+        self.direction: Vector = [
+            (right[k] * x + down[k] * y + forward[k]).astype(np.float32) for k in range(3)
+        ]
+        self.origin: Vector = [np.asarray(k, np.float32) for k in view.centre]
+        self.shape = self.direction[0].shape
         self.top, self.samples = top, samples
         self.spacing = 1 / (view.focal_px * samples)  # metres between neighbouring rays at 1 m
 
     def window(self, bounds: tuple[int, int, int, int]) -> tuple[slice, slice] | None:
-        """The rays within (left, top, right, bottom) pixels, None if there are none."""
+        """Return the rays within (left, top, right, bottom) pixels, None if there are none."""
         left, top, right, bottom = (n * self.samples for n in bounds)
         offset = self.top * self.samples
         rows = slice(max(top - offset, 0), min(bottom - offset, self.shape[0]))
@@ -105,15 +105,14 @@ Visible = Sequence[tuple[Surface, tuple[int, int, int, int]]]
 
 
 def _cast(visible: Visible, rays: _Rays) -> tuple[F32, npt.NDArray[np.int16]]:
-    """Depth (inf where nothing is hit) and index of the nearest surface (-1) of each ray."""
+    """Return depth (inf where nothing is hit) and index of the nearest surface (-1) of each ray."""
     nearest = np.full(rays.shape, np.inf, np.float32)
     index = np.full(rays.shape, -1, np.int16)
     for k, (surface, bounds) in enumerate(visible):
         window = rays.window(bounds)
         if window is None:
             continue
-        d0, d1, d2 = (d[window] for d in rays.direction)
-        t = surface.shape.hit(rays.origin, (d0, d1, d2))
+        t = surface.shape.hit(rays.origin, [d[window] for d in rays.direction])
         closer = t < nearest[window]
         np.copyto(nearest[window], t, where=closer)
         np.copyto(index[window], np.int16(k), where=closer)
@@ -121,7 +120,7 @@ def _cast(visible: Visible, rays: _Rays) -> tuple[F32, npt.NDArray[np.int16]]:
 
 
 def _shade(visible: Visible, rays: _Rays, depth: F32, index: npt.NDArray[np.int16]) -> F32:
-    """(h, w, 3): radiance along each ray."""
+    """Return (h, w, 3): radiance along each ray."""
     height = np.clip(rays.direction[2] * np.float32(1.6), 0, 1)[..., None]
     radiance = np.asarray(_HORIZON + (_ZENITH - _HORIZON) * height, np.float32)
     for k in np.unique(index):
@@ -132,8 +131,8 @@ def _shade(visible: Visible, rays: _Rays, depth: F32, index: npt.NDArray[np.int1
         hit = index[window] == k
         t = depth[window][hit]
         direction = [d[window][hit] for d in rays.direction]
-        p0, p1, p2 = (o + t * d for o, d in zip(rays.origin, direction, strict=True))
-        across, down = surface.shape.locate((p0, p1, p2))
+        point = [o + t * d for o, d in zip(rays.origin, direction, strict=True)]
+        across, down = surface.shape.locate(point)
         _, normal = surface.shape.surface(across, down)
         length = np.sqrt(sum(d * d for d in direction))
         cosine = np.abs(sum(n * d for n, d in zip(normal, direction, strict=True))) / length
@@ -145,7 +144,7 @@ def _shade(visible: Visible, rays: _Rays, depth: F32, index: npt.NDArray[np.int1
 
 
 def _sample(surface: Surface, across: F32, down: F32, footprint_m: F32) -> F32:
-    """(N, 3): radiance at N points, averaged over about `footprint_m`, between two texture levels."""
+    """Return (N, 3): radiance at N points, averaged over about `footprint_m`, between two texture levels."""
     last = len(surface.pyramid) - 1
     level = np.clip(np.log2(footprint_m / np.float32(surface.texel_m)) + np.float32(0.3), 0, last)
     total = np.zeros((across.size, 3), np.float32)
@@ -164,7 +163,7 @@ def _sample(surface: Surface, across: F32, down: F32, footprint_m: F32) -> F32:
 
 
 def _bilinear(picture: F32, x: F32, y: F32) -> F32:
-    """(N, 3): `picture` at N texel coordinates. In rows of 1024, as OpenCV takes no wider picture."""
+    """Return (N, 3): `picture` at N texel coordinates. In rows of 1024, as OpenCV takes no wider picture."""
     size = -(-x.size // 1024) * 1024
     folded = [np.resize(v, size).reshape(-1, 1024) for v in (x, y)]
     values = cv2.remap(picture, folded[0], folded[1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
@@ -172,12 +171,8 @@ def _bilinear(picture: F32, x: F32, y: F32) -> F32:
 
 
 def _pixel_bounds(shape: Shape, view: DemoView) -> tuple[int, int, int, int]:
-    """(left, top, right, bottom): pixels outside certainly do not see the shape."""
-    low, high = shape.box
-    corners = np.array(
-        [(x, y, z) for x in (low[0], high[0]) for y in (low[1], high[1]) for z in (low[2], high[2])]
-    )
-    camera = corners @ view.cam_from_world[:, :3].T + view.cam_from_world[:, 3]
+    """Return (left, top, right, bottom): pixels outside certainly do not see the shape."""
+    camera = corners_of(shape) @ view.cam_from_world[:, :3].T + view.cam_from_world[:, 3]
     if camera[:, 2].max() <= _NEAR_M:
         return 0, 0, 0, 0
     if camera[:, 2].min() <= _NEAR_M:

@@ -1,4 +1,4 @@
-"""The demo on disk: photographs of the portico and the truth about them.
+"""Render the demo to disk: photographs of the portico and the truth about them.
 
     FOLDER/images/STEM.dng, STEM.jpg    RAW and JPEG of each shot
     FOLDER/truth/STEM.depth.png         16-bit grey, what each pixel centre sees: 0 nothing, else
@@ -47,11 +47,11 @@ def render_demo(
     seed: int = 0,
     progress: Progress = SILENT,
 ) -> None:
-    """Writes the demo to `folder`, unless the same demo is there already and complete.
+    """Write the demo to `folder`, unless the same demo is there already and complete.
 
     `size` is (width, height) in pixels, both even. Raises ValueError for what cannot be rendered,
-    `DiskFullError` where the disk is full, `Cancelled` when `progress` asks to stop: then what is
-    there is incomplete, and the next call renders again.
+    `DiskFullError` where the disk is full, `Cancelled` when `progress` asks to stop: the demo is
+    then incomplete, and the next call renders it again.
     """
     if views < 2 or any(n < 16 or n % 2 for n in size):
         raise ValueError(
@@ -85,7 +85,7 @@ def render_demo(
 def _shoot(
     surfaces: Sequence[Surface], view: DemoView, shot: int, folder: Path, seed: int
 ) -> tuple[dict[str, Any], F32]:
-    """Renders and writes one view. Returns its record in cameras.json and the box (2, 3) it sees."""
+    """Render and write one view. Return its record in cameras.json and the box (2, 3) it sees."""
     rendering = render(surfaces, view)
     take_photograph(rendering.radiance, view, shot, folder / "images", seed)
     seen = rendering.depth > 0
@@ -108,7 +108,7 @@ def _shoot(
 
 
 def _visible_box(depth: F32, view: DemoView) -> F32:
-    """(2, 3): least and greatest world coordinates of what the view sees."""
+    """Return (2, 3): least and greatest world coordinates of what the view sees."""
     row, column = np.nonzero(depth)
     z = depth[row, column]
     x = (column + 0.5 - view.width / 2) / view.focal_px * z
@@ -118,11 +118,11 @@ def _visible_box(depth: F32, view: DemoView) -> F32:
 
 
 def _is_complete(folder: Path, asked: dict[str, Any], arc: Sequence[DemoView]) -> bool:
-    """cameras.json is written last: if it is there and of the same demo, at most files were deleted."""
+    """Tell whether all files are there. cameras.json is written last: after it files can only have been deleted."""
     try:
-        found = json.loads((folder / "truth" / "cameras.json").read_text())["render"]
+        rendered = json.loads((folder / "truth" / "cameras.json").read_text())["render"]
     except (OSError, ValueError, KeyError, TypeError):
         return False
     files = [f"images/{v.stem}{suffix}" for v in arc for suffix in (".dng", ".jpg")]
     files += [f"truth/{v.stem}.depth.png" for v in arc]
-    return bool(found == asked) and all((folder / name).is_file() for name in files)
+    return bool(rendered == asked) and all((folder / name).is_file() for name in files)

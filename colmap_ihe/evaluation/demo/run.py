@@ -1,12 +1,18 @@
-"""The demo: rendered, reconstructed, and held against its truth."""
+"""Render the demo, reconstruct it, and compare the model with the truth."""
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
+from colmap_ihe.colmap.measures import poses_of
+from colmap_ihe.colmap.native import pycolmap
+from colmap_ihe.dense.depth_maps import depth_file
 from colmap_ihe.errors import ProjectError
-from colmap_ihe.evaluation.demo.errors import add_truth
 from colmap_ihe.evaluation.demo.render import render_demo
+from colmap_ihe.evaluation.depth_errors import DepthErrors, depth_errors, pooled
+from colmap_ihe.evaluation.truth import Truth, key_of, pose_errors, read_truth
+from colmap_ihe.machine.files import write_json
 from colmap_ihe.machine.progress import RunProgress
 from colmap_ihe.pipeline.reconstruct import Reconstruction, reconstruct
 from colmap_ihe.pipeline.rewrite_page import report
@@ -14,7 +20,10 @@ from colmap_ihe.project.options_file import project_options
 
 
 def demo(folder: Path, assignments: list[str], progress: RunProgress) -> Reconstruction:
-    """Renders the demo into `folder`, reconstructs it, and adds its error against the truth."""
+    """Render the demo into `folder`, reconstruct it, and add its errors to the summary and the page.
+
+    Raises `ProjectError` for a folder with other photographs, and other `KnownError`s.
+    """
     if (folder / "images").exists() and not (folder / "truth").exists():
         raise ProjectError(
             f"{folder}: holds photographs that are not the demo's", hint="name another folder for the demo"
@@ -22,7 +31,36 @@ def demo(folder: Path, assignments: list[str], progress: RunProgress) -> Reconst
     options = project_options(folder, assignments)
     with progress.stage("render") as stage_progress:
         render_demo(folder, progress=stage_progress)
-    done = add_truth(reconstruct(folder, options, progress=progress), folder / "truth")
+    done = reconstruct(folder, options, progress=progress)
+    summary = {**done.summary, "truth": truth_summary(done, read_truth(folder / "truth"))}
+    write_json(done.project.summary_file, summary)
     if done.project.page_file.exists():
         report(folder, assignments, progress=progress)  # now with the truth
-    return done
+    return replace(done, summary=summary)
+
+
+def truth_summary(done: Reconstruction, truth: Truth) -> dict[str, float]:
+    """Return the section `truth` of summary.json; without a dense cloud, only the errors of poses."""
+    poses = pose_errors(poses_of(done.sparse_model), truth)
+    section = {
+        "rotation_error_deg": poses.rotation_error_deg,
+        "position_error_percent": poses.position_error_percent,
+    }
+    if done.summary["dense_points"] is not None:
+        depth = _depth_errors(done.project.dense, truth, poses.world_from_model.scale)
+        section["dense_median_error_percent"] = depth.median_percent
+        section["depth_coverage_percent"] = depth.coverage_percent
+    return section
+
+
+def _depth_errors(dense: Path, truth: Truth, metres_per_unit: float) -> DepthErrors:
+    model = pycolmap.Reconstruction(dense / "sparse")
+    errors = []
+    for image_id in model.reg_image_ids():
+        image = model.images[image_id]
+        depth_map = pycolmap.DepthMap()
+        depth_map.read(depth_file(dense, image.name))
+        calibration = model.cameras[image.camera_id].calibration_matrix()
+        true_image = truth.images[key_of(image.name)]
+        errors.append(depth_errors(depth_map.to_array(), calibration, true_image, metres_per_unit))
+    return pooled(errors)

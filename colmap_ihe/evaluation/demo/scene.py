@@ -1,4 +1,4 @@
-"""The portico: a facade of three arches behind columns, a vaulted passage, an attic, two wings.
+"""Build the portico: a facade of three arches behind columns, a vaulted passage, an attic, two wings.
 
 World frame in metres: x to the right, y into the facade (its front is y = 0), z up from the ground.
 """
@@ -26,10 +26,13 @@ ISOLUMINANT_PANELS = (
 )
 """The painted panels that Rec.709 sees as one grey, in the order of their materials below."""
 
+_FACES = {"left": (0, 0), "right": (0, 1), "front": (1, 0), "back": (1, 1), "under": (2, 0), "top": (2, 1)}
+"""Of a block, by name: axis, and whether on its upper side."""
+
 
 @dataclass(frozen=True)
 class Patch:
-    """A shape, what it is made of, and how finely: `texel` times the scene's finest texel."""
+    """Cover a shape with a material, in texels of `texel` times the scene's finest."""
 
     shape: Shape
     material: Material
@@ -37,7 +40,7 @@ class Patch:
 
 
 def portico() -> tuple[Patch, ...]:
-    """Every surface of the scene, about 200."""
+    """Return every surface of the scene, about 200."""
     return (
         *_ground(),
         *_facade(),
@@ -58,28 +61,20 @@ def _box(
     *,
     texel: float = 1.0,
 ) -> list[Patch]:
-    """The named faces of a block between two corners; "left" is towards -x, "under" looks down."""
-    planes = {
-        "left": (0, 0),
-        "right": (0, 1),
-        "front": (1, 0),
-        "back": (1, 1),
-        "under": (2, 0),
-        "top": (2, 1),
-    }
+    """Return the named faces of a block between two corners; "left" is towards -x, "under" looks down."""
     patches = []
     for name in faces.split():
-        axis, upper = planes[name]
-        first, second = (k for k in range(3) if k != axis)
-        shape = Rect(
-            axis,
-            (low, high)[upper][axis],
-            (low[first], low[second]),
-            (high[first], high[second]),
-            1 if upper else -1,
-        )
-        patches.append(Patch(shape, material, texel))
+        axis, upper = _FACES[name]
+        i, j = (k for k in range(3) if k != axis)
+        at, side = (low, high)[upper][axis], 1 if upper else -1
+        patches.append(Patch(Rect(axis, at, (low[i], low[j]), (high[i], high[j]), side), material, texel))
     return patches
+
+
+def _drum(x: float, y: float, radius: float, low: float, high: float) -> list[Patch]:
+    """Return an upright marble cylinder and the disc on its top."""
+    top = Rect(2, high, (x - radius, y - radius), (x + radius, y + radius), 1, disc=True)
+    return [Patch(shape, materials.marble) for shape in (Cylinder(2, (x, y), radius, low, high), top)]
 
 
 def _ground() -> list[Patch]:
@@ -131,9 +126,8 @@ def _passage() -> list[Patch]:
     patches.append(Patch(ISOLUMINANT_PANELS[2], frescoes.lattice_panel))
     right = Rect(1, _BACK - 0.03, (2.45, 1.35), (4.75, 3.15), -1)
     patches.append(Patch(right, frescoes.landscape_panel))
-    patches += _box(
-        (-0.85, _BACK - 0.10, _FLOOR), (0.85, _BACK, 2.75), materials.stone, "front left right top"
-    )
+    low, high = (-0.85, _BACK - 0.10, _FLOOR), (0.85, _BACK, 2.75)
+    patches += _box(low, high, materials.stone, "front left right top")
     patches.append(Patch(Rect(1, _BACK - 0.11, (-0.62, _FLOOR), (0.62, 2.5), -1), materials.wood))
     return patches
 
@@ -143,9 +137,7 @@ def _columns() -> list[Patch]:
     for x in (-5.4, -1.8, 1.8, 5.4):
         y, plinth, capital = -0.72, _FLOOR + 0.2, _ARCHITRAVE - 0.34
         patches += _box((x - 0.34, y - 0.34, _FLOOR), (x + 0.34, y + 0.34, plinth), materials.stone)
-        patches.append(Patch(Cylinder(2, (x, y), 0.30, plinth, plinth + 0.12), materials.marble))
-        top = Rect(2, plinth + 0.12, (x - 0.30, y - 0.30), (x + 0.30, y + 0.30), 1, disc=True)
-        patches.append(Patch(top, materials.marble))
+        patches += _drum(x, y, 0.30, plinth, plinth + 0.12)
         patches.append(Patch(Cylinder(2, (x, y), 0.24, plinth + 0.12, capital), materials.marble))
         patches.append(Patch(Cylinder(2, (x, y), 0.29, capital - 0.10, capital), materials.marble))
         for grow, low, high in ((0.31, capital, capital + 0.17), (0.37, capital + 0.17, _ARCHITRAVE)):
@@ -155,11 +147,10 @@ def _columns() -> list[Patch]:
 
 
 def _entablature() -> list[Patch]:
-    frieze = partial(
-        frescoes.inscription, ground=materials.stone, text="IMAGO  HISTOGRAMMATE  AEQVATA  -  MMXVI"
-    )
-    patches = _box((-6.1, _PORCH, _ARCHITRAVE), (6.1, 0, _CORNICE), frieze, "front")
-    patches += _box((-6.1, _PORCH, _ARCHITRAVE), (6.1, 0, _CORNICE), materials.stone, "left right under")
+    text = "IMAGO  HISTOGRAMMATE  AEQVATA  -  MMXVI"
+    frieze = partial(frescoes.inscription, ground=materials.stone, text=text)
+    low, high = (-6.1, _PORCH, _ARCHITRAVE), (6.1, 0.0, _CORNICE)
+    patches = _box(low, high, frieze, "front") + _box(low, high, materials.stone, "left right under")
     patches += _box((-6.3, -1.40, _CORNICE), (6.3, 0, _ATTIC), materials.stone, "front left right top under")
     for k in range(24):
         x = -5.98 + 0.52 * k
@@ -172,9 +163,8 @@ def _attic() -> list[Patch]:
     wall = Rect(1, _PORCH, (-6.0, _ATTIC), (6.0, _TOP), -1)
     patches = [Patch(wall, materials.rose_plaster)]
     patches += _box((-6.0, _PORCH, _ATTIC), (6.0, 0, _TOP), materials.rose_plaster, "left right")
-    patches += _box(
-        (-6.2, _PORCH - 0.22, _TOP), (6.2, 0.2, _TOP + 0.2), materials.stone, "front left right under"
-    )
+    low, high = (-6.2, _PORCH - 0.22, _TOP), (6.2, 0.2, _TOP + 0.2)
+    patches += _box(low, high, materials.stone, "front left right under")
     for x in (-5.9, -3.6, -1.0, 1.0, 3.6, 5.9):
         low, high = (x - 0.15, _PORCH - 0.12, _ATTIC), (x + 0.15, _PORCH, _TOP)
         patches += _box(low, high, materials.stone, "front left right")
@@ -195,12 +185,11 @@ def _wings() -> list[Patch]:
         low_x, high_x = sorted((side * inner, side * outer))
         middle = (low_x + high_x) / 2
         niche = Arch(middle, 3.4, 0.75)
-        front = Rect(1, -1.7, (low_x, 0), (high_x, 6.3), -1, (Arch(middle, 3.4, 0.75),))
+        front = Rect(1, -1.7, (low_x, 0), (high_x, 6.3), -1, (niche,))
         patches.append(Patch(front, materials.brick, 1.25))
         patches += _box((low_x, -1.7, 0), (high_x, 0, 6.3), materials.brick, "left right", texel=1.25)
-        patches += _box(
-            (low_x - 0.15, -1.9, 6.3), (high_x + 0.15, 0, 6.55), materials.stone, "front left right under"
-        )
+        low, high = (low_x - 0.15, -1.9, 6.3), (high_x + 0.15, 0, 6.55)
+        patches += _box(low, high, materials.stone, "front left right under")
         patches += _box((low_x, -1.78, 0), (high_x, -1.7, 1.1), materials.stone, "front top left right")
         patches += _niche(middle, niche)
         for x in (low_x, high_x - 0.5):
@@ -212,31 +201,26 @@ def _wings() -> list[Patch]:
 
 
 def _niche(middle: float, opening: Arch) -> list[Patch]:
-    """What is behind the arched window of a wing: a sill, and a statue's empty recess."""
+    """Return what is behind the arched window of a wing: a sill, and a statue's recess."""
     depth = (-1.7, -1.1)
+    left, right = middle - opening.half, middle + opening.half
     patches = [
         Patch(Cylinder(1, (middle, opening.spring), opening.half, *depth, vault=True), materials.stone),
-        Patch(
-            Rect(1, depth[1], (middle - opening.half, 1.9), (middle + opening.half, 4.2), -1),
-            materials.sound_plaster,
-        ),
+        Patch(Rect(1, depth[1], (left, 1.9), (right, 4.2), -1), materials.sound_plaster),
         Patch(Cylinder(2, (middle, -1.35), 0.2, 1.9, 2.7), materials.marble),
         Patch(Sphere((middle, -1.35, 2.95), 0.32), materials.marble),
     ]
     for side in (-1, 1):
         jamb = Rect(0, middle + side * opening.half, (depth[0], 1.9), (depth[1], opening.spring), -side)
         patches.append(Patch(jamb, materials.stone))
-    low, high = (middle - opening.half - 0.12, -1.85, 0.4), (middle + opening.half + 0.12, -1.1, 1.9)
-    return patches + _box(low, high, materials.stone)
+    return patches + _box((left - 0.12, -1.85, 0.4), (right + 0.12, -1.1, 1.9), materials.stone)
 
 
 def _forecourt() -> list[Patch]:
-    """Fallen and carved stones before the steps."""
+    """Return fallen and carved stones before the steps."""
     patches = []
     for x, y, radius, height in ((-2.9, -3.3, 0.36, 0.55), (-3.75, -3.0, 0.36, 0.3), (0.9, -3.0, 0.33, 0.42)):
-        patches.append(Patch(Cylinder(2, (x, y), radius, 0, height), materials.marble))
-        top = Rect(2, height, (x - radius, y - radius), (x + radius, y + radius), 1, disc=True)
-        patches.append(Patch(top, materials.marble))
+        patches += _drum(x, y, radius, 0, height)
     for x in (-5.2, 3.6):
         patches += _box((x - 0.4, -3.4, 0), (x + 0.4, -2.6, 0.75), materials.stone)
         patches.append(Patch(Sphere((x, -3.0, 0.75 + 0.38), 0.40), materials.stone))

@@ -1,57 +1,39 @@
-"""The shapes the scene is made of: rectangles with openings, cylinders, spheres.
+"""Intersect rays with the shapes of the scene: rectangles with openings, cylinders, spheres.
 
 The world is in metres: x to the right along the facade, y into it, z up. Rectangles are
 perpendicular to an axis and cylinders lie along one, so a ray meets them in a few operations.
+Rays are three arrays that broadcast: `origin + t * direction`. Every shape has
 
-Every shape answers the same four questions (`Shape`). Rays are three arrays of any one shape that
-broadcast: `origin + t * direction`. On a surface, `across` and `down` are metres from the
-upper left corner of its texture.
+    size_m      (width, height) of its texture; `across` and `down` are metres from its upper left corner
+    box         (2, 3) float64: lower and upper corner of its bounding box
+    faces       whether its textured side may be seen from a point (3,)
+    hit         the least t > 0 at which each ray meets it, inf where it does not
+    locate      (across, down) of points on it
+    surface     points on it and the unit normals of its textured side there
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Protocol
+from itertools import product
 
 import numpy as np
 import numpy.typing as npt
 
-from colmap_ihe.evaluation.demo.grid import F32
+from colmap_ihe.evaluation.demo.grid import F32, F64
 
-Vector = tuple[F32, F32, F32]
+Vector = Sequence[F32]
+"""x, y and z, three arrays."""
 
 _OTHERS = ((1, 2), (0, 2), (0, 1))
 _NEAREST_M = np.float32(2e-3)  # a ray that leaves a surface does not meet it again at once
 
 
-class Shape(Protocol):
-    """One visible surface."""
-
-    @property
-    def size_m(self) -> tuple[float, float]:
-        """Width and height of its texture."""
-
-    @property
-    def box(self) -> npt.NDArray[np.float64]:
-        """(2, 3): lower and upper corner of its bounding box."""
-
-    def faces(self, point: npt.NDArray[np.float64]) -> bool:
-        """Whether its textured side may be seen from a point (3,)."""
-
-    def hit(self, origin: Vector, direction: Vector) -> F32:
-        """The least t > 0 at which each ray meets it, inf where it does not."""
-
-    def locate(self, point: Vector) -> tuple[F32, F32]:
-        """(across, down) of points on it."""
-
-    def surface(self, across: F32, down: F32) -> tuple[Vector, Vector]:
-        """Points on it and the unit normals of its textured side there."""
-
-
 @dataclass(frozen=True)
 class Arch:
-    """An opening in a rectangle: `half` to each side of `centre`, up to `spring`, and a half circle on it."""
+    """Describe an opening in a rectangle: `half` to each side of `centre`, up to `spring`, and a half circle on it."""
 
     centre: float
     spring: float
@@ -65,7 +47,7 @@ class Arch:
 
 @dataclass(frozen=True)
 class Rect:
-    """Perpendicular to `axis` at `at`, seen from its `side` (+1 or -1).
+    """Describe a rectangle perpendicular to `axis` at `at`, seen from its `side` (+1 or -1).
 
     `low` and `high` are its corners on the other two axes, in order; `holes` are open; a `disc`
     is only its inscribed circle.
@@ -84,13 +66,13 @@ class Rect:
         return self.high[0] - self.low[0], self.high[1] - self.low[1]
 
     @property
-    def box(self) -> npt.NDArray[np.float64]:
+    def box(self) -> F64:
         box = np.empty((2, 3))
         box[:, self.axis] = self.at
         box[:, _OTHERS[self.axis]] = self.low, self.high
         return box
 
-    def faces(self, point: npt.NDArray[np.float64]) -> bool:
+    def faces(self, point: F64) -> bool:
         return bool((point[self.axis] - self.at) * self.side > 0)
 
     def hit(self, origin: Vector, direction: Vector) -> F32:
@@ -120,17 +102,16 @@ class Rect:
     def surface(self, across: F32, down: F32) -> tuple[Vector, Vector]:
         i, j = _OTHERS[self.axis]
         zero = np.zeros(np.broadcast_shapes(across.shape, down.shape), np.float32)
-        point = [zero + np.float32(self.at)] * 3
+        point, normal = [zero + np.float32(self.at)] * 3, [zero] * 3
         point[i] = zero + across + np.float32(self.low[0])
         point[j] = zero + np.float32(self.high[1]) - down
-        normal = [zero, zero, zero]
         normal[self.axis] = zero + np.float32(self.side)
-        return _vector(point), _vector(normal)
+        return point, normal
 
 
 @dataclass(frozen=True)
 class Cylinder:
-    """Along `axis` from `low` to `high`; `centre` is its place on the other two axes, in order.
+    """Describe a cylinder along `axis` from `low` to `high`; `centre` is on the other two axes, in order.
 
     A column is a whole cylinder seen from outside. With `vault` it is the half towards +z, seen
     from inside: a barrel vault or the underside of an arch.
@@ -148,7 +129,7 @@ class Cylinder:
         return (1 if self.vault else 2) * math.pi * self.radius, self.high - self.low
 
     @property
-    def box(self) -> npt.NDArray[np.float64]:
+    def box(self) -> F64:
         box = np.empty((2, 3))
         box[:, self.axis] = self.low, self.high
         for axis, middle in zip(_OTHERS[self.axis], self.centre, strict=True):
@@ -157,7 +138,7 @@ class Cylinder:
             box[0, 2] = self.centre[1]
         return box
 
-    def faces(self, point: npt.NDArray[np.float64]) -> bool:
+    def faces(self, point: F64) -> bool:
         return True
 
     def hit(self, origin: Vector, direction: Vector) -> F32:
@@ -188,17 +169,17 @@ class Cylinder:
         zero = np.zeros(np.broadcast_shapes(across.shape, down.shape), np.float32)
         angle = (across - np.float32(self.size_m[0] / 2)) / np.float32(self.radius) + zero
         first, second = np.sin(angle), np.cos(angle) * (1 if self.vault else -1)
-        point, normal = [zero, zero, zero], [zero, zero, zero]
+        point, normal = [zero] * 3, [zero] * 3
         point[self.axis] = zero + np.float32(self.high) - down
         for axis, middle, out in zip((i, j), self.centre, (first, second), strict=True):
             point[axis] = np.float32(middle) + np.float32(self.radius) * out
             normal[axis] = -out if self.vault else out
-        return _vector(point), _vector(normal)
+        return point, normal
 
 
 @dataclass(frozen=True)
 class Sphere:
-    """A ball, or the part of it that stands out of a wall."""
+    """Describe a ball, or the part of it that stands out of a wall."""
 
     centre: tuple[float, float, float]
     radius: float
@@ -208,11 +189,11 @@ class Sphere:
         return 2 * math.pi * self.radius, math.pi * self.radius
 
     @property
-    def box(self) -> npt.NDArray[np.float64]:
+    def box(self) -> F64:
         middle = np.array(self.centre)
         return np.stack((middle - self.radius, middle + self.radius))
 
-    def faces(self, point: npt.NDArray[np.float64]) -> bool:
+    def faces(self, point: F64) -> bool:
         return True
 
     def hit(self, origin: Vector, direction: Vector) -> F32:
@@ -227,9 +208,8 @@ class Sphere:
     def locate(self, point: Vector) -> tuple[F32, F32]:
         x, y, z = ((point[k] - np.float32(self.centre[k])) / np.float32(self.radius) for k in range(3))
         longitude, colatitude = np.arctan2(x, -y), np.arccos(np.clip(z, -1, 1))
-        return (longitude + np.float32(math.pi)) * np.float32(self.radius), colatitude * np.float32(
-            self.radius
-        )
+        radius = np.float32(self.radius)
+        return (longitude + np.float32(math.pi)) * radius, colatitude * radius
 
     def surface(self, across: F32, down: F32) -> tuple[Vector, Vector]:
         longitude = across / np.float32(self.radius) - np.float32(math.pi)
@@ -237,8 +217,12 @@ class Sphere:
         ring = np.sin(colatitude)
         normal = [ring * np.sin(longitude), -ring * np.cos(longitude), np.cos(colatitude) + 0 * longitude]
         point = [np.float32(self.centre[k]) + np.float32(self.radius) * normal[k] for k in range(3)]
-        return _vector(point), _vector(normal)
+        return point, normal
 
 
-def _vector(parts: list[F32]) -> Vector:
-    return parts[0], parts[1], parts[2]
+Shape = Rect | Cylinder | Sphere
+
+
+def corners_of(shape: Shape) -> F64:
+    """Return (8, 3): the corners of a shape's bounding box."""
+    return np.array(list(product(*shape.box.T)))

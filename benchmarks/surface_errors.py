@@ -1,4 +1,4 @@
-"""A mesh against true surfaces, both as points on them."""
+"""Compare a mesh with true surfaces, both as points on them."""
 
 from __future__ import annotations
 
@@ -14,22 +14,27 @@ _KD_TREE = 4  # FLANN's exact one, KDTreeSingleIndex
 
 @dataclass(frozen=True)
 class SurfaceErrors:
-    """In the unit of the points. `accuracy` (N,) float32: from each point of the mesh to the nearest true one;
-    `completeness` (M,): from each true point to the nearest of the mesh."""
+    """Hold distances in the unit of the points.
+
+    `accuracy` (N,) float32: from each point of the mesh to the nearest true one; `completeness` (M,) float32: from
+    each true point to the nearest of the mesh.
+    """
 
     accuracy: F32
     completeness: F32
 
     def shares_percent(self, within: float) -> tuple[float, float]:
-        """Of the points of the mesh that are so near to the truth, and of the true ones so near to the mesh."""
+        """Return the shares of points of the mesh `within` a distance of the truth, and of true points of the mesh."""
         return 100 * float(np.mean(self.accuracy <= within)), 100 * float(
             np.mean(self.completeness <= within)
         )
 
 
 def surface_errors(mesh_points: F32, true_points: F32) -> SurfaceErrors:
-    """Of (N, 3) and (M, 3) points in one frame, as dense as the distances that matter. Raises ValueError where one
-    of them has none."""
+    """Compare (N, 3) and (M, 3) points in one frame, as dense as the distances that matter.
+
+    Raises ValueError for other shapes, and where one of them has no point.
+    """
     for name, points in (("mesh_points", mesh_points), ("true_points", true_points)):
         if points.ndim != 2 or points.shape[1] != 3 or not len(points):
             raise ValueError(f"{name}.shape={points.shape}, expected (N, 3) with N > 0")
@@ -43,7 +48,7 @@ def _nearest(points: F32, among: F32) -> F32:
 
 
 def points_on(corners: F32, count: int, seed: int = 0) -> F32:
-    """(count, 3) float32: random points on triangles (F, 3, 3), equally dense everywhere (Osada et al. 2002)."""
+    """Return (count, 3) float32: random points on triangles (F, 3, 3), equally dense everywhere (Osada et al. 2002)."""
     draw = np.random.default_rng(seed)
     area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
     face = draw.choice(len(corners), count, p=area / area.sum())
@@ -53,7 +58,7 @@ def points_on(corners: F32, count: int, seed: int = 0) -> F32:
 
 
 def true_points(image: TrueImage, step: int = 1) -> F32:
-    """(N, 3) float32: what each `step`-th pixel of a true image sees, in metres."""
+    """Return (N, 3) float32: the point that each `step`-th pixel of a true image sees, in metres."""
     depth = image.depth_m()[::step, ::step]
     row, column = np.nonzero(depth)
     pixels = np.stack((column * step + 0.5, row * step + 0.5, np.ones(len(row))), axis=1)
@@ -62,6 +67,6 @@ def true_points(image: TrueImage, step: int = 1) -> F32:
 
 
 def moved(points: F32 | F64, similarity: Similarity) -> F32:
-    """(N, 3) points in the frame that `similarity` leads to."""
+    """Return (N, 3) float32: points in the frame that `similarity` leads to."""
     turned = points @ similarity.rotation.T
     return np.asarray(similarity.scale * turned + similarity.translation, np.float32)
