@@ -1,1 +1,1 @@
-"""The stages that drive COLMAP through pycolmap."""
+"""Drive COLMAP through pycolmap."""

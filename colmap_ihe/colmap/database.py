@@ -1,4 +1,4 @@
-"""The COLMAP database of a project: whether it can be trusted, and how far COLMAP is in writing it."""
+"""Check the COLMAP database of a project, and count its rows while COLMAP writes it."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ _PROBE = [sys.executable, "-I", str(database_probe.__file__)]
 
 
 def remove_database(path: Path) -> None:
-    """Removes a database with the side files that SQLite keeps beside it."""
+    """Remove a database with the side files that SQLite keeps beside it."""
     for suffix in ("", "-wal", "-shm", "-journal"):
         path.with_name(path.name + suffix).unlink(missing_ok=True)
 
 
 def looks_whole(path: Path) -> bool:
-    """Whether a database has the head and the size of one, at no cost; SQLite's own check where a writer was
-    interrupted. True if there is none: that is another matter. (sqlite.org, "Database File Format", 1.3)"""
+    """Return whether a database has the head and the size of one, at no cost; SQLite's own check where a writer was
+    interrupted. True if there is none. (sqlite.org, "Database File Format", 1.3)"""
     if not path.is_file():
         return True
     if path.with_name(f"{path.name}-wal").exists():
@@ -37,7 +37,7 @@ def looks_whole(path: Path) -> bool:
 
 
 def database_is_sound(path: Path) -> bool:
-    """Whether SQLite finds the file whole: after a kill it may be there and not be a database."""
+    """Return whether SQLite finds the file whole: after a kill it may exist and not be a database."""
     if not path.exists():
         return False
     # In a session of its own: Ctrl-C in the terminal is for us.
@@ -46,7 +46,7 @@ def database_is_sound(path: Path) -> bool:
 
 @contextmanager
 def counting_rows(path: Path, table: str) -> Iterator[Callable[[], int]]:
-    """While this lasts, the function it gives says how many rows `table` has had when last looked at."""
+    """Give a function that returns the number of rows of `table` at the last look, twice a second."""
     latest = [0]
     probe = subprocess.Popen(
         [*_PROBE, "count", path, table], stdout=subprocess.PIPE, text=True, start_new_session=True

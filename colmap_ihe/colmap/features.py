@@ -1,4 +1,4 @@
-"""Cameras from EXIF and features from the grey images, into the database."""
+"""Write cameras from EXIF and features of the grey images into the database."""
 
 from __future__ import annotations
 
@@ -29,15 +29,15 @@ _MODES = {
 FEATURE_BYTES_A_PIXEL = 290
 """Of SIFT in COLMAP on the CPU, from twice the size of the image on: 280 measured, of one and of two threads."""
 FEW = 100
-"""Features of an image below which it can hardly have a place: COLMAP wants 30 matches of those to give it one."""
+"""Features of an image below which it can hardly be registered: COLMAP needs 30 matches of them."""
 SHARED_BY = 8
 """Photographs by one camera from which on `camera.model: auto` is OPENCV. Measured in benchmarks/sets.md."""
 
 
 @dataclass(frozen=True)
 class FeatureCounts:
-    """What is in the database afterwards; `missing` are grey images that COLMAP did not take, `poor` those with fewer
-    than `FEW` features, and how many they have."""
+    """Count what is in the database. `missing`: names of grey images that COLMAP did not take; `poor`: features of
+    those with fewer than `FEW`, by name."""
 
     images: int
     cameras: int
@@ -60,12 +60,12 @@ def extract_features(
     executor: Executor,
     progress: Progress,
 ) -> FeatureCounts:
-    """SIFT features of the named images below `grey`; those that are in the database already are left alone.
+    """Extract SIFT features of the named images below `grey`; those that are in the database are left alone.
 
-    COLMAP finds them on threads here, or the workers of an executor of another kind do, with the same result; what
-    is under way lies in `scratch`. `shared_by` is the least number of photographs that one camera took. Names are
-    given one by one: COLMAP would else read whatever lies in the folder, RAW thumbnails included. Raises
-    `OptionError`, `NativeError`, `Cancelled`.
+    COLMAP extracts them on threads here, or on the workers of an executor of another kind, with the same result;
+    unfinished work lies in `scratch`. `shared_by`: the least number of photographs that one camera took. COLMAP gets
+    every name: it would else read all that lies in the folder, RAW thumbnails included. Raises `OptionError`,
+    `NativeError`, `Cancelled`.
     """
     reader, extraction = native_options(camera, options, choose_model(camera, len(names), shared_by))
     if masks is not None:
@@ -76,8 +76,8 @@ def extract_features(
         _import_images(database, grey, names, camera, reader, progress)
     if shares_memory(executor):
         if extraction.num_threads <= 0:
-            one = features_bytes(_sizes(database), options, 1)
-            extraction.num_threads = memory.workers_for("features", one, local_workers())
+            needed = features_bytes(_sizes(database), options, 1)
+            extraction.num_threads = memory.workers_for("features", needed, local_workers())
         with counting_rows(database, "keypoints") as rows:
             called(
                 pycolmap.extract_features,
@@ -109,8 +109,8 @@ def _import_images(
     reader: pycolmap.ImageReaderOptions,
     progress: Progress,
 ) -> None:
-    """All images and cameras at once, and the database under its name only then: COLMAP groups cameras within
-    one call, so images that came in after an interruption would get cameras of their own."""
+    """Write all images and cameras at once, and give the database its name only then: COLMAP groups cameras within one
+    call, so images that came after an interruption would get cameras of their own."""
     unfinished = database.with_name("unfinished.db")
     remove_database(unfinished)
     pycolmap.Database.open(unfinished).close()
@@ -133,6 +133,7 @@ def _sizes(database: Path) -> list[tuple[int, int]]:
 
 
 def count_features(database: Path, names: Sequence[str]) -> FeatureCounts:
+    """Return the counts of a database for grey images of these names."""
     with pycolmap.Database.open(database) as opened:
         images = opened.read_all_images()
         cameras = {c.camera_id: c for c in opened.read_all_cameras()}
@@ -151,7 +152,7 @@ def count_features(database: Path, names: Sequence[str]) -> FeatureCounts:
 
 
 def choose_model(camera: CameraOptions, images: int, shared_by: int) -> str:
-    """The camera model for `auto`; another is used as it is."""
+    """Return the camera model for `auto`; another is used as it is."""
     if camera.model != "auto":
         return camera.model
     shared = {"auto": shared_by, "single": images}.get(camera.mode, 1)
@@ -161,23 +162,23 @@ def choose_model(camera: CameraOptions, images: int, shared_by: int) -> str:
 def native_options(
     camera: CameraOptions, options: FeaturesOptions, model: str
 ) -> tuple[pycolmap.ImageReaderOptions, pycolmap.FeatureExtractionOptions]:
-    """pycolmap's options for reading images with cameras of `model`, and for features. Raises `OptionError`."""
+    """Return pycolmap's options for reading images with cameras of `model`, and for features. Raises `OptionError`."""
     reader = pycolmap.ImageReaderOptions()
-    known = [m for m in pycolmap.CameraModelId.__members__ if m != "INVALID"]
-    if model not in known:
-        raise OptionError(f"camera.model: unknown model {model!r}", hint=f"COLMAP knows {', '.join(known)}")
+    models = [m for m in pycolmap.CameraModelId.__members__ if m != "INVALID"]
+    if model not in models:
+        raise OptionError(f"camera.model: unknown model {model!r}", hint=f"COLMAP knows {', '.join(models)}")
     reader.camera_model = model
     if camera.params is not None:
-        wanted = len(pycolmap.Camera.create_from_model_name(1, model, 1.0, 1, 1).params)
-        if len(camera.params) != wanted:
-            raise OptionError(f"camera.params: {len(camera.params)} numbers, {model} has {wanted}")
+        expected = len(pycolmap.Camera.create_from_model_name(1, model, 1.0, 1, 1).params)
+        if len(camera.params) != expected:
+            raise OptionError(f"camera.params: {len(camera.params)} numbers, {model} has {expected}")
         reader.camera_params = ", ".join(repr(p) for p in camera.params)
     return reader, extraction_options(options)
 
 
 def features_bytes(sizes: Sequence[tuple[int, int]], options: FeaturesOptions, workers: int) -> int:
-    """What features of images of these sizes (width, height) take of memory, by `workers` threads unless the options
-    say how many. Raises `OptionError`."""
+    """Return the bytes of memory for features of images of these sizes (width, height), on `workers` threads unless
+    the options give a number. Raises `OptionError`."""
     extraction = extraction_options(options)
     most = extraction.eff_max_image_size()
     pixels = max((w * h * min(1.0, most / max(w, h)) ** 2 for w, h in sizes), default=0.0)

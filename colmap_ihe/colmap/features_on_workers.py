@@ -1,4 +1,4 @@
-"""Features on the workers of a cluster: shards of images, each into a database of its own, then into one."""
+"""Extract features on the workers of a cluster: shards of images, each into a database of its own, then into one."""
 
 from __future__ import annotations
 
@@ -7,9 +7,10 @@ from concurrent.futures import Executor
 from dataclasses import dataclass
 from pathlib import Path
 
-from colmap_ihe.colmap.feature_files import in_batches, merge_pack, read_features, room_of_a_task, write_pack
 from colmap_ihe.colmap.native import apply_options, called, hush, pycolmap
+from colmap_ihe.colmap.part_databases import copy_features, task_folder
 from colmap_ihe.machine.executor import TaskProgress, in_order, width_of
+from colmap_ihe.machine.files import write_bytes
 from colmap_ihe.machine.progress import Progress
 from colmap_ihe.project.options import FeaturesOptions
 
@@ -19,13 +20,13 @@ _SHARDS_A_WORKER = 4
 
 @dataclass(frozen=True)
 class _Shard:
-    """`images`: id in the main database, and name below `grey`."""
+    """Hold a task: `ids` in the main database by name below `grey`, and the database to write to."""
 
-    images: tuple[tuple[int, str], ...]
+    ids: dict[str, int]
     grey: Path
     masks: Path | None
     options: FeaturesOptions
-    pack: Path
+    result: Path
 
 
 def extract_in_shards(
@@ -37,62 +38,63 @@ def extract_in_shards(
     executor: Executor,
     progress: Progress,
 ) -> None:
-    """Features of every image of the database that has none. `parts`: a folder for what is under way, which goes
-    afterwards. Raises as `extract_features`."""
+    """Extract features of every image of the database that has none. `parts`: a folder for unfinished work, which is
+    removed afterwards. Raises as `extract_features`."""
     with pycolmap.Database.open(database) as opened:
-        images = [
-            (image.image_id, image.name)
-            for image in opened.read_all_images()
-            if not opened.exists_keypoints(image.image_id)
-        ]
-        known = opened.num_images() - len(images)
-    progress.advance(known)
+        images = [i for i in opened.read_all_images() if not opened.exists_keypoints(i.image_id)]
+        progress.advance(opened.num_images() - len(images))
     parts.mkdir(parents=True)
     size = max(1, min(_MOST, len(images) // (_SHARDS_A_WORKER * width_of(executor))))
     shards = [
-        _Shard(tuple(some), grey, masks, options, parts / f"features-{number:06}.npz")
-        for number, some in enumerate(in_batches(images, size))
+        _Shard(
+            {str(image.name): image.image_id for image in images[begin : begin + size]},
+            grey,
+            masks,
+            options,
+            parts / f"features-{begin:06}.db",
+        )
+        for begin in range(0, len(images), size)
     ]
-    for pack in in_order(executor, extract_shard, shards, progress=progress):
-        progress.advance(merge_pack(database, pack))
-        pack.unlink()
+    for shard, ids in zip(shards, in_order(executor, extract_shard, shards, progress=progress), strict=True):
+        copy_features(shard.result, database, ids)
+        shard.result.unlink()
+        progress.advance(len(shard.ids))
     shutil.rmtree(parts)
 
 
-def extract_shard(shard: _Shard) -> Path:
-    """On a worker, with one thread, as it has several workers where it has several cores: writes the pack of a
-    shard and returns its path. COLMAP leaves out images that it cannot read."""
+def extract_shard(shard: _Shard) -> dict[int, int]:
+    """Write the database of a shard, with one thread, as there are several workers where there are several cores.
+
+    Returns the ids of its images in the main database by those in its own. COLMAP leaves out images that it cannot
+    read.
+    """
     hush()
     extraction = extraction_options(shard.options, threads=1)
     reader = pycolmap.ImageReaderOptions()
     if shard.masks is not None:
         reader.mask_path = shard.masks
-    ids = {name: image_id for image_id, name in shard.images}
-    with room_of_a_task() as folder:
+    with task_folder() as folder:
         database = folder / "shard.db"
         pycolmap.Database.open(database).close()
         called(
             pycolmap.extract_features,
             database,
             shard.grey,
-            image_names=list(ids),
+            image_names=list(shard.ids),
             camera_mode=pycolmap.CameraMode.PER_IMAGE,  # of no account: cameras are in the main database
             reader_options=reader,
             extraction_options=extraction,
             progress=TaskProgress(),
         )
         with pycolmap.Database.open(database) as opened:
-            found = {
-                ids[image.name]: read_features(opened, image.image_id)
-                for image in opened.read_all_images()
-                if opened.exists_keypoints(image.image_id)
-            }
-    write_pack(shard.pack, found)
-    return shard.pack
+            ids = {image.image_id: shard.ids[image.name] for image in opened.read_all_images()}
+        content = database.read_bytes()
+    write_bytes(shard.result, content)
+    return ids
 
 
 def extraction_options(options: FeaturesOptions, threads: int = -1) -> pycolmap.FeatureExtractionOptions:
-    """pycolmap's options for features; `threads` unless the user says how many. Raises `OptionError`."""
+    """Return pycolmap's options for features; `threads` unless the user gives a number. Raises `OptionError`."""
     extraction = pycolmap.FeatureExtractionOptions(num_threads=threads)
     if options.max_image_size is not None:
         extraction.max_image_size = options.max_image_size

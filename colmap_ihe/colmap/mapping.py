@@ -1,26 +1,32 @@
-"""Sparse reconstruction: cameras and points from verified matches."""
+"""Reconstruct cameras and points from verified matches."""
 
 from __future__ import annotations
 
 import shutil
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from colmap_ihe.colmap.mapping_process import map_apart, pipeline_options
-from colmap_ihe.colmap.native import apply_options, called, pycolmap
+from colmap_ihe.colmap.native import apply_options, called, fill, pycolmap
+from colmap_ihe.colmap.process import ColmapProcesses
 from colmap_ihe.errors import MappingError
 from colmap_ihe.machine.files import replace_folder
-from colmap_ihe.machine.progress import Progress
+from colmap_ihe.machine.progress import SILENT, Progress
 from colmap_ihe.project.options import SparseOptions
 
 _LONG_TRACK = 3
 
+_MAPPERS: dict[str, tuple[Any, Any]] = {
+    "incremental": (pycolmap.incremental_mapping, pycolmap.IncrementalPipelineOptions),
+    "global": (pycolmap.global_mapping, pycolmap.GlobalPipelineOptions),
+    "hierarchical": (pycolmap.hierarchical_mapping, pycolmap.HierarchicalPipelineOptions),
+}
+
 
 @dataclass(frozen=True)
 class ModelStatistics:
-    """One model of the set. `mean_reprojection_error_px` in pixels of the grey images."""
+    """Describe one model of the set. `mean_reprojection_error_px` in pixels of the grey images."""
 
     registered_images: int
     points3d: int
@@ -30,24 +36,38 @@ class ModelStatistics:
     image_names: tuple[str, ...]
 
 
+@dataclass(frozen=True)
+class MappingInput:
+    """Hold what a mapper works on: the database, the folders of the grey images and of its result, and options."""
+
+    database: Path
+    grey: Path
+    out: Path
+    options: SparseOptions
+    images: int
+
+
 def map_images(
     database: Path, grey: Path, sparse: Path, options: SparseOptions, images: int, progress: Progress
 ) -> list[ModelStatistics]:
-    """Reconstructs and writes every model below `sparse`, the one with most images as 0.
+    """Reconstruct and write every model below `sparse`, the one with most images as 0.
 
-    Models are written beside `sparse` and put in its place at the end. Raises `OptionError`,
-    `NativeError`, `MappingError` if no image registers, `Cancelled`.
+    Models are written beside `sparse` and replace it at the end. Raises `OptionError`, `NativeError`, `MappingError`
+    if no image registers, `Cancelled`.
     """
     temporary = sparse.with_name(f".{sparse.name}.new")
     shutil.rmtree(temporary, ignore_errors=True)
     work = temporary / "work"
     work.mkdir(parents=True)
     pycolmap.set_random_seed(options.seed)
-    found = _run(database, grey, work, options, images, progress)
-    if not found:
+    progress.start(images)
+    given = MappingInput(database, grey, work, options, images)
+    map_all = _map_incrementally if options.mapper == "incremental" else map_in_process
+    models = map_all(given, progress)
+    if not models:
         shutil.rmtree(temporary)
-        raise MappingError(f"none of the {images} photographs could be placed in a model")
-    ordered = _with_news(sorted(found.values(), key=lambda r: (-r.num_reg_images(), -r.num_points3D())))
+        raise MappingError(f"none of the {images} photographs could be registered")
+    ordered = _without_parts(sorted(models, key=lambda m: (-m.num_reg_images(), -m.num_points3D())))
     shutil.rmtree(work)
     for number, model in enumerate(ordered):
         folder = temporary / str(number)
@@ -57,55 +77,84 @@ def map_images(
     return [describe(model) for model in ordered]
 
 
-def _with_news(models: Sequence[pycolmap.Reconstruction]) -> list[pycolmap.Reconstruction]:
-    """Without those whose images all have a place in one before: COLMAP begins anew with what it has placed."""
+def _without_parts(models: Sequence[pycolmap.Reconstruction]) -> list[pycolmap.Reconstruction]:
+    """Drop models whose images are all registered in one before: COLMAP begins anew with registered images."""
     kept: list[pycolmap.Reconstruction] = []
-    placed: list[set[str]] = []
+    registered: list[set[str]] = []
     for model in models:
         names = {str(model.images[i].name) for i in model.reg_image_ids()}
-        if not any(names <= before for before in placed):
+        if not any(names <= before for before in registered):
             kept.append(model)
-            placed.append(names)
+            registered.append(names)
     return kept
 
 
-def _run(
-    database: Path, grey: Path, work: Path, options: SparseOptions, images: int, progress: Progress
-) -> Mapping[int, pycolmap.Reconstruction]:
-    progress.start(images)
-    settings = native_options(options)
-    if options.mapper == "incremental":
-        if images == 2 and "ignore_two_view_tracks" not in (options.colmap.get("triangulation") or {}):
-            settings.triangulation.ignore_two_view_tracks = False  # of two photographs there are no others
-        registered = [0]
+def _map_incrementally(given: MappingInput, progress: Progress) -> list[pycolmap.Reconstruction]:
+    settings = native_options(given.options)
+    triangulation = given.options.colmap.get("triangulation") or {}
+    if given.images == 2 and "ignore_two_view_tracks" not in triangulation:
+        settings.triangulation.ignore_two_view_tracks = False  # of two photographs there are no others
+    registered = [0]
 
-        def one_more() -> None:
-            registered[0] += 1
+    def count() -> None:
+        registered[0] += 1
 
-        return called(
-            pycolmap.incremental_mapping,
-            database,
-            grey,
-            work,
-            options=settings,
-            initial_image_pair_callback=one_more,
-            next_image_callback=one_more,
-            progress=progress,
-            units_done=lambda: min(registered[0], images),
-        )
-    return map_apart(options.mapper, database, grey, work, options.colmap, options.seed, progress)
+    models = called(
+        pycolmap.incremental_mapping,
+        given.database,
+        given.grey,
+        given.out,
+        options=settings,
+        initial_image_pair_callback=count,
+        next_image_callback=count,
+        progress=progress,
+        units_done=lambda: min(registered[0], given.images),
+    )
+    return list(models.values())
+
+
+def map_in_process(given: MappingInput, progress: Progress) -> list[pycolmap.Reconstruction]:
+    """Return the models of the global or hierarchical mapper, run in a process of its own, which can be ended.
+
+    pycolmap 4.2 gives neither a token to cancel with. On a thread they would go on after Ctrl-C, for hours in a large
+    set, beside whatever comes next. Raises `NativeError`, also where the process died, and `Cancelled`, when it has
+    ended.
+    """
+    with ColmapProcesses() as processes:
+        processes.call(_map, given, progress)
+    return [pycolmap.Reconstruction(p) for p in sorted(given.out.iterdir()) if p.is_dir()]
+
+
+def _map(given: MappingInput, _progress: Progress) -> None:
+    called(
+        _MAPPERS[given.options.mapper][0],
+        *(given.database, given.grey, given.out),
+        options=native_options(given.options),
+        progress=SILENT,
+        cancellable=False,
+    )
 
 
 def native_options(options: SparseOptions) -> Any:
-    """The pipeline options of the mapper in pycolmap. Raises `OptionError`."""
-    if options.mapper != "incremental":
-        return pipeline_options(options.mapper, options.colmap)
-    settings = pycolmap.IncrementalPipelineOptions(random_seed=options.seed)
-    apply_options(settings, options.colmap, "sparse.colmap")
+    """Return the pipeline options of the mapper in pycolmap.
+
+    The hierarchical mapper takes those of the incremental one, which maps its parts, by their own names too. Raises
+    `OptionError`.
+    """
+    settings = _MAPPERS[options.mapper][1]()
+    of_parts = getattr(settings, "incremental_options", None)
+    values = options.colmap
+    passed_on = {n: v for n, v in values.items() if not hasattr(settings, n) and hasattr(of_parts, n)}
+    if passed_on:
+        apply_options(settings, {"incremental_options": passed_on}, "sparse.colmap")
+    apply_options(settings, {n: v for n, v in values.items() if n not in passed_on}, "sparse.colmap")
+    if "random_seed" not in values:
+        fill(settings, {"random_seed": options.seed})
     return settings
 
 
 def describe(model: pycolmap.Reconstruction) -> ModelStatistics:
+    """Return the statistics of a model."""
     return ModelStatistics(
         registered_images=model.num_reg_images(),
         points3d=model.num_points3D(),

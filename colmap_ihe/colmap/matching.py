@@ -1,4 +1,4 @@
-"""Which pairs of images are matched, and their verified matches into the database."""
+"""Choose the pairs of images to match, and write their verified matches into the database."""
 
 from __future__ import annotations
 
@@ -7,19 +7,16 @@ import shutil
 from concurrent.futures import Executor
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from colmap_ihe.colmap.database import counting_rows
 from colmap_ihe.colmap.matching_in_blocks import match_in_blocks, match_in_processes, verification_options
 from colmap_ihe.colmap.native import apply_options, called, cuda_devices, pycolmap
-from colmap_ihe.colmap.pair_blocks import matches_bytes
 from colmap_ihe.errors import MappingError, ProjectError
-from colmap_ihe.machine import memory
 from colmap_ihe.machine.executor import shares_memory
 from colmap_ihe.machine.progress import Progress
-from colmap_ihe.machine.threads import local_workers
 from colmap_ihe.project.options import MatchesOptions
 
 EXHAUSTIVE_UP_TO = 200
@@ -33,24 +30,34 @@ _WORDS_PER_FEATURE = 1 / 40  # its clustering wants 39 features a word
 _ROUNDS = (5, 1)
 
 
-_PAIRING: dict[str, Any] = {
-    "exhaustive": pycolmap.ExhaustivePairingOptions,
-    "sequential": pycolmap.SequentialPairingOptions,
-    "spatial": pycolmap.SpatialPairingOptions,
-    "vocabtree": pycolmap.VocabTreePairingOptions,
-}
-_GENERATOR: dict[str, Any] = {
-    "exhaustive": pycolmap.ExhaustivePairGenerator,
-    "sequential": pycolmap.SequentialPairGenerator,
-    "spatial": pycolmap.SpatialPairGenerator,
-    "vocabtree": pycolmap.VocabTreePairGenerator,
+class _Strategy(NamedTuple):
+    """Hold what pycolmap calls a strategy: its options, what lists its pairs, and what matches them."""
+
+    options: Any
+    generator: Any
+    match: Any
+
+
+_STRATEGIES = {
+    "exhaustive": _Strategy(
+        pycolmap.ExhaustivePairingOptions, pycolmap.ExhaustivePairGenerator, pycolmap.match_exhaustive
+    ),
+    "sequential": _Strategy(
+        pycolmap.SequentialPairingOptions, pycolmap.SequentialPairGenerator, pycolmap.match_sequential
+    ),
+    "spatial": _Strategy(
+        pycolmap.SpatialPairingOptions, pycolmap.SpatialPairGenerator, pycolmap.match_spatial
+    ),
+    "vocabtree": _Strategy(
+        pycolmap.VocabTreePairingOptions, pycolmap.VocabTreePairGenerator, pycolmap.match_vocabtree
+    ),
 }
 
 
 @dataclass(frozen=True)
 class MatchCounts:
-    """`found_again`: the share of an image's features with a verified match in the one most like it, in the median
-    over the images that match any."""
+    """Count the pairs of a set. `found_again`: the share of an image's features with a verified match in the image most
+    like it, in the median over the images that match any."""
 
     strategy: str
     pairs_matched: int
@@ -60,7 +67,7 @@ class MatchCounts:
 
 
 def choose_strategy(requested: str, images: int, with_gps: int) -> str:
-    """The strategy for `auto`; another is used as requested. Raises `ProjectError` for spatial without GPS."""
+    """Return the strategy for `auto`; another is used as requested. Raises `ProjectError` for spatial without GPS."""
     if requested == "spatial" and not with_gps:
         raise ProjectError(
             "matches.strategy is spatial, and no photograph has GPS latitude, longitude and altitude",
@@ -74,8 +81,14 @@ def choose_strategy(requested: str, images: int, with_gps: int) -> str:
 
 
 def pairs_of(strategy: str, images: int) -> int:
-    """About how many pairs a strategy looks at."""
-    return _function(strategy, images)[1]
+    """Return about how many pairs a strategy looks at."""
+    if strategy == "exhaustive":
+        return math.comb(images, 2)
+    if strategy == "sequential":
+        return images * 2 * pycolmap.SequentialPairingOptions().overlap
+    if strategy == "spatial":
+        return images * pycolmap.SpatialPairingOptions().max_num_neighbors // 2
+    return math.comb(min(images, pycolmap.VocabTreePairingOptions().num_images), 2)
 
 
 def match_features(
@@ -87,7 +100,7 @@ def match_features(
     executor: Executor,
     progress: Progress,
 ) -> MatchCounts:
-    """Matches and verifies pairs; pairs that are in the database already are left alone.
+    """Match and verify pairs; pairs that are in the database already are left alone.
 
     COLMAP does it in processes of one thread, ours or the workers of a cluster, with the same result: its matcher is
     not safe on several threads (docs/decisions/0014). On a GPU, where it is another, COLMAP has its threads. A
@@ -97,35 +110,33 @@ def match_features(
     strategy = choose_strategy(options.strategy, images, with_gps)
     matching, pairing, verification = native_options(options, strategy)
     shutil.rmtree(parts := scratch / "parts", ignore_errors=True)  # of a run that was interrupted
-    function, pairs = _function(strategy, images)
-    wants_tree = strategy == "vocabtree" or options.pairing.get("loop_detection")
-    if wants_tree and "vocab_tree_path" not in options.pairing:
+    needs_tree = strategy == "vocabtree" or options.pairing.get("loop_detection")
+    if needs_tree and "vocab_tree_path" not in options.pairing:
         tree = scratch / VOCABULARY
         build_vocabulary(database, tree, progress)
         pairing.vocab_tree_path = tree
     if matching.use_gpu and cuda_devices() and shares_memory(executor):
-        progress.start(pairs, "pairs")
+        expected = pairs_of(strategy, images)
+        progress.start(expected, "pairs")
         with counting_rows(database, "two_view_geometries") as rows:
             called(
-                function,
+                _STRATEGIES[strategy].match,
                 database,
                 matching_options=matching,
                 pairing_options=pairing,
                 verification_options=verification,
                 progress=progress,
-                units_done=lambda: min(pairs, rows()),
+                units_done=lambda: min(expected, rows()),
             )
     else:
         if hasattr(pairing, "num_threads"):
             pairing.num_threads = 1
-        chosen = called(_pairs, database, strategy, pairing, progress=progress, cancellable=False)
-        progress.start(len(chosen), "pairs")
+        pairs = called(_pairs, database, strategy, pairing, progress=progress, cancellable=False)
+        progress.start(len(pairs), "pairs")
         if shares_memory(executor):
-            one = matches_bytes(_most_features(database), images)
-            count = memory.workers_for("matches", one, max(0, matching.num_threads) or local_workers())
-            match_in_processes(database, chosen, options, parts, count, progress)
+            match_in_processes(database, pairs, options, parts, matching.num_threads, progress)
         else:
-            match_in_blocks(database, chosen, options, parts, executor, progress)
+            match_in_blocks(database, pairs, options, parts, executor, progress)
     (scratch / VOCABULARY).unlink(missing_ok=True)
     counts = _counts(database, strategy)
     if not counts.pairs_verified:
@@ -147,7 +158,7 @@ def _counts(database: Path, strategy: str) -> MatchCounts:
 
 
 def found_again(opened: pycolmap.Database) -> float:
-    """As in `MatchCounts`; 0 where nothing matches."""
+    """Return `found_again` of `MatchCounts`, 0 where nothing matches."""
     best: dict[int, int] = {}
     for pair, count in zip(*opened.read_two_view_geometry_num_inliers(), strict=True):
         for image_id in pycolmap.pair_id_to_image_pair(pair) if count else ():
@@ -159,30 +170,29 @@ def found_again(opened: pycolmap.Database) -> float:
 def native_options(
     options: MatchesOptions, strategy: str
 ) -> tuple[pycolmap.FeatureMatchingOptions, Any, pycolmap.TwoViewGeometryOptions]:
-    """pycolmap's options for matching, pairing by `strategy`, and verification. Raises `OptionError`."""
+    """Return pycolmap's options for matching, pairing by `strategy` and verification. Raises `OptionError`."""
     matching = pycolmap.FeatureMatchingOptions()
     apply_options(matching, options.colmap, "matches.colmap")
-    pairing = _PAIRING[strategy]()
+    pairing = _STRATEGIES[strategy].options()
     apply_options(pairing, options.pairing, "matches.pairing")
     return matching, pairing, verification_options(options)
 
 
 def forget_matches(database: Path) -> None:
-    """Removes all matches, as before matching; features stay."""
+    """Remove all matches, as before matching; features stay."""
     with pycolmap.Database.open(database) as opened:
         opened.clear_matches()
         opened.clear_two_view_geometries()
 
 
 def build_vocabulary(database: Path, tree: Path, progress: Progress) -> None:
-    """A vocabulary tree of the set's own descriptors, an even share of each image's strongest."""
+    """Write a vocabulary tree of the set's own descriptors, an even share of each image's strongest."""
     with pycolmap.Database.open(database) as opened:
         ids = [image.image_id for image in opened.read_all_images()]
-        some = ids[:: -(-len(ids) // _VOCABULARY_IMAGES)]
-        share = max(1, _VOCABULARY_FEATURES // len(some))
+        sample = ids[:: -(-len(ids) // _VOCABULARY_IMAGES)]
+        share = max(1, _VOCABULARY_FEATURES // len(sample))
         # copied, for a part of an array keeps all of it in memory
-        kept = [opened.read_descriptors(i).data[:share].astype(np.float32) for i in some]
-    data = np.concatenate(kept)
+        data = np.concatenate([opened.read_descriptors(i).data[:share].astype(np.float32) for i in sample])
     build = pycolmap.VisualIndex.BuildOptions()
     apply_options(build, {}, "the vocabulary")
     build.num_iterations, build.num_rounds = _ROUNDS
@@ -197,25 +207,9 @@ def build_vocabulary(database: Path, tree: Path, progress: Progress) -> None:
 
 
 def _pairs(database: Path, strategy: str, pairing: Any) -> list[tuple[int, int]]:
-    """The pairs that COLMAP would match, by id."""
+    """Return the pairs that COLMAP would match, by id."""
     with pycolmap.Database.open(database) as opened:
-        pairs: list[tuple[int, int]] = _GENERATOR[strategy](pairing, opened).all_pairs()
+        pairs: list[tuple[int, int]] = _STRATEGIES[strategy].generator(pairing, opened).all_pairs()
     if strategy == "vocabtree":
         return sorted({(min(pair), max(pair)) for pair in pairs if pair[0] != pair[1]})
     return pairs
-
-
-def _most_features(database: Path) -> int:
-    with pycolmap.Database.open(database) as opened:
-        return max((opened.num_keypoints_for_image(i.image_id) for i in opened.read_all_images()), default=0)
-
-
-def _function(strategy: str, images: int) -> tuple[Any, int]:
-    """pycolmap's function and about how many pairs it will look at."""
-    if strategy == "exhaustive":
-        return pycolmap.match_exhaustive, math.comb(images, 2)
-    if strategy == "sequential":
-        return pycolmap.match_sequential, images * 2 * pycolmap.SequentialPairingOptions().overlap
-    if strategy == "spatial":
-        return pycolmap.match_spatial, images * pycolmap.SpatialPairingOptions().max_num_neighbors // 2
-    return pycolmap.match_vocabtree, math.comb(min(images, pycolmap.VocabTreePairingOptions().num_images), 2)

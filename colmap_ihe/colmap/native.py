@@ -1,4 +1,4 @@
-"""pycolmap and its global state, in one place: import order, log file, seed, cancellation, errors.
+"""Keep pycolmap and its global state in one place: import order, log file, cancellation, errors.
 
 Every module that drives COLMAP imports pycolmap from here.
 """
@@ -15,21 +15,8 @@ from typing import Any, Protocol, TypeVar
 
 from colmap_ihe.errors import Cancelled, KnownError, NativeError, OptionError
 from colmap_ihe.machine import threads
-from colmap_ihe.machine.libraries import pycolmap
+from colmap_ihe.machine.libraries import pycolmap as pycolmap
 from colmap_ihe.machine.progress import Progress
-
-__all__ = [
-    "apply_options",
-    "called",
-    "cuda_devices",
-    "fill",
-    "hear_colmap",
-    "hush",
-    "log_file",
-    "logged_to",
-    "pycolmap",
-    "translated",
-]
 
 _T = TypeVar("_T")
 _POLL_SECONDS = 0.25
@@ -39,12 +26,12 @@ pycolmap.logging.alsologtostderr = False
 
 
 def hear_colmap() -> None:
-    """From now on COLMAP's log goes to stderr too."""
+    """Send COLMAP's log to stderr too, from now on."""
     pycolmap.logging.alsologtostderr = True
 
 
 def cuda_devices() -> int:
-    """How many CUDA devices COLMAP can work on: none for a pycolmap without CUDA, or where no driver finds one."""
+    """Return the number of CUDA devices for COLMAP: 0 for a pycolmap without CUDA, or where no driver finds one."""
     if not pycolmap.has_cuda:
         return 0
     count = ctypes.c_int(0)
@@ -63,9 +50,9 @@ class _Mergeable(Protocol):
     def todict(self) -> dict[str, Any]: ...
 
 
-def apply_options(target: _Mergeable, values: Mapping[str, Any], place: str) -> None:
-    """Sets pycolmap's own options, and the threads of all that are left to COLMAP to as many as a run is limited to.
-    COLMAP checks names and types itself. Raises `OptionError` naming `place`."""
+def apply_options(target: _Mergeable, values: Mapping[str, Any], section: str) -> None:
+    """Set pycolmap's own options, and the threads that are left to COLMAP to as many as a run is limited to. COLMAP
+    checks names and types itself. Raises `OptionError` that names `section`."""
     if (most := threads.limit()) is not None:
         fill(target, dict.fromkeys(("num_threads", "num_workers"), most))
     try:
@@ -73,30 +60,30 @@ def apply_options(target: _Mergeable, values: Mapping[str, Any], place: str) -> 
     except (AttributeError, TypeError, ValueError, RuntimeError) as error:
         first = str(error).strip().splitlines()[0] if str(error).strip() else type(error).__name__
         raise OptionError(
-            f"{place}: {first}", hint=f"see the options of pycolmap.{type(target).__name__}"
+            f"{section}: {first}", hint=f"see the options of pycolmap.{type(target).__name__}"
         ) from error
 
 
-def fill(target: _Mergeable, wanted: Mapping[str, int]) -> None:
-    """Sets the options named in `wanted`, wherever in `target` they are, that are -1: left to COLMAP."""
-    target.mergedict(_unset(target.todict(), wanted))
+def fill(target: _Mergeable, values: Mapping[str, int]) -> None:
+    """Set the options named in `values` wherever in `target` they are -1: left to COLMAP."""
+    target.mergedict(_unset(target.todict(), values))
 
 
-def _unset(values: Mapping[str, Any], wanted: Mapping[str, int]) -> dict[str, Any]:
-    found: dict[str, Any] = {}
-    for name, value in values.items():
-        nested = value.todict() if hasattr(value, "todict") else value
+def _unset(options: Mapping[str, Any], values: Mapping[str, int]) -> dict[str, Any]:
+    changes: dict[str, Any] = {}
+    for name, option in options.items():
+        nested = option.todict() if hasattr(option, "todict") else option
         if isinstance(nested, dict):
-            if inner := _unset(nested, wanted):
-                found[name] = inner
-        elif name in wanted and value == -1:
-            found[name] = wanted[name]
-    return found
+            if inner := _unset(nested, values):
+                changes[name] = inner
+        elif name in values and option == -1:
+            changes[name] = values[name]
+    return changes
 
 
 @contextmanager
 def logged_to(file: Path, besides: bool = False) -> Iterator[None]:
-    """COLMAP's own log goes beside `file` for as long as this lasts, instead of to stderr.
+    """Write COLMAP's own log beside `file`, instead of to stderr, for as long as this lasts.
 
     glog adds a date and the process to the name. The last few logs are kept, and `besides` another process's all.
     """
@@ -119,12 +106,12 @@ def logged_to(file: Path, besides: bool = False) -> Iterator[None]:
 
 
 def log_file() -> str:
-    """Where COLMAP's log goes now, empty for stderr."""
+    """Return the path of COLMAP's log, empty for stderr."""
     return str(_logs_to[-1]) if _logs_to else ""
 
 
 def hush() -> None:
-    """In a worker, which has no log file: COLMAP says on stderr what is an error, and nothing else."""
+    """Let COLMAP print only errors on stderr in a worker, which has no log file."""
     if not _logs_to:
         pycolmap.logging.minloglevel = int(pycolmap.logging.ERROR)
 
@@ -137,11 +124,10 @@ def called(
     cancellable: bool = True,
     **kwargs: Any,
 ) -> _T:
-    """Calls into COLMAP on a thread of its own, so that Ctrl-C is heard while it works.
+    """Call into COLMAP on a thread of its own, so that Ctrl-C is heard while it works.
 
-    `units_done` says how many units are done so far; it is asked a few times a second and the watch told of
-    the difference. On cancellation COLMAP is asked to stop, and waited for. Raises `Cancelled`, or
-    `NativeError` with COLMAP's own words.
+    `units_done` returns the number of units done; `progress` is told of them a few times a second. On cancellation
+    COLMAP is asked to stop, and waited for. Raises `Cancelled`, or `NativeError` with COLMAP's own words.
     """
     token = pycolmap.CancellationToken()
     if cancellable:
@@ -158,14 +144,14 @@ def called(
 
     thread = threading.Thread(target=work, name="colmap", daemon=True)
     thread.start()
-    seen = 0
+    reported = 0
     try:
         while thread.is_alive():
             thread.join(_POLL_SECONDS)
             progress.check()
-            if units_done is not None and (now := units_done()) > seen:
-                progress.advance(now - seen)
-                seen = now
+            if units_done is not None and (now := units_done()) > reported:
+                progress.advance(now - reported)
+                reported = now
     except BaseException:
         token.cancel()
         if cancellable:
@@ -183,11 +169,11 @@ def _wait_for(thread: threading.Thread, seconds: float = 60.0) -> None:
 
 
 def translated(error: BaseException) -> BaseException:
-    """What COLMAP throws, as one of our errors; our own pass through."""
+    """Return what COLMAP throws as one of our errors; our own pass through."""
     if isinstance(error, KnownError | Cancelled | KeyboardInterrupt):
         return error
-    words = str(error).strip().splitlines()
-    text = words[0] if words else type(error).__name__
+    lines = str(error).strip().splitlines()
+    text = lines[0] if lines else type(error).__name__
     if "sqlite" in text.lower() or "disk" in text.lower():
         return NativeError(
             f"COLMAP could not use its database: {text}",

@@ -1,4 +1,4 @@
-"""Two grey images as COLMAP sees them: their features, which of them match, and what one geometry bears out.
+"""Find features, matches and verified matches of two grey images as COLMAP does.
 
 Arrays in, numbers out. Features come by way of a temporary folder and database all the same: pycolmap's own
 functions for arrays hold Python's lock, so that two of them never run at once.
@@ -6,7 +6,7 @@ functions for arrays hold Python's lock, so that two of them never run at once.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,10 +16,9 @@ from numpy.typing import NDArray
 
 from colmap_ihe.colmap.features import FEATURE_BYTES_A_PIXEL
 from colmap_ihe.colmap.native import called, pycolmap
-from colmap_ihe.errors import DiskFullError
+from colmap_ihe.colmap.part_databases import task_folder
 from colmap_ihe.machine.memory import workers_for
 from colmap_ihe.machine.progress import SILENT, Progress
-from colmap_ihe.machine.scratch import scratch_folder
 from colmap_ihe.machine.threads import local_workers
 
 _MAX_RATIO, _MAX_ANGLE = 0.8, 0.7  # COLMAP's defaults; angles between descriptors in radians
@@ -32,8 +31,8 @@ Matches = NDArray[np.intp]
 
 @dataclass(frozen=True)
 class Features:
-    """`places`: (N, 2) float64, x and y in pixels, (0, 0) the corner of the first pixel. `scales`: (N,) float64,
-    pixels. `descriptors`: (N, 128) uint8."""
+    """Hold the features of an image. `places`: (N, 2) float64, x and y in pixels, (0, 0) the corner of the first pixel.
+    `scales`: (N,) float64, pixels. `descriptors`: (N, 128) uint8."""
 
     places: NDArray[np.float64]
     scales: NDArray[np.float64]
@@ -43,7 +42,7 @@ class Features:
         return len(self.places)
 
     def coarsest(self, count: int) -> Features:
-        """The `count` features of the largest scales: COLMAP keeps those, though in whole levels, so that one
+        """Return the `count` features of the largest scales: COLMAP keeps those, though in whole levels, so that one
         feature more or less decides about thousands."""
         if len(self) <= count:
             return self
@@ -53,7 +52,7 @@ class Features:
 
 @contextmanager
 def quiet() -> Iterator[None]:
-    """COLMAP says nothing below an error for as long as this lasts; not to be entered by two threads at once."""
+    """Let COLMAP print only errors for as long as this lasts; not to be entered by two threads at once."""
     log = pycolmap.logging
     before = log.minloglevel
     log.minloglevel = int(log.ERROR)
@@ -66,9 +65,10 @@ def quiet() -> Iterator[None]:
 def features_of(
     images: Sequence[NDArray[np.uint8]], progress: Progress = SILENT, *, first_octave: int = -1
 ) -> list[Features]:
-    """SIFT features of each image, (H, W) uint8, by COLMAP on the CPU, one thread a core; all of them, none
-    dropped for their number. `first_octave` 0 leaves out those smaller than two pixels, at a quarter of the
-    time. The same images give the same features. Raises `NativeError`, `DiskFullError`, `Cancelled`,
+    """Return all SIFT features of each image, (H, W) uint8, by COLMAP on the CPU, one thread a core.
+
+    `first_octave` 0 leaves out those smaller than two pixels, in a quarter of the time. The same images give the same
+    features. Raises `NativeError`, `DiskFullError`, `Cancelled`,
     ValueError.
     """
     for grey in images:
@@ -78,18 +78,19 @@ def features_of(
         return []
     options = pycolmap.FeatureExtractionOptions()
     options.use_gpu = False
-    one = FEATURE_BYTES_A_PIXEL * max(grey.size for grey in images) * 4 ** -(first_octave + 1)
-    options.num_threads = min(workers_for("features of pairs", round(one), local_workers()), len(images))
+    needed = FEATURE_BYTES_A_PIXEL * max(grey.size for grey in images) * 4 ** -(first_octave + 1)
+    options.num_threads = min(workers_for("features of pairs", round(needed), local_workers()), len(images))
     options.max_image_size = max(max(grey.shape) for grey in images)
     options.sift.first_octave = first_octave
     options.sift.max_num_features = 1_000_000
     names = [f"{number:06}.pgm" for number in range(len(images))]
-    with scratch_folder() as scratch:
-        folder, database = scratch / "images", scratch / "features.db"
-        _write_images(folder, dict(zip(names, images, strict=True)))
+    with task_folder() as folder:
+        for name, grey in zip(names, images, strict=True):
+            header = f"P5\n{grey.shape[1]} {grey.shape[0]}\n255\n".encode()
+            (folder / name).write_bytes(header + grey.tobytes())
         called(
             pycolmap.extract_features,
-            database,
+            database := folder / "features.db",
             folder,
             image_names=names,
             extraction_options=options,
@@ -98,21 +99,8 @@ def features_of(
         return _read_features(database, names)
 
 
-def _write_images(folder: Path, images: Mapping[str, NDArray[np.uint8]]) -> None:
-    try:
-        folder.mkdir()
-        for name, grey in images.items():
-            header = f"P5\n{grey.shape[1]} {grey.shape[0]}\n255\n".encode()
-            (folder / name).write_bytes(header + grey.tobytes())
-    except OSError as error:
-        raise DiskFullError(
-            f"{folder}: images cannot be written there ({error.strerror})",
-            hint="make room on this disk, or name a folder on another in the environment variable TMPDIR",
-        ) from error
-
-
 def _read_features(database: Path, names: Sequence[str]) -> list[Features]:
-    found = []
+    features = []
     with pycolmap.Database.open(database) as opened:
         ids = {image.name: image.image_id for image in opened.read_all_images()}
         for name in names:
@@ -120,26 +108,26 @@ def _read_features(database: Path, names: Sequence[str]) -> list[Features]:
             descriptors = np.asarray(opened.read_descriptors(ids[name]).data, np.uint8).reshape(-1, 128)
             # x, y, and the affine shape a11 a12 a21 a22, of which COLMAP takes the mean length of both axes
             scales = (np.hypot(points[:, 2], points[:, 4]) + np.hypot(points[:, 3], points[:, 5])) / 2
-            found.append(Features(points[:, :2], scales, descriptors))
-    return found
+            features.append(Features(points[:, :2], scales, descriptors))
+    return features
 
 
 def match(first: Features, second: Features) -> Matches:
-    """Mutual nearest neighbours that are much nearer than the second nearest, both ways, as COLMAP's matcher
+    """Return mutual nearest neighbours that are much nearer than the second nearest, both ways, as COLMAP's matcher
     takes them by default, and in a twentieth of its time."""
     if not len(first) or not len(second):
         return np.zeros((0, 2), np.intp)
-    there, passes_there = _nearest(first.descriptors, second.descriptors)
+    forth, passes_forth = _nearest(first.descriptors, second.descriptors)
     back, passes_back = _nearest(second.descriptors, first.descriptors)
-    rows = np.arange(len(there))
-    kept = passes_there & passes_back[there] & (back[there] == rows)
-    return np.stack((rows[kept], there[kept]), axis=1)
+    rows = np.arange(len(forth))
+    kept = passes_forth & passes_back[forth] & (back[forth] == rows)
+    return np.stack((rows[kept], forth[kept]), axis=1)
 
 
 def _nearest(
     ones: NDArray[np.uint8], others: NDArray[np.uint8]
 ) -> tuple[NDArray[np.intp], NDArray[np.bool_]]:
-    """Of each of `ones` the nearest of `others`, and whether it passes COLMAP's tests of angle and ratio."""
+    """Return the nearest of `others` for each of `ones`, and whether it passes COLMAP's tests of angle and ratio."""
     a, b = ones.astype(np.float32) / np.float32(_UNIT), others.astype(np.float32) / np.float32(_UNIT)
     nearest, passes = np.zeros(len(a), np.intp), np.zeros(len(a), bool)
     for begin in range(0, len(a), _ROWS):
@@ -163,11 +151,11 @@ def verified(
     max_error_px: float = 4.0,
     seed: int = 0,
 ) -> NDArray[np.intp]:
-    """Which of N matched places lie on the geometry that most of them share: (n,) indices, none if fewer than 15.
+    """Return the indices, (n,), of matched points that lie on the geometry most of them share; none if fewer than 15.
 
-    first, second: (N, 2) float64, x and y in pixels of images of these sizes (width, height). COLMAP's
-    verification with its defaults, for cameras of unknown focal length. The same places and seed, the same
-    answer.
+    first, second: (N, 2) float64, x and y in pixels of images of these sizes (width, height). COLMAP's verification
+    with its defaults, for cameras of unknown focal length. The same points and seed give the same answer. Raises
+    ValueError for other shapes.
     """
     if len(first) != len(second) or first.shape[1:] != (2,) or second.shape[1:] != (2,):
         raise ValueError(f"{first.shape=} {second.shape=}, expected (N, 2) each")

@@ -7,7 +7,7 @@ pickled, so it is a function of a module, or `partial` of one, and plain values 
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Generator, Iterable, Iterator
 from concurrent.futures import Executor, Future, ThreadPoolExecutor, wait
 from contextlib import contextmanager
 from threading import Event
@@ -70,7 +70,7 @@ def in_order(
     items: Iterable[_Item],
     at_once: int | None = None,
     progress: Progress = SILENT,
-) -> Iterator[_Result]:
+) -> Generator[_Result, None, None]:
     """`function` of every item, in order; no more results wait than there are workers and one, so memory does
     not grow with the set, and never more than `at_once` are begun and not yet fetched. What `function` raises
     is raised here, and so is `Cancelled` by `progress`, after what is in flight has ended; reads of photographs end

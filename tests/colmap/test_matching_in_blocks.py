@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import os
 import pickle
 import shutil
-import subprocess
 from collections.abc import Callable, Iterator
 from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from pathlib import Path
@@ -14,11 +12,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from colmap_ihe.colmap import matching, pair_blocks
+from colmap_ihe.colmap import matching
 from colmap_ihe.colmap import matching_in_blocks as match_blocks
 from colmap_ihe.colmap.matching import build_vocabulary, forget_matches, match_features, native_options
 from colmap_ihe.colmap.native import pycolmap
-from colmap_ihe.errors import Cancelled, NativeError
+from colmap_ihe.errors import Cancelled
 from colmap_ihe.machine.progress import SILENT, Silent
 from colmap_ihe.project.options import MatchesOptions
 
@@ -161,15 +159,8 @@ def test_a_pair_without_a_match_is_done_too(
             opened.write_descriptors(image.image_id, noise)
     found = match_features(database, tmp_path, MatchesOptions(), 8, 0, executor, SILENT)
     assert (found.pairs_matched, len(matched(database))) == (28, 1)  # images 1 and 8 have the same noise
-    asked: list[int] = []
-
-    def blocks_of(wanted: list[tuple[int, int]], groups: list[list[int]]) -> list[list[tuple[int, int]]]:
-        asked.append(len(wanted))
-        return pair_blocks.blocks_of(wanted, groups)
-
-    monkeypatch.setattr(match_blocks, "blocks_of", blocks_of)
-    again = match_features(database, tmp_path, MatchesOptions(), 8, 0, executor, SILENT)
-    assert (asked, again) == ([0], found)
+    monkeypatch.setattr(match_blocks, "match_block", None)  # nothing is matched again
+    assert match_features(database, tmp_path, MatchesOptions(), 8, 0, executor, SILENT) == found
 
 
 class Follows(Silent):
@@ -206,23 +197,6 @@ def test_what_was_matched_is_kept_when_it_is_stopped(
         match_features(database, tmp_path, MatchesOptions(), 8, 0, here, progress)
     assert (progress.done, progress.total) == (28, 28)
     assert kept.items() <= matched(database).items()
-
-
-def test_a_process_that_dies_is_told_of_and_the_others_results_are_kept(
-    database: Path, tmp_path: Path
-) -> None:
-    class Kills(Follows):
-        def advance(self, count: int = 1) -> None:
-            super().advance(count)
-            if self.done and not self.killed:
-                self.killed = True
-                subprocess.run(["pkill", "-KILL", "-P", str(os.getpid()), "-f", "colmap.process"], check=True)
-
-        killed = False
-
-    with ThreadPoolExecutor(2) as here, pytest.raises(NativeError, match="SIGKILL"):
-        match_features(database, tmp_path, SLOW, 8, 0, here, Kills(29))
-    assert not (tmp_path / "parts").exists()
 
 
 def test_on_a_gpu_colmap_has_its_threads(

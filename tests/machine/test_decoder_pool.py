@@ -248,7 +248,7 @@ def test_a_run_that_stops_does_not_wait_for_a_slow_decoder(tmp_path: Path) -> No
         next(results)
         assert begun.wait(60)
         began = time.monotonic()
-        results.close()  # type: ignore[attr-defined]  # it is a generator
+        results.close()
     assert time.monotonic() - began < 5
     assert "hang-1.jpg" in stopped
 

@@ -1,4 +1,4 @@
-"""Whether a model is one that real cameras and a real scene give: focal lengths, the shape of pixels, flatness."""
+"""Describe a model by what real cameras and scenes limit: focal lengths, the shape of pixels, flatness."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ _LEAST_POINTS = 30
 
 @dataclass(frozen=True)
 class SolvedCamera:
-    """One camera of a model. `images`: the names of its grey images that have a place. `prior`: the focal length that
-    the photographs said, None if they did not; `focal`: that which was found, `aspect`: that across over that down;
-    in pixels."""
+    """Describe one camera of a model. `images`: the names of its registered grey images. `prior`: the focal length in
+    the photographs' EXIF, None without; `focal`: the solved one; both in pixels. `aspect`: the solved focal length
+    across over that down."""
 
     images: tuple[str, ...]
     prior: float | None
@@ -30,38 +30,39 @@ class SolvedCamera:
 
 
 def cameras_of(folder: Path, database: Path) -> list[SolvedCamera]:
-    """The cameras of the model in `folder`, that of most images first."""
+    """Return the cameras of the model in `folder`, that of most images first."""
     model = pycolmap.Reconstruction(folder)
     with pycolmap.Database.open(database) as opened:
         before = {camera.camera_id: camera for camera in opened.read_all_cameras()}
     names: dict[int, list[str]] = defaultdict(list)
     for number in model.reg_image_ids():
         names[model.images[number].camera_id].append(str(model.images[number].name))
-    found = []
-    for number, some in sorted(names.items(), key=lambda n: (-len(n[1]), n[0])):
-        camera, was = model.cameras[number], before[number]
-        found.append(
+    cameras = []
+    for number, images in sorted(names.items(), key=lambda n: (-len(n[1]), n[0])):
+        camera, prior = model.cameras[number], before[number]
+        cameras.append(
             SolvedCamera(
-                tuple(sorted(some)),
-                was.mean_focal_length() if was.has_prior_focal_length else None,
+                tuple(sorted(images)),
+                prior.mean_focal_length() if prior.has_prior_focal_length else None,
                 camera.mean_focal_length(),
                 camera.focal_length_x / camera.focal_length_y,
             )
         )
-    return found
+    return cameras
 
 
 @dataclass(frozen=True)
 class Shape:
-    """Of a model. `thickness`: how far its points lie from the plane nearest to them, over their extent; 1 for too few
-    points to tell. `turned`: the most degrees between the directions that two photographs look in."""
+    """Describe the shape of a model. `thickness`: the distance of its points from the plane nearest to them, over their
+    extent; 1 for too few points to tell. `turned`: the most degrees between the viewing directions of two
+    photographs."""
 
     thickness: float
     turned: float
 
 
 def shape_of(folder: Path) -> Shape:
-    """Of the model in `folder`."""
+    """Return the shape of the model in `folder`."""
     model = pycolmap.Reconstruction(folder)
     xyz = np.array([p.xyz for p in model.points3D.values() if p.track.length() > 2], np.float64).reshape(
         -1, 3
@@ -74,7 +75,8 @@ def shape_of(folder: Path) -> Shape:
 
 
 def thickness(xyz: NDArray[np.float64]) -> float:
-    """Of (N, 3) points, as in `Shape`: the plane is fitted again to those near it, and strays do not count."""
+    """Return `thickness` of `Shape` for (N, 3) points: the plane is fitted again to those near it, and strays do not
+    count."""
     if len(xyz) < _LEAST_POINTS:
         return 1.0
     kept = xyz

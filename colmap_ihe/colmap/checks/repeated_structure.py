@@ -1,4 +1,4 @@
-"""Where photographs contradict a model: repeated structures, of which COLMAP took like parts for one.
+"""Find where photographs contradict a model: repeated structures, of which COLMAP took like parts for one.
 
 Two signs, each between two photographs. *Blind*: photographs that the model puts side by side see the same points,
 but for those that a detector misses now and then. Where like facades were taken for one, much of what each sees is
@@ -18,13 +18,14 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from colmap_ihe.colmap.measures import strongest_pairs
 from colmap_ihe.colmap.native import pycolmap
 
 _F64 = NDArray[np.float64]
 
 DOUBTFUL = 0.5
-"""Share of points that a pair should share and does not, or does share though it should not; docs/degenerate.md has
-that of sound and of folded models."""
+"""Share of points that a pair should share and does not, or shares and should not; docs/degenerate.md has the share in
+sound and in folded models."""
 _SHARE_OF_PAIRS, _LEAST_PAIRS = 0.05, 2
 _NEIGHBOURS = 40  # of a photograph, by their places
 _PAIRS = 2000
@@ -36,9 +37,9 @@ _DEPTHS, _AROUND = (2, 98), 1.2  # percentiles of what a photograph sees, and ho
 
 @dataclass(frozen=True)
 class Conflicts:
-    """Pairs by the names of their grey images. Of `near` pairs that the model puts side by side, `blind` are blind to
-    much of what the other sees: to this share, which is `most` in any pair. Of `matched` pairs, `torn` have so many
-    verified matches that are not the same points in the model."""
+    """Name the pairs of grey images that contradict the model. Of `near` pairs that it puts side by side, `blind` are
+    blind to much of what the other sees: to this share, which is `most` in any pair. Of `matched` pairs, `torn` have
+    so many verified matches that are not the same points in the model."""
 
     near: int
     blind: tuple[tuple[str, str, float], ...]
@@ -48,21 +49,23 @@ class Conflicts:
 
     @property
     def many_blind(self) -> bool:
+        """Return whether blind pairs are too many to be strays."""
         return _are_many(len(self.blind), self.near)
 
     @property
     def many_torn(self) -> bool:
+        """Return whether torn pairs are too many to be strays."""
         return _are_many(len(self.torn), self.matched)
 
 
-def _are_many(some: int, of_all: int) -> bool:
-    return some >= max(_LEAST_PAIRS, _SHARE_OF_PAIRS * of_all)
+def _are_many(count: int, total: int) -> bool:
+    return count >= max(_LEAST_PAIRS, _SHARE_OF_PAIRS * total)
 
 
 @dataclass(frozen=True)
-class _Seen:
-    """One image: `ids` (n,) of its points in order, `rows` (n,) where their coordinates are; `depths`: between which
-    it sees."""
+class _View:
+    """Hold one image: `ids` (n,) of its points in order, `rows` (n,) of their coordinates, and the nearest and the
+    farthest depth that it sees."""
 
     image: pycolmap.Image
     camera: pycolmap.Camera
@@ -82,19 +85,19 @@ class _Points:
 
 
 def conflicts_of(folder: Path, database: Path) -> Conflicts:
-    """Of the sparse model in `folder`, made from the matches in `database`."""
+    """Return the conflicts of the sparse model in `folder`, made from the matches in `database`."""
     model = pycolmap.Reconstruction(folder)
     points = _Points(model)
-    images = [_seen(model, model.images[i], points) for i in sorted(model.reg_image_ids())]
-    images = [one for one in images if len(one.ids) >= _LEAST_COMMON]
+    views = [_view(model, model.images[i], points) for i in sorted(model.reg_image_ids())]
+    views = [view for view in views if len(view.ids) >= _LEAST_COMMON]
     near, blind, most = 0, [], 0.0
-    for first, second in _side_by_side(images):
-        share = _share_unseen(images[first], images[second], points)
+    for first, second in _side_by_side(views):
+        share = _share_unseen(views[first], views[second], points)
         if share is None:
             continue
         near, most = near + 1, max(most, share)
         if share > DOUBTFUL:
-            blind.append((str(images[first].image.name), str(images[second].image.name), round(share, 3)))
+            blind.append((str(views[first].image.name), str(views[second].image.name), round(share, 3)))
     matched, torn = _torn(model, database)
     return Conflicts(
         near,
@@ -106,7 +109,7 @@ def conflicts_of(folder: Path, database: Path) -> Conflicts:
 
 
 def _torn(model: pycolmap.Reconstruction, database: Path) -> tuple[int, list[tuple[str, str, int]]]:
-    """How many pairs could be compared, and those that the model does not bear out."""
+    """Return the number of pairs that could be compared, and the torn ones with their matches."""
     point_of = {
         str(model.images[i].name): np.array(
             [p.point3D_id if p.has_point3D() else -1 for p in model.images[i].points2D], np.int64
@@ -116,31 +119,27 @@ def _torn(model: pycolmap.Reconstruction, database: Path) -> tuple[int, list[tup
     compared, torn = 0, []
     with pycolmap.Database.open(database) as opened:
         names = {image.image_id: str(image.name) for image in opened.read_all_images()}
-        counts = zip(*opened.read_two_view_geometry_num_inliers(), strict=True)
-        chosen = sorted(((int(n), int(pair)) for pair, n in counts if n >= _LEAST_MATCHED), reverse=True)
-        for count, pair in chosen[:_PAIRS]:
-            ids = pycolmap.pair_id_to_image_pair(pair)
+        for ids, matches in strongest_pairs(opened, _LEAST_MATCHED):
             first, second = (names[i] for i in ids)
             if first not in point_of or second not in point_of:
                 continue
-            matches = np.asarray(opened.read_two_view_geometry(*ids).inlier_matches, np.intp).reshape(-1, 2)
             ones, others = point_of[first][matches[:, 0]], point_of[second][matches[:, 1]]
             both = (ones >= 0) & (others >= 0)
             if np.count_nonzero(both) < _LEAST_MATCHED:
                 continue
             compared += 1
             if np.count_nonzero(ones[both] != others[both]) > DOUBTFUL * np.count_nonzero(both):
-                torn.append((first, second, count))
+                torn.append((first, second, len(matches)))
     return compared, torn
 
 
-def _seen(model: pycolmap.Reconstruction, image: pycolmap.Image, points: _Points) -> _Seen:
+def _view(model: pycolmap.Reconstruction, image: pycolmap.Image, points: _Points) -> _View:
     ids = np.unique([p.point3D_id for p in image.get_observation_points2D()]).astype(np.int64)
     rows = np.searchsorted(points.ids, ids)
     pose = image.cam_from_world()
     depth = np.asarray(pose * points.xyz[rows])[:, 2] if len(rows) else np.zeros(1)
     near, far = np.percentile(depth, _DEPTHS)
-    return _Seen(
+    return _View(
         image,
         model.cameras[image.camera_id],
         np.asarray(image.projection_center()),
@@ -151,13 +150,14 @@ def _seen(model: pycolmap.Reconstruction, image: pycolmap.Image, points: _Points
     )
 
 
-def _side_by_side(images: list[_Seen]) -> list[tuple[int, int]]:
-    """Each with its nearest, thinned out evenly where they are many."""
+def _side_by_side(views: list[_View]) -> list[tuple[int, int]]:
+    """Return pairs of each view with its nearest, thinned out evenly where they are many."""
     pairs = set()
-    centres = np.array([one.centre for one in images]).reshape(-1, 3)
-    for number, one in enumerate(images):
-        away = np.linalg.norm(centres - one.centre, axis=1)
-        alike = np.array([one.axis @ other.axis for other in images]) > np.cos(np.radians(2 * _DEGREES))
+    centres = np.array([view.centre for view in views]).reshape(-1, 3)
+    axes = np.array([view.axis for view in views]).reshape(-1, 3)
+    for number, view in enumerate(views):
+        away = np.linalg.norm(centres - view.centre, axis=1)
+        alike = axes @ view.axis > np.cos(np.radians(2 * _DEGREES))
         away[~alike] = np.inf
         for other in np.argsort(away, kind="stable")[: _NEIGHBOURS + 1]:
             if other != number and np.isfinite(away[other]):
@@ -166,14 +166,14 @@ def _side_by_side(images: list[_Seen]) -> list[tuple[int, int]]:
     return ordered[:: max(1, -(-len(ordered) // _PAIRS))]
 
 
-def _share_unseen(first: _Seen, second: _Seen, points: _Points) -> float | None:
-    """Of what both should see, the share that only one does, on the side where that is less; None where they share
-    too little or look from too far apart."""
+def _share_unseen(first: _View, second: _View, points: _Points) -> float | None:
+    """Return the share of the points both should see that only one sees, on the side where that is less; None where
+    they share too little or look from too far apart."""
     common = np.intersect1d(first.ids, second.ids, assume_unique=True)
     if len(common) < _LEAST_COMMON:
         return None
     xyz = points.xyz[np.searchsorted(points.ids, common)]
-    rays = [xyz - one.centre for one in (first, second)]
+    rays = [xyz - view.centre for view in (first, second)]
     away = [np.linalg.norm(ray, axis=1) for ray in rays]
     cosine = np.sum(rays[0] * rays[1], axis=1) / (away[0] * away[1])
     scale = float(np.median(away[0] / away[1]))
@@ -183,14 +183,14 @@ def _share_unseen(first: _Seen, second: _Seen, points: _Points) -> float | None:
     return unique / (unique + len(common)) if unique >= _LEAST_UNIQUE else 0.0
 
 
-def _expected(one: _Seen, other: _Seen, points: _Points) -> int:
-    """How many points that `one` sees `other` should see too, and does not."""
-    rows = one.rows[~np.isin(one.ids, other.ids, assume_unique=True)]
+def _expected(view: _View, other: _View, points: _Points) -> int:
+    """Count the points that `view` sees and that `other` should see too, and does not."""
+    rows = view.rows[~np.isin(view.ids, other.ids, assume_unique=True)]
     rows = rows[points.is_long[rows]]
     in_camera = np.asarray(other.image.cam_from_world() * points.xyz[rows]).reshape(-1, 3)
     in_camera = in_camera[(in_camera[:, 2] > other.depths[0]) & (in_camera[:, 2] < other.depths[1])]
     if not len(in_camera):
         return 0
-    place = np.asarray(other.camera.img_from_cam(in_camera))
-    inside = (place >= 0) & (place < (other.camera.width, other.camera.height))  # nan is in no picture
+    pixels = np.asarray(other.camera.img_from_cam(in_camera))
+    inside = (pixels >= 0) & (pixels < (other.camera.width, other.camera.height))  # nan is in no picture
     return int(np.count_nonzero(inside.all(axis=1)))

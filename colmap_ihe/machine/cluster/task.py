@@ -1,4 +1,4 @@
-"""What a worker runs: a function, on terms that it checks first: the same software, and the same folders."""
+"""Describe what a worker runs: a function, on terms that it checks first: the same software, and the same folders."""
 
 from __future__ import annotations
 
@@ -16,14 +16,15 @@ from colmap_ihe.machine import cancel
 from colmap_ihe.machine.cluster.lease import held
 from colmap_ihe.machine.libraries import __version__, code_digest, library_versions, package_version, pycolmap
 
+GO_ON = "the same command goes on from here"
+SAME_ENVIRONMENT = "install the same environment on every worker; see docs/cluster.md"
 _PACKAGES = ("numpy", "pillow", "simplejpeg", "isal", "tifffile", "pydantic", "dask", "distributed")
 _OPTIONAL = ("PyWavelets", "colour-science")
-_SAME = "install the same environment on every worker; see docs/cluster.md"
 
 
 @lru_cache(maxsize=1)
 def environment() -> tuple[tuple[str, str], ...]:
-    """Name and version of everything that a result may depend on, this package's own content among it."""
+    """Return name and version of all that a result may depend on, the digest of this package's code among it."""
     return (
         ("Python", ".".join(platform.python_version_tuple()[:2])),
         ("colmap-ihe", __version__),
@@ -37,34 +38,36 @@ def environment() -> tuple[tuple[str, str], ...]:
 
 @dataclass(frozen=True)
 class Terms:
-    """What a worker must have: the environment of the client, the lease of its run, and the paths in `needs`."""
+    """Hold what a worker must have: the lease of the run, the paths in `needs`, and the client's environment."""
 
     lease: Path
     needs: tuple[Path, ...]
     environment: tuple[tuple[str, str], ...]
 
     def check(self, worker: str) -> None:
-        """Raises `ClusterError` that names this worker and what is not as it has to be."""
-        here = dict(environment())
-        for name, wanted in self.environment:
-            if here.get(name) != wanted:
+        """Raise `ClusterError` that names the worker and what differs there or is missing."""
+        installed = dict(environment())
+        for name, expected in self.environment:
+            if installed.get(name) != expected:
                 raise ClusterError(
-                    f"worker {worker}: {name} is {here.get(name)} there, and {wanted} where it was asked from",
-                    hint=_SAME,
+                    f"worker {worker}: {name} is {installed.get(name)} there, expected {expected} as on this machine",
+                    hint=SAME_ENVIRONMENT,
                 )
         folder = self.lease.parent.parent
         for path in (folder, self.lease, *self.needs):
             if not path.exists():
-                seen = path if path != self.lease else f"{folder} of this run, only another of the same name,"
+                missing = (
+                    path if path != self.lease else f"{folder} of this run, only another of the same name,"
+                )
                 raise ClusterError(
-                    f"worker {worker}: there is no {seen} there",
+                    f"worker {worker}: there is no {missing} there",
                     hint="workers need the project's folder and the photographs under the same paths as here",
                 )
 
 
 @dataclass(frozen=True)
 class Task:
-    """A call of `function` on a worker."""
+    """Hold a call of `function` for a worker."""
 
     terms: Terms
     function: Callable[..., Any]
@@ -72,40 +75,38 @@ class Task:
     keywords: dict[str, Any]
 
     def __call__(self) -> Any:
-        """As the function. Errors name the worker; those of a photograph do not. Raises `Cancelled` when the run
-        is over."""
-        _checked(self.terms)
+        """Return what `function` returns. Errors name the worker, those of a photograph do not. Raises `Cancelled`
+        when the run is over."""
+        _check_once(self.terms)
         try:
             with held(self.terms.lease) as over, cancel.stoppable(over):
                 return self.function(*self.arguments, **self.keywords)
         except PhotographError:
             raise
         except KnownError as error:
-            raise type(error)(f"worker {this_worker()}: {error}", error.hint) from error
+            raise type(error)(f"worker {_this_worker()}: {error}", error.hint) from error
         except OSError as error:
-            place = f"{error.filename}: " if error.filename else ""
+            file = f"{error.filename}: " if error.filename else ""
             raise ClusterError(
-                f"worker {this_worker()}: {place}{error.strerror or error}",
-                hint="the same command goes on from here",
+                f"worker {_this_worker()}: {file}{error.strerror or error}", hint=GO_ON
             ) from error
 
 
 @lru_cache(maxsize=64)
-def _checked(terms: Terms) -> None:
-    terms.check(this_worker())
+def _check_once(terms: Terms) -> None:
+    terms.check(_this_worker())
 
 
 def check_terms(terms: Terms, dask_worker: Any = None) -> None:
-    """As `Terms.check`, for `Client.run`, which says in `dask_worker` where it is."""
-    terms.check(_named(dask_worker.name))
+    """Call `Terms.check` on a worker; `Client.run` passes the worker in `dask_worker`."""
+    terms.check(_with_machine(dask_worker.name))
 
 
-def this_worker() -> str:
-    """The name that Dask knows this worker by, and its machine."""
+def _this_worker() -> str:
     from distributed import get_worker  # only workers have to have it
 
-    return _named(get_worker().name)
+    return _with_machine(get_worker().name)
 
 
-def _named(name: object) -> str:
+def _with_machine(name: object) -> str:
     return f"{name} on {socket.gethostname()}"

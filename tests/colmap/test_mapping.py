@@ -1,0 +1,69 @@
+"""Mappers in a process of their own: how they are stopped, and what they refuse."""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+
+import pytest
+
+from colmap_ihe.colmap import mapping
+from colmap_ihe.colmap.mapping import MappingInput, map_in_process, native_options
+from colmap_ihe.errors import Cancelled, OptionError
+from colmap_ihe.machine.progress import SILENT, Progress, Silent
+from colmap_ihe.project.options import SparseOptions
+
+
+class StopsSoon(Silent):
+    """Cancels when asked after 0.3 s."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.end = time.monotonic() + 0.3
+
+    def check(self) -> None:
+        if time.monotonic() > self.end:
+            raise Cancelled
+
+
+def sleep(_given: MappingInput, _progress: Progress) -> None:
+    time.sleep(60)
+
+
+def given(project: Path, **values: object) -> MappingInput:
+    options = SparseOptions(mapper="hierarchical", colmap=values)
+    return MappingInput(project / "database.db", project / "images", project / "out", options, 8)
+
+
+def test_stopped_at_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(mapping, "_map", sleep)
+    began = time.monotonic()
+    with pytest.raises(Cancelled):
+        map_in_process(given(tmp_path), StopsSoon())
+    assert time.monotonic() - began < 10
+
+
+def test_an_option_that_colmap_does_not_know_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(OptionError, match=r"sparse\.colmap: .*no_such_option"):
+        map_in_process(given(tmp_path, no_such_option=1), SILENT)
+
+
+def test_the_hierarchical_mapper_takes_the_options_of_the_incremental_one(tmp_path: Path) -> None:
+    values = {
+        "num_workers": 3,
+        "ba_refine_focal_length": False,
+        "min_num_matches": 11,
+        "incremental_options": {"min_num_matches": 12, "min_model_size": 4},
+    }
+    settings = native_options(given(tmp_path, **values).options)
+    assert settings.num_workers == 3
+    parts = settings.incremental_options
+    assert (parts.ba_refine_focal_length, parts.min_num_matches, parts.min_model_size) == (False, 12, 4)
+    assert parts.ba_refine_extra_params
+    for wrong in (
+        {"no_such_option": 1},
+        {"ba_refine_focal_length": "perhaps"},
+        {"ba_refine_focal_length": False, "incremental_options": 5},
+    ):
+        with pytest.raises(OptionError, match=r"sparse\.colmap"):
+            native_options(given(tmp_path, **wrong).options)
