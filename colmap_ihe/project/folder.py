@@ -173,16 +173,12 @@ class Project:
 
     @property
     def batch_record(self) -> Path:
-        """How the last run of this project in a batch ended; beside it the log of that run, and its lock."""
+        """How the last run of this project in a batch ended; beside it the log of that run."""
         return self.records / "batch.json"
 
     @property
     def batch_log(self) -> Path:
         return self.records / "batch.log"
-
-    @property
-    def batch_lock(self) -> Path:
-        return self.records / "batch.lock"
 
     @property
     def digests_file(self) -> Path:
