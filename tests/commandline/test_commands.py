@@ -42,12 +42,6 @@ def test_fit_of_files_and_folders_is_the_same_set(capsys: Captured, photos: Path
     assert parts == whole
 
 
-def test_fit_without_json_prints_a_table(capsys: Captured, photos: Path) -> None:
-    text = output_of(capsys, "fit", photos, "--step", "0.1")
-    assert "weights" in text
-    assert "images" in text
-
-
 def test_the_curve_of_raw_is_in_the_file_and_not_in_the_table(
     capsys: Captured, small_demo: Path, tmp_path: Path
 ) -> None:

@@ -88,17 +88,6 @@ def test_stopped_the_work_ends() -> None:
         pytest.fail("it began")
 
 
-def test_progress_goes_to_stderr_and_can_be_left_out(capsys: Captured, new_project: Make) -> None:
-    project = new_project(2)
-    main(["reconstruct", str(project), "--until", "convert", "--json", *SETTINGS])
-    captured = capsys.readouterr()
-    json.loads(captured.out)
-    for stage in STAGE_NAMES[:3]:
-        assert f"{stage}  " in captured.err
-    main(["reconstruct", str(project), "--until", "convert", "-q", "--from", "fit", *SETTINGS])
-    assert capsys.readouterr().err == ""
-
-
 def test_a_run_as_lines_of_json(capsys: Captured, new_project: Make) -> None:
     project = new_project(2)
     (project / "images/broken.jpg").write_bytes(b"no photograph")
