@@ -24,7 +24,7 @@ class BatchFolder:
 
     @classmethod
     def at(cls, root: Path) -> BatchFolder:
-        """Raise `ProjectError` if there is no such folder, or if it is a project itself."""
+        """Return the folder of a batch. Raises `ProjectError` if there is no `root`, or if it is a project itself."""
         if not root.is_dir():
             raise ProjectError(f"{root}: no such folder", hint="name a folder that holds projects")
         if (root / "images").is_dir():
