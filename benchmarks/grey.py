@@ -14,7 +14,8 @@ from pathlib import Path
 from statistics import mean, pstdev
 from typing import Any
 
-from colmap_ihe.commandline.bars import Bars, print_table
+from colmap_ihe.commandline.bars import Terminal, print_table
+from colmap_ihe.commandline.display import Display
 from colmap_ihe.pipeline.reconstruct import reconstruct
 from colmap_ihe.project.options_file import load_options
 
@@ -33,7 +34,11 @@ def summaries(project: Path, photographs: Path, method: str, seeds: int) -> list
     for seed in range(seeds):
         options = load_options(None, [f"fit.method={method}", f"sparse.seed={seed}", "dense.enabled=false"])
         found.append(
-            dict(reconstruct(project, options, images=photographs, progress=Bars(quiet=True)).summary)
+            dict(
+                reconstruct(
+                    project, options, images=photographs, progress=Display(Terminal(quiet=True))
+                ).summary
+            )
         )
     return found
 

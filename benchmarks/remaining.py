@@ -14,12 +14,15 @@ import argparse
 import json
 import tempfile
 import time
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import astuple
 from pathlib import Path
 from typing import Any
 
-from colmap_ihe.commandline.display import Display, StageDisplay
+from colmap_ihe.commandline.bars import Terminal
+from colmap_ihe.commandline.display import Display
+from colmap_ihe.machine.progress import Progress
 from colmap_ihe.machine.remaining_time import Forecast, Part
 from colmap_ihe.pipeline.reconstruct import reconstruct
 from colmap_ihe.project.options_file import load_options
@@ -53,32 +56,17 @@ class _Recorder(Forecast):
 
 
 class _Noted(Display):
+    """Show only warnings, and note what the forecast is told."""
+
     def __init__(self) -> None:
-        super().__init__()
+        super().__init__(Terminal(quiet=True))
         self.forecast: _Recorder = _Recorder()
 
-    def warn(self, text: str) -> None:
-        print(text)
-
-    def result(self, text: str) -> None: ...
-
-    def failed(self, message: str, hint: str) -> None: ...
-
-    def _kept(self, name: str) -> None: ...
-
-    def _piece(self, name: str) -> StageDisplay:
+    @contextmanager
+    def stage(self, name: str) -> Iterator[Progress]:
         self.forecast.begin(name, "")
-        return _Part(self, name)
-
-
-class _Part(StageDisplay):
-    def _started(self) -> None: ...
-
-    def _advanced(self) -> None: ...
-
-    def over(self, seconds: float) -> None: ...
-
-    def close(self) -> None: ...
+        with super().stage(name) as progress:
+            yield progress
 
 
 def tell(name: str, events: Sequence[Event]) -> None:

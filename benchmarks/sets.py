@@ -24,7 +24,8 @@ from limits import descendants, held
 
 import colmap_ihe  # noqa: F401  before pycolmap
 from colmap_ihe.colmap.native import pycolmap
-from colmap_ihe.commandline.bars import Bars, print_table
+from colmap_ihe.commandline.bars import Terminal, print_table
+from colmap_ihe.commandline.display import Display
 from colmap_ihe.evaluation.demo.run import demo
 from colmap_ihe.evaluation.truth import pose_errors, read_truth
 from colmap_ihe.pipeline.reconstruct import Reconstruction, reconstruct
@@ -53,12 +54,12 @@ def run_set(name: str, work: Path, assignments: list[str]) -> tuple[str, ...]:
     shutil.rmtree(project, ignore_errors=True)
     began = time.monotonic()
     if name == "demo":
-        done = demo(project, assignments, Bars())
+        done = demo(project, assignments, Display(Terminal()))
         truth = done.summary["truth"]
         error = ", ".join(f"{key} {value:.4g}" for key, value in truth.items())
     else:
         options = load_options(None, [*SETS[name], *assignments])
-        done = reconstruct(project, options, images=DATA / name, progress=Bars())
+        done = reconstruct(project, options, images=DATA / name, progress=Display(Terminal()))
         error = _fountain_error(done) if name == "fountain-p11" else ""
     seconds = time.monotonic() - began
     return _row(name, done.summary, error, seconds)

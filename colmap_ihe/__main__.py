@@ -1,4 +1,4 @@
-"""`python -m colmap_ihe`: the command line."""
+"""Run the command line, as `python -m colmap_ihe`."""
 
 from colmap_ihe.cli import entry_point
 

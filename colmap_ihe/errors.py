@@ -1,15 +1,14 @@
-"""What can go wrong, as a small tree.
+"""Name what can go wrong, as a small tree.
 
-Every message says what came, what was wanted and what to do; `hint` is that last part. The
-command line prints a `KnownError` in one line and exits with 1; anything else is a bug and
-keeps its traceback.
+Every message says what came, what was expected and what to do; `hint` is that last part. The command line prints a
+`KnownError` in one line and exits with 1; anything else is a bug and keeps its traceback.
 """
 
 from __future__ import annotations
 
 
 class KnownError(Exception):
-    """A failure with a known cause: `str(error)` is the cause, `error.hint` what to do about it."""
+    """Report a failure with a known cause: `str(error)` is the cause, `error.hint` what to do about it."""
 
     def __init__(self, message: str, hint: str = "") -> None:
         super().__init__(message)
@@ -17,48 +16,48 @@ class KnownError(Exception):
 
 
 class OptionError(KnownError):
-    """project.yaml or `--set` holds something that is not an option."""
+    """Report something in project.yaml or `--set` that is not an option."""
 
 
 class PhotographError(KnownError):
-    """One photograph cannot be used; the run may go on without it."""
+    """Report a photograph that cannot be used; the run may go on without it."""
 
 
 class ProjectError(KnownError):
-    """The project folder does not hold what a run needs, or holds what must not be touched."""
+    """Report a project folder that lacks what a run needs, or holds what must not be touched."""
 
 
 class BusyError(ProjectError):
-    """Another run is working on the project."""
+    """Report that another run works on the project."""
 
 
 class WeightsError(KnownError):
-    """A weights file or a triplet of weights is not usable."""
+    """Report a weights file or a triplet of weights that cannot be used."""
 
 
 class DiskFullError(KnownError):
-    """The disk has no room for what is to be written."""
+    """Report a disk without room for what is to be written."""
 
 
 class ShortOfMemoryError(KnownError):
-    """Memory ran out."""
+    """Report that memory ran out."""
 
 
 class MappingError(KnownError):
-    """COLMAP ran, and the photographs do not give a model."""
+    """Report that COLMAP ran, and the photographs do not give a model."""
 
 
 class NativeError(KnownError):
-    """COLMAP or another native library failed."""
+    """Report that COLMAP or another native library failed."""
 
 
 class CapabilityError(KnownError):
-    """This machine or this installation cannot do what was asked for."""
+    """Report that this machine or this installation cannot do what was asked for."""
 
 
 class ClusterError(KnownError):
-    """The cluster, or one of its workers, is not there or not fit for the work."""
+    """Report that the cluster, or one of its workers, is not there or not fit for the work."""
 
 
 class Cancelled(Exception):
-    """The user asked to stop. Not a failure: the command line exits with 130."""
+    """End the work because the user asked to. Not a failure: the command line exits with 130."""

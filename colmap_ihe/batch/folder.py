@@ -1,4 +1,4 @@
-"""The folder of a batch: where its projects are, and every path of what the batch itself leaves in ROOT/batch."""
+"""Find the projects of a batch, and name every path of what the batch itself writes to ROOT/batch."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from colmap_ihe.errors import ProjectError
-from colmap_ihe.machine import locks as ours
+from colmap_ihe.machine import locks
 from colmap_ihe.machine.files import fingerprint_of, leads_out, room_on_disk
 from colmap_ihe.project.folder import Project
 
@@ -18,13 +18,13 @@ _NAME = "batch"
 
 @dataclass(frozen=True)
 class BatchFolder:
-    """`root` holds the projects, at any depth."""
+    """Name the paths of a batch. `root` holds the projects, at any depth."""
 
     root: Path
 
     @classmethod
     def at(cls, root: Path) -> BatchFolder:
-        """Raises `ProjectError` if there is no such folder, or if it is a project itself."""
+        """Return the folder of a batch. Raises `ProjectError` if there is no `root`, or if it is a project itself."""
         if not root.is_dir():
             raise ProjectError(f"{root}: no such folder", hint="name a folder that holds projects")
         if (root / "images").is_dir():
@@ -47,66 +47,66 @@ class BatchFolder:
         return self.folder / "batch.json"
 
     def stop_file(self) -> Path:
-        """By which this process tells its runs to stop, wherever they run."""
+        """Return a file of a new name, by which this process tells its runs to stop, wherever they run."""
         return self.folder / f"stop-{fingerprint_of(os.getpid(), time.time_ns())}"
 
     def make(self) -> None:
-        """Raises `ProjectError` where somebody else made it, or it is a link out of `root`."""
+        """Make the folder. Raises `ProjectError` where somebody else made it, or it is a link out of `root`."""
         if leads_out(self.folder, self.root):
             raise ProjectError(
                 f"{self.folder}: a link that leads out of {self.root}, and the page is not written through one",
                 hint="take the link out",
             )
-        if not ours.is_marked(self.folder):
-            ours.refuse_unmarked(self.folder, "the batch puts its page there: give yours another name")
+        if not locks.is_marked(self.folder):
+            locks.refuse_unmarked(self.folder, "the batch puts its page there: give yours another name")
             with room_on_disk(self.folder):
-                ours.make(self.folder)
+                locks.make(self.folder)
 
     def projects(self, warn: Callable[[str], None]) -> list[Path]:
-        """Every folder below that has a folder `images`, in the order of their names. Links are followed, each folder
-        once; nothing is looked for inside a project, in hidden folders, or in what we made. `warn` is told of folders
-        that cannot be read."""
-        found: list[Path] = []
+        """Return every folder below that has a folder `images`, sorted. Links are followed, each folder once; nothing
+        is looked for inside a project, in hidden folders, or in what we made. `warn` is told of folders that cannot be
+        read."""
+        projects: list[Path] = []
         seen: set[tuple[int, int]] = set()
 
-        def refused(error: OSError) -> None:
+        def warn_of(error: OSError) -> None:
             warn(f"{error.filename}: cannot be read ({error.strerror}), so no project is looked for in it")
 
-        for parent, folders, _ in os.walk(self.root, onerror=refused, followlinks=True):
-            place = Path(parent)
+        for parent, folders, _ in os.walk(self.root, onerror=warn_of, followlinks=True):
+            folder = Path(parent)
             try:
-                about = place.stat()
-                known = (about.st_dev, about.st_ino) in seen or ours.is_marked(place)
-                is_project = not known and place != self.root and (place / "images").is_dir()
+                about = folder.stat()
+                skipped = (about.st_dev, about.st_ino) in seen or locks.is_marked(folder)
+                is_project = not skipped and folder != self.root and (folder / "images").is_dir()
             except OSError as error:
-                refused(error)
-                known, is_project = True, False
+                warn_of(error)
+                skipped, is_project = True, False
             else:
                 seen.add((about.st_dev, about.st_ino))
             if is_project:
-                found.append(place)
-            folders[:] = [] if known or is_project else [f for f in folders if not f.startswith(".")]
-        return sorted(found)
+                projects.append(folder)
+            folders[:] = [] if skipped or is_project else [f for f in folders if not f.startswith(".")]
+        return sorted(projects)
 
     def name_of(self, project: Path) -> str:
+        """Return the path of a project below the root."""
         return project.relative_to(self.root).as_posix()
 
 
 def contents_of(project: Project) -> tuple[str, float]:
-    """A digest of the names, sizes and times of what the user put into a project, and when that last changed."""
-    files: list[tuple[str, int, int]] = []
-    newest = 0.0
+    """Return a digest of the names, sizes and times of what the user put into a project, and when that last changed,
+    in seconds since the epoch."""
+    paths = [project.options_file]
     for folder in (project.images, project.masks, project.calibration):
         for parent, _, names in os.walk(folder):
-            for path in (Path(parent), *(Path(parent) / name for name in names)):
-                try:
-                    about = path.stat()
-                except OSError:  # gone again, or a link to nowhere
-                    continue
-                newest = max(newest, about.st_ctime)
-                files.append((str(path), about.st_size, about.st_mtime_ns))
-    if project.options_file.exists():
-        about = project.options_file.stat()
+            paths += [Path(parent), *(Path(parent) / name for name in names)]
+    files: list[tuple[str, int, int]] = []
+    newest = 0.0
+    for path in paths:
+        try:
+            about = path.stat()
+        except OSError:  # not there, gone again, or a link to nowhere
+            continue
         newest = max(newest, about.st_ctime)
-        files.append((str(project.options_file), about.st_size, about.st_mtime_ns))
+        files.append((str(path), about.st_size, about.st_mtime_ns))
     return fingerprint_of(sorted(files)), newest

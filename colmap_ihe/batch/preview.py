@@ -1,4 +1,4 @@
-"""What is known of a project before it runs: whether it needs to, and how much memory and time it will want."""
+"""Look at a project before it runs: whether it needs to, and how much memory it takes."""
 
 from __future__ import annotations
 
@@ -8,11 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from colmap_ihe.colmap.features import features_bytes
-from colmap_ihe.dense.backend import pick_backend
-from colmap_ihe.dense.cost import dense_cost
 from colmap_ihe.errors import KnownError, PhotographError
-from colmap_ihe.machine import memory
 from colmap_ihe.machine.executor import local_executor
 from colmap_ihe.machine.progress import SILENT
 from colmap_ihe.machine.threads import local_workers
@@ -29,27 +25,27 @@ from colmap_ihe.project.options_file import project_options
 from colmap_ihe.report import pictures
 from colmap_ihe.report.contents import Picture
 
-BASE_BYTES = 600_000_000
-"""Of any run: the interpreter, the libraries, and COLMAP's caches of a small set. Measured; see docs/batch.md."""
 _THUMBNAIL = 240  # pixels
 
 
 @dataclass(frozen=True)
 class ProjectPreview:
-    """`up_to_date`: nothing is to be done. `reason`, `hint`: why it cannot run at all. `photographs`, and their
-    `pixels` in all; `need_bytes` of memory with a worker a core, 0 if unknown."""
+    """Hold the number of photographs, their pixels in all, and the bytes of memory that a run takes.
+
+    `up_to_date`: nothing is to be done, and the memory is 0. `reason`, `hint`: why it cannot run at all.
+    """
 
     photographs: int = 0
     pixels: int = 0
-    need_bytes: int = 0
+    memory_bytes: int = 0
     up_to_date: bool = False
     reason: str = ""
     hint: str = ""
     thumbnail: Picture | None = None
 
 
-def look_at(root: Path, assignments: Sequence[str]) -> ProjectPreview:
-    """Whatever is wrong with the project is in the answer: nothing is raised for it."""
+def preview_project(root: Path, assignments: Sequence[str]) -> ProjectPreview:
+    """Look at a project. Whatever is wrong with it is in the preview: nothing is raised for it."""
     captures: Sequence[Capture] = ()
     thumbnail = None
     try:
@@ -64,24 +60,16 @@ def look_at(root: Path, assignments: Sequence[str]) -> ProjectPreview:
             surveyed, _ = survey(captures, executor, SILENT, strict=False)
     except KnownError as error:
         return ProjectPreview(len(captures), reason=str(error), hint=error.hint, thumbnail=thumbnail)
-    pixels = sum(one.width * one.height for one in surveyed)
-    return ProjectPreview(len(captures), pixels, need_of(surveyed, options), thumbnail=thumbnail)
+    except Exception as error:  # noqa: BLE001  of one project, and the others go on
+        return ProjectPreview(reason=f"it could not be looked at: {type(error).__name__}: {error}")
+    pixels = sum(photograph.width * photograph.height for photograph in surveyed)
+    return ProjectPreview(len(captures), pixels, _memory_bytes(surveyed, options), thumbnail=thumbnail)
 
 
-def need_of(surveyed: Sequence[Surveyed], options: Options) -> int:
-    """Bytes of memory that a run of these photographs takes at the most, with a worker a core."""
-    workers = local_workers()
-    sizes = [(one.width, one.height) for one in surveyed]
-    needs = [
-        memory.needed([one.capture for one in surveyed]) * workers,
-        features_bytes(sizes, options.features, workers),
-    ]
-    if options.dense.enabled:
-        backend = pick_backend(options.dense.backend)
-        needs.append(dense_cost(sizes, options.dense.max_image_size, backend, workers, 0).memory_bytes)
-    demands = needs_of(options, PhotoSetSize.of_survey(surveyed))
-    needs += [demand.base_bytes - BASE_BYTES for demand in demands if demand.stage == "mesh"]
-    return BASE_BYTES + max(needs)
+def _memory_bytes(surveyed: Sequence[Surveyed], options: Options) -> int:
+    """Return the memory of the stage that takes most, with a worker a core."""
+    stages, workers = needs_of(options, PhotoSetSize.of_survey(surveyed)), local_workers()
+    return max(max(stage.memory_bytes(workers), stage.base_bytes + stage.more_bytes) for stage in stages)
 
 
 def _is_up_to_date(project: Project, options: Options) -> bool:
@@ -91,7 +79,7 @@ def _is_up_to_date(project: Project, options: Options) -> bool:
 
 
 def _thumbnail(captures: Sequence[Capture]) -> Picture | None:
-    """Of the photograph in the middle of the set, or the next one that can be read."""
+    """Return a small picture of the photograph in the middle of the set, or of the next one that can be read."""
     middle = len(captures) // 2
     for capture in [*captures[middle:], *captures[:middle]][:3]:
         try:

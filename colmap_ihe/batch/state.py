@@ -1,4 +1,4 @@
-"""What a batch has come to, project by project: for machines as batch.json, for people as a page and in words."""
+"""Describe a batch project by project: for programs as batch.json, for people as a page and in words."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ _IN_WORDS: dict[State, tuple[str, _Kind]] = {
     "copying": ("photographs are arriving", "waiting"),
     "waiting": ("waiting", "waiting"),
     "running": ("running", "running"),
-    "busy": ("another run is at it", "waiting"),
+    "busy": ("in use by another run", "waiting"),
     "stopped": ("stopped", "waiting"),
     "done": ("done", "done"),
     "failed": ("failed", "failed"),
@@ -37,7 +37,6 @@ _IN_WORDS: dict[State, tuple[str, _Kind]] = {
     "out_of_memory": ("out of memory", "failed"),
     "timed_out": ("out of time", "failed"),
 }
-FAILURES: tuple[State, ...] = tuple(state for state, (_, kind) in _IN_WORDS.items() if kind == "failed")
 _REFRESH_SECONDS = 10
 _FIGURES = (
     "images",
@@ -51,7 +50,7 @@ _FIGURES = (
 
 @dataclass(frozen=True)
 class ProjectState:
-    """One project of a batch. What `figures` are None its stages have not made; docs/batch.md says what each is."""
+    """Describe a project of a batch, by the fields of docs/batch.md. Figures that no stage has made are None."""
 
     name: str
     state: State
@@ -90,7 +89,7 @@ class ProjectState:
 
 @dataclass(frozen=True)
 class BatchState:
-    """All of a batch, and when it began. `command` goes on with it."""
+    """Describe a batch, and when it began. `command` goes on with it."""
 
     root: str
     phase: Phase
@@ -103,6 +102,11 @@ class BatchState:
     @property
     def succeeded(self) -> bool:
         return all(project.state == "done" for project in self.projects)
+
+    @property
+    def ended(self) -> int:
+        """Return how many projects are done or failed."""
+        return sum(project.kind in ("done", "failed") for project in self.projects)
 
     def as_dict(self) -> dict[str, Any]:
         values = {
@@ -119,6 +123,7 @@ class BatchState:
         return dict(json.loads(text.encode("utf-8", "replace")))
 
     def in_words(self) -> str:
+        """Return the state of the batch in one line, as "3 of 8 projects done, 1 failed"."""
         kinds = Counter(project.kind for project in self.projects)
         parts = [f"{kinds['done']} of {len(self.projects)} projects done"]
         words: dict[_Kind, str] = {
@@ -126,7 +131,7 @@ class BatchState:
             "running": "running",
             "waiting": "not begun or not finished",
         }
-        parts += [f"{kinds[kind]} {said}" for kind, said in words.items() if kinds[kind]]
+        parts += [f"{kinds[kind]} {word}" for kind, word in words.items() if kinds[kind]]
         if self.phase in ("running", "watching") and self.remaining_s is not None:
             long = self.remaining_s >= 10
             parts.append(f"about {duration(self.remaining_s)} left" if long else "a few seconds left")
@@ -138,16 +143,16 @@ class BatchState:
 
 
 def time_of(seconds: float) -> str:
-    """A time since the epoch as batch.json has it: UTC, ISO 8601."""
+    """Return seconds since the epoch as batch.json has them: UTC, ISO 8601."""
     return datetime.fromtimestamp(seconds, timezone.utc).isoformat(timespec="seconds")
 
 
-def project_state(folder: BatchFolder, project: Project, state: State, **known: Any) -> ProjectState:
-    """A project as its records show it, with what is known of it besides."""
+def project_state(folder: BatchFolder, project: Project, state: State, **values: Any) -> ProjectState:
+    """Describe a project as its records do, with `values` over it."""
     record = read_json(project.batch_record) or {}
     summary = read_json(project.summary_file) or {}
     stages = summary.get("stages")
-    values: dict[str, Any] = {
+    recorded: dict[str, Any] = {
         "seconds": _number(record.get("seconds")),
         "peak_memory_gb": _number(record.get("peak_memory_gb")),
         "began": _text(record.get("began")),
@@ -159,11 +164,11 @@ def project_state(folder: BatchFolder, project: Project, state: State, **known: 
         "page": _relative(folder, project.page_file),
         "log": _relative(folder, project.batch_log),
     }
-    return ProjectState(folder.name_of(project.root), state, **{**values, **known})
+    return ProjectState(folder.name_of(project.root), state, **{**recorded, **values})
 
 
 def _number(value: Any) -> Any:
-    """None for what no run wrote there."""
+    """Return None for what no run wrote there."""
     return value if type(value) in (int, float) and 0 <= value < 1e15 else None
 
 
@@ -176,13 +181,13 @@ def _length(value: Any) -> int:
 
 
 def publish(folder: BatchFolder, state: BatchState, thumbnails: dict[str, Picture]) -> None:
-    """Writes the page and batch.json, each whole or not at all. Raises `KnownError`s."""
+    """Write the page and batch.json, each whole or not at all. Raises `KnownError`s."""
     write_json(folder.json_file, state.as_dict())
     going_on = state.phase in ("running", "watching")
     contents = BatchContents(
         title=f"{folder.root.name}: {len(state.projects)} projects",
         result=f"{state.in_words()}.",
-        rows=[_row(one, thumbnails.get(one.name)) for one in state.projects],
+        rows=[_row(project, thumbnails.get(project.name)) for project in state.projects],
         command=state.command,
         written=datetime.now().astimezone().strftime("%Y-%m-%d %H:%M:%S %Z"),
         again_s=_REFRESH_SECONDS if going_on else None,
@@ -195,30 +200,41 @@ def _relative(folder: BatchFolder, file: Path) -> str | None:
     return os.path.relpath(file, folder.folder) if file.exists() else None
 
 
-def _row(one: ProjectState, thumbnail: Picture | None) -> ProjectRow:
-    page, log = (quote((place or "").encode("utf-8", "surrogateescape")) for place in (one.page, one.log))
+def _row(project: ProjectState, thumbnail: Picture | None) -> ProjectRow:
+    page, log = (
+        quote((path or "").encode("utf-8", "surrogateescape")) for path in (project.page, project.log)
+    )
+    facts = facts_of(project)
     return ProjectRow(
-        one.name, one.kind, one.in_words, page, thumbnail, facts_of(one), one.reason, one.hint, log
+        project.name,
+        project.kind,
+        project.in_words,
+        page,
+        thumbnail,
+        facts,
+        project.reason,
+        project.hint,
+        log,
     )
 
 
-def facts_of(one: ProjectState) -> list[tuple[str, str]]:
-    """The figures of a project as a person reads them, as many as there are."""
-    of = one.figures
+def facts_of(project: ProjectState) -> list[tuple[str, str]]:
+    """Return the figures of a project as a person reads them, as many as there are."""
+    figures = project.figures
+    images, error = figures.get("images") or project.photographs, figures.get("mean_reprojection_error_px")
     facts: list[tuple[str, str]] = []
-    images = of.get("images") or one.photographs
-    if of.get("registered_images") is not None:
-        facts.append(("registered images", f"{of['registered_images']} of {images}"))
+    if figures.get("registered_images") is not None:
+        facts.append(("registered images", f"{figures['registered_images']} of {images}"))
     elif images:
         facts.append(("photographs", str(images)))
-    if of.get("mean_reprojection_error_px") is not None:
-        facts.append(("mean reprojection error", f"{of['mean_reprojection_error_px']:.2f} px"))
+    if error is not None:
+        facts.append(("mean reprojection error", f"{error:.2f} px"))
     for name, words in (("points3D", "points"), ("dense_points", "dense points"), ("mesh_faces", "faces")):
-        if of.get(name) is not None:
-            facts.append((words, f"{of[name]:,}"))
-    for count, words in ((one.left_out, "left out"), (one.warnings, "warnings")):
+        if figures.get(name) is not None:
+            facts.append((words, f"{figures[name]:,}"))
+    for count, words in ((project.left_out, "left out"), (project.warnings, "warnings")):
         if count:
             facts.append((words, str(count)))
-    if one.stages:
-        facts.append(("time", duration(sum(one.stages.values()))))
+    if project.stages:
+        facts.append(("time", duration(sum(project.stages.values()))))
     return facts

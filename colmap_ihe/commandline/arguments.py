@@ -1,4 +1,4 @@
-"""What can be said on the command line."""
+"""Parse the command line."""
 
 from __future__ import annotations
 
@@ -11,30 +11,29 @@ from colmap_ihe.commandline.shared_arguments import (
     Command,
     add_camera,
     add_development,
-    add_ends,
     add_project,
+    add_run,
     add_set,
+    add_weights,
     count,
     duration,
 )
 from colmap_ihe.evaluation.tables import METHODS as COMPARED
 from colmap_ihe.evaluation.tables import PAPER
-from colmap_ihe.grey.conversions import CONVERSIONS
 from colmap_ihe.grey.convert import TONES
 from colmap_ihe.machine.libraries import __version__
 from colmap_ihe.photographs.encode import SUFFIXES
 from colmap_ihe.pipeline.stages import STAGE_NAMES
 
-METHODS = tuple(CONVERSIONS)
 CommandFunction = Callable[[argparse.Namespace, Display], None]
 
 
-def parser_of(runs: Mapping[str, CommandFunction]) -> argparse.ArgumentParser:
-    """The parser, which puts what runs a command into `run`."""
+def parser_of(functions: Mapping[str, CommandFunction]) -> argparse.ArgumentParser:
+    """Return the parser, which puts the function of a command into `run`."""
     parser = argparse.ArgumentParser(
         prog="colmap-ihe",
-        description="One grey conversion fitted to a whole set of photographs, and the road from them to a "
-        "coloured dense cloud with COLMAP.",
+        description="Fit one grey conversion to a whole set of photographs, and reconstruct them with COLMAP: cameras, "
+        "points, a coloured dense cloud and a mesh.",
         epilog="Exit status: 0 done, 1 failed with one line that says why, 2 wrong usage, 130 stopped.",
     )
     parser.add_argument("--version", action="version", version=f"colmap-ihe {__version__}")
@@ -42,21 +41,23 @@ def parser_of(runs: Mapping[str, CommandFunction]) -> argparse.ArgumentParser:
 
     def command(name: str, text: str) -> argparse.ArgumentParser:
         added = subparsers.add_parser(name, help=text.split(". ")[0].rstrip("."), description=text)
-        added.set_defaults(run=runs[name])
-        shown = added.add_mutually_exclusive_group()
-        shown.add_argument(
-            "--json", action="store_const", const="whole", help="print the result as JSON, for machines"
+        added.set_defaults(run=functions[name])
+        output = added.add_mutually_exclusive_group()
+        output.add_argument(
+            "--json", action="store_const", const="whole", help="print the result as JSON, for programs"
         )
-        shown.add_argument(
+        output.add_argument(
             "--json-lines",
             action="store_const",
             const="lines",
             dest="json",
             help="print progress, warnings and the result as lines of JSON, as they come",
         )
-        loud = added.add_mutually_exclusive_group()
-        loud.add_argument("-q", "--quiet", action="store_true", help="no progress, only warnings")
-        loud.add_argument("-v", "--verbose", action="store_true", help="also what COLMAP says, and times")
+        verbosity = added.add_mutually_exclusive_group()
+        verbosity.add_argument("-q", "--quiet", action="store_true", help="no progress, only warnings")
+        verbosity.add_argument(
+            "-v", "--verbose", action="store_true", help="also COLMAP's messages, and times"
+        )
         return added
 
     _add_demo(command)
@@ -65,16 +66,15 @@ def parser_of(runs: Mapping[str, CommandFunction]) -> argparse.ArgumentParser:
     _add_fit(command)
     _add_convert(command)
     _add_develop(command)
-    one = command("status", "Where each stage of a project stands, and why it would run again.")
-    add_project(one)
-    add_camera(one)
+    status = command("status", "Say how far each stage of a project is, and why it would run again.")
+    add_project(status)
+    add_camera(status)
     _add_compare(command)
-    page = command("report", "Writes the page of a project again: PROJECT/report/index.html, one file.")
-    add_project(page)
+    add_project(command("report", "Write the page of a project again: PROJECT/report/index.html, one file."))
     doctor = command(
         "doctor",
-        "What this installation and this machine can do; with a PROJECT also how its dense stereo will run, and what"
-        " that takes in time, memory and disk.",
+        "Say what this installation and this machine can do; with a PROJECT also how its dense stereo will run, and"
+        " its time, memory and disk.",
     )
     add_project(doctor, nargs="?")
     return parser
@@ -83,26 +83,19 @@ def parser_of(runs: Mapping[str, CommandFunction]) -> argparse.ArgumentParser:
 def _add_demo(command: Command) -> None:
     demo = command(
         "demo",
-        "Renders a small portico with known truth to RAW and JPEG photographs, reconstructs it like any other "
-        "project and prints the error against the truth. Needs no download.",
+        "Render a small portico with known truth to RAW and JPEG photographs, reconstruct it like any other "
+        "project and print the error against the truth. Needs no download.",
     )
     demo.add_argument(
         "folder", type=Path, nargs="?", default=Path("demo"), metavar="DIR", help="where to put it (demo)"
     )
-    demo.add_argument(
-        "--set",
-        action="append",
-        default=[],
-        metavar="STAGE.OPTION=VALUE",
-        dest="assignments",
-        help="change an option",
-    )
+    add_set(demo)
 
 
 def _add_reconstruct(command: Command) -> None:
     parser = command(
         "reconstruct",
-        "From the photographs in PROJECT/images to cameras, points, a coloured dense cloud and a mesh in "
+        "Reconstruct the photographs in PROJECT/images: cameras, points, a coloured dense cloud and a mesh in "
         "PROJECT/workspace, a plain COLMAP workspace. The same command goes on after an interruption, and "
         "runs again only what a change makes stale.",
     )
@@ -111,30 +104,24 @@ def _add_reconstruct(command: Command) -> None:
         "--from", dest="start", choices=STAGE_NAMES, help="run this stage and all after it again"
     )
     parser.add_argument("--until", choices=STAGE_NAMES, help="end after this stage")
-    parser.add_argument(
-        "--weights",
-        type=Path,
-        metavar="FILE",
-        help="weights of another campaign, instead of a fit to this one",
-    )
-    add_ends(parser)
+    parser.add_argument("--weights", type=Path, metavar="FILE", help="take these weights instead of a fit")
     parser.add_argument(
         "--from-record",
         type=Path,
         metavar="PROJECT",
-        help="with the options of the last run of another project, or of its records/run.json, instead of"
-        " project.yaml; says what is unlike: photographs, versions",
+        help="take the options of the last run of another project, or of its records/run.json, instead of"
+        " project.yaml; says which photographs and versions differ",
     )
-    add_camera(parser)
+    add_run(parser)
 
 
 def _add_batch(command: Command) -> None:
     parser = command(
         "batch",
-        "Every project below ROOT, a folder with photographs in images/ each, in a process of its own: one that fails"
-        " or crashes does not stop the others. As many at a time as memory has room for. ROOT/batch/index.html shows"
-        " what they have come to while it runs. The same command goes on with what is missing. Exit status 1 if not all"
-        " are done; see docs/batch.md.",
+        "Reconstruct every project below ROOT, a folder with photographs in images/ each, in a process of its own: one"
+        " that fails or crashes does not stop the others. As many at a time as memory has room for."
+        " ROOT/batch/index.html shows their state while it runs. The same command goes on with what is missing. Exit"
+        " status 1 if not all are done; see docs/batch.md.",
     )
     parser.add_argument("root", type=Path, metavar="ROOT", help="the folder that holds the projects")
     parser.add_argument(
@@ -144,7 +131,7 @@ def _add_batch(command: Command) -> None:
         "--time-limit",
         type=duration,
         metavar="TIME",
-        help="for each project, as 90m or 2h; one that takes longer is stopped, and goes on from there next time",
+        help="of each project, as 90m or 2h; one that takes longer is stopped, and goes on from there next time",
     )
     parser.add_argument(
         "--watch", action="store_true", help="go on with projects that are put into ROOT, until stopped"
@@ -154,17 +141,16 @@ def _add_batch(command: Command) -> None:
         type=duration,
         default=30.0,
         metavar="TIME",
-        help="with --watch: for how long a project's files must not have changed before it begins (30s)",
+        help="with --watch: begin a project when its files have not changed for so long (30s)",
     )
     add_set(parser)
-    add_ends(parser)
-    add_camera(parser)
+    add_run(parser)
 
 
 def _add_compare(command: Command) -> None:
     parser = command(
         "compare",
-        "The paper's evaluation on your photographs: the same set in several greys, side by side. Tables as CSV, JSON"
+        "Evaluate several greys on your photographs as the paper does, side by side. Tables as CSV, JSON"
         " and LaTeX go to PROJECT/compare. The same command goes on after an interruption.",
     )
     add_project(parser)
@@ -193,7 +179,7 @@ def _add_compare(command: Command) -> None:
 def _add_fit(command: Command) -> None:
     parser = command(
         "fit",
-        "The grey weights of a set of photographs, without COLMAP. IMAGES are folders or files; projects, and "
+        "Fit the grey weights of a set of photographs, without COLMAP. IMAGES are folders or files; projects, and "
         "histograms of earlier fits, of which no photograph is read again. See docs/campaigns.md.",
     )
     parser.add_argument("images", type=Path, nargs="+", metavar="IMAGES")
@@ -202,23 +188,18 @@ def _add_fit(command: Command) -> None:
         "--histogram",
         type=Path,
         metavar="FILE",
-        help="write what was counted, for a later fit over more photographs",
+        help="write the histogram, for a later fit over more photographs",
     )
-    chosen = parser.add_mutually_exclusive_group()
-    chosen.add_argument("--method", choices=METHODS, default="ihe")
-    chosen.add_argument(
-        "--weights",
-        type=Path,
-        metavar="FILE",
-        help="fit nothing: tell whether these weights fit the photographs",
-    )
+    add_weights(parser, "fit nothing: say whether these weights fit the photographs")
     parser.add_argument(
         "--guard", choices=("noise", "none"), default="noise", help="of ihe; none is the paper to the letter"
     )
     parser.add_argument("--step", type=float, default=0.01, help="of the grid of weights (0.01)")
-    parser.add_argument("--sample", type=float, default=1.0, help="of each side of a photograph (1)")
     parser.add_argument(
-        "--weighting", choices=("pixel", "image"), default="pixel", help="what counts equally"
+        "--sample", type=float, default=1.0, help="part of each side of a photograph to read (1)"
+    )
+    parser.add_argument(
+        "--weighting", choices=("pixel", "image"), default="pixel", help="let each count the same (pixel)"
     )
     parser.add_argument(
         "--recount",
@@ -227,13 +208,12 @@ def _add_fit(command: Command) -> None:
         help="of RAW: read the photographs a second time, to count grey levels at full depth",
     )
     add_development(parser)
-    parser.add_argument("--strict", action="store_true", help="stop at a photograph that cannot be used")
 
 
 def _add_convert(command: Command) -> None:
     parser = command(
         "convert",
-        "Grey images of a folder of photographs, with their EXIF, for any photogrammetry program. Subfolders "
+        "Convert a folder of photographs to grey images with their EXIF, for any photogrammetry program. Subfolders "
         "are kept. Run again, it writes only what a change makes stale; a file that it did not write is never "
         "overwritten. See docs/use-with.",
     )
@@ -243,31 +223,25 @@ def _add_convert(command: Command) -> None:
         "--colour",
         type=Path,
         metavar="DIR",
-        help="also a colour twin of each grey image, same name and pixels, for texture",
+        help="also a colour image for each grey one, same name and pixels",
     )
-    chosen = parser.add_mutually_exclusive_group()
-    chosen.add_argument("--method", choices=METHODS, default="ihe")
-    chosen.add_argument(
-        "--weights", type=Path, metavar="FILE", help="weights of another campaign, from fit -o"
-    )
+    add_weights(parser, "weights of another campaign, from fit -o")
     parser.add_argument("--format", choices=tuple(SUFFIXES), default="png")
     parser.add_argument("--tone", choices=TONES, default="sqrt", help="of RAW photographs")
     parser.add_argument(
         "--wallis", action="store_true", help="enhance local contrast; a colour is then not the same grey"
     )
     add_development(parser)
-    parser.add_argument("--strict", action="store_true", help="stop at a photograph that cannot be used")
     add_camera(parser)
 
 
 def _add_develop(command: Command) -> None:
     parser = command(
         "develop",
-        "The RAW photographs of a folder as linear TIFFs of 16 bit, developed as little as possible: black point, "
+        "Develop the RAW photographs of a folder to linear TIFFs of 16 bit, as little as possible: black point, "
         "calibration frames, green equilibrium, demosaicing. No white balance, no colour matrix, no gamma. EXIF and "
         "subfolders are kept; run again, it writes only what a change makes stale.",
     )
     parser.add_argument("images", type=Path, metavar="IMAGES", help="a folder of photographs")
     parser.add_argument("out", type=Path, metavar="OUT", help="the folder for the TIFFs, 6 bytes a pixel")
     add_development(parser)
-    parser.add_argument("--strict", action="store_true", help="stop at a photograph that cannot be used")

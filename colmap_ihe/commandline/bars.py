@@ -1,12 +1,14 @@
-"""What a person sees while we work: bars with the remaining time on stderr, tables on stdout."""
+"""Print for a person: progress and warnings on stderr, tables on stdout."""
 
 from __future__ import annotations
 
 import sys
+import time
 from collections.abc import Mapping, Sequence
 from typing import Any
 
 from rich.console import Console
+from rich.live import Live
 from rich.progress import (
     BarColumn,
     MofNCompleteColumn,
@@ -19,120 +21,130 @@ from rich.progress import (
 from rich.table import Table
 from rich.text import Text
 
-from colmap_ihe.commandline.display import Display, StageDisplay, printable
+from colmap_ihe.batch.state import BatchState, ProjectState
+from colmap_ihe.commandline.batch_display import batch_picture, batch_rows, outcome_in_words
+from colmap_ihe.commandline.display import StageCounter, failure_line, printable
 from colmap_ihe.report.summary import summary_rows
 
 _PIPE_WIDTH = 400
-_PLAIN_EVERY = 10
-"""Percent between two lines where stderr is no terminal."""
+_LINE_PERCENT = 10  # between two lines of a stage, where stderr is no terminal
+_LINE_SECONDS = 60.0  # between two lines of a whole batch, where stderr is no terminal
 
 
-class Bars(Display):
-    """Follows a run on stderr. On a terminal with bars, else with a plain line now and then.
+class Terminal:
+    """Print for a person, on stderr: bars with the remaining time on a terminal, else a line now and then.
 
-    `verbose` says how long each stage took; `quiet` leaves only warnings.
+    `verbose` adds how long each stage took; `quiet` leaves only warnings.
     """
 
     def __init__(self, *, quiet: bool = False, verbose: bool = False) -> None:
-        super().__init__()
         self.console = Console(stderr=True, highlight=False, soft_wrap=True)
-        self.quiet, self.verbose = quiet, verbose
+        self._quiet, self._verbose = quiet, verbose
+        self._has_bars = self.console.is_terminal and not quiet
+        self._bar: Progress | None = None
+        self._batch: Live | None = None
+        self._percent = 0
+        self._next_line = time.monotonic() + _LINE_SECONDS
 
-    def warn(self, text: str) -> None:
-        self.say("warning", text, style="yellow", always=True)
-
-    def result(self, text: str) -> None:
-        print(text)
-
-    def failed(self, message: str, hint: str) -> None:
-        print(printable(f"colmap-ihe: {message}{f' ({hint})' if hint else ''}"), file=sys.stderr)
-
-    def _piece(self, name: str) -> StageDisplay:
-        return _Bar(self, name) if self.console.is_terminal and not self.quiet else _Plain(self, name)
-
-    def _kept(self, name: str) -> None:
-        self.say(name, "up to date")
-
-    def say(self, name: str, text: str, style: str = "", *, always: bool = False) -> None:
-        if always or not self.quiet:
-            self.console.print(Text(printable(f"{name:>9}  {text}"), style=style))
-
-
-class _Bar(StageDisplay):
-    """On a terminal."""
-
-    def __init__(self, bars: Bars, name: str) -> None:
-        super().__init__(bars, name)
-        self._bars = bars
-        self._rich = Progress(
+    def begin(self, stage: StageCounter) -> None:
+        if not self._has_bars:
+            self._say(stage.name, "...")
+            return
+        self._bar = Progress(
             TextColumn("{task.description:>9}"),
             BarColumn(bar_width=32),
             MofNCompleteColumn(),
             TextColumn("{task.fields[unit]}"),
             TimeElapsedColumn(),
-            _Left(self),
-            console=bars.console,
+            _RemainingTime(stage),
+            console=self.console,
         )
-        self._rich.start()
-        self._task = self._rich.add_task(name, total=None, unit="")
+        self._bar.start()
+        self._bar.add_task(stage.name, total=None, unit="")
 
-    def _started(self) -> None:
-        # One unit has no part to show: the bar moves to and fro until it is done.
-        self._rich.reset(self._task, total=self.total if self.total > 1 else None, unit=self.unit)
+    def move(self, stage: StageCounter) -> None:
+        if self._bar is not None and stage.done:
+            self._bar.update(self._bar.task_ids[0], completed=stage.done)
+        elif self._bar is not None:
+            # One unit has no part to show: the bar moves to and fro until it is done.
+            total = stage.total if stage.total > 1 else None
+            self._bar.reset(self._bar.task_ids[0], total=total, unit=stage.unit)
+        else:
+            self._print_tenth(stage)
 
-    def _advanced(self) -> None:
-        self._rich.update(self._task, completed=self.done)
+    def _print_tenth(self, stage: StageCounter) -> None:
+        percent = 100 * stage.done // stage.total
+        if not stage.done:
+            self._percent = 0
+        elif percent >= self._percent + _LINE_PERCENT or stage.done == stage.total:
+            self._percent = percent - percent % _LINE_PERCENT
+            left = left_in_words(*stage.left_s())
+            self._say(stage.name, f"{stage.done} of {stage.total} {stage.unit}{f', {left}' if left else ''}")
 
-    def over(self, seconds: float) -> None:
-        total = max(1, self.total)
-        self._rich.update(self._task, total=total, completed=total)
-        self.done = total
+    def end(self, stage: StageCounter, seconds: float | None) -> None:
+        if self._bar is not None:
+            if seconds is not None:
+                self._bar.update(self._bar.task_ids[0], total=stage.total, completed=stage.total)
+            self._bar.stop()
+            self._bar = None
+        elif seconds is not None and self._verbose:
+            self._say(stage.name, f"took {seconds:.1f} s")
 
-    def close(self) -> None:
-        self._rich.stop()
+    def kept(self, name: str) -> None:
+        self._say(name, "up to date")
+
+    def warn(self, text: str) -> None:
+        self._print("warning", text, "yellow")
+
+    def show(self, state: BatchState, changed: Sequence[ProjectState]) -> None:
+        for project in changed:
+            if project.kind == "failed":
+                self._print(project.name, outcome_in_words(project), "red")
+            elif project.state not in ("waiting", "running"):
+                self._say(project.name, outcome_in_words(project))
+            elif project.state == "running" and not self._has_bars:
+                self._say(project.name, "begun")
+        if self._has_bars:
+            self._picture(state)
+        elif time.monotonic() >= self._next_line:
+            self._next_line = time.monotonic() + _LINE_SECONDS
+            self._say("batch", state.in_words())
+
+    def _picture(self, state: BatchState) -> None:
+        if self._batch is None:
+            self._batch = Live(console=self.console, refresh_per_second=4, transient=True)
+            self._batch.start()
+        self._batch.update(batch_picture(state))
+        if state.phase in ("finished", "stopped"):
+            self._batch.stop()
+
+    def result(self, text: str) -> None:
+        print(text)
+
+    def failed(self, message: str, hint: str) -> None:
+        print(failure_line(message, hint), file=sys.stderr)
+
+    def _say(self, name: str, text: str) -> None:
+        if not self._quiet:
+            self._print(name, text)
+
+    def _print(self, name: str, text: str, style: str = "") -> None:
+        self.console.print(Text(printable(f"{name:>9}  {text}"), style=style))
 
 
-class _Left(ProgressColumn):
-    """What remains of the stage, and of the whole run where that is more."""
+class _RemainingTime(ProgressColumn):
+    """Show what remains of the stage, and of the whole run where that is more."""
 
-    def __init__(self, piece: StageDisplay) -> None:
+    def __init__(self, stage: StageCounter) -> None:
         super().__init__()
-        self._piece = piece
+        self._stage = stage
 
     def render(self, task: Task) -> Text:
-        return Text("" if task.finished else left_in_words(*self._piece.left_s()))
-
-
-class _Plain(StageDisplay):
-    """Where stderr is no terminal, or nothing is wanted."""
-
-    def __init__(self, bars: Bars, name: str) -> None:
-        super().__init__(bars, name)
-        self._bars = bars
-        self._told = 0
-        bars.say(name, "...")
-
-    def _started(self) -> None:
-        self._told = 0
-
-    def _advanced(self) -> None:
-        percent = 100 * self.done // max(1, self.total)
-        if percent < self._told + _PLAIN_EVERY and self.done != self.total:
-            return
-        self._told = percent - percent % _PLAIN_EVERY
-        left = left_in_words(*self.left_s())
-        self._bars.say(self.name, f"{self.done} of {self.total} {self.unit}{f', {left}' if left else ''}")
-
-    def over(self, seconds: float) -> None:
-        if self._bars.verbose:
-            self._bars.say(self.name, f"took {seconds:.1f} s")
-
-    def close(self) -> None:
-        pass
+        return Text("" if task.finished else left_in_words(*self._stage.left_s()))
 
 
 def left_in_words(stage_s: float | None, run_s: float | None) -> str:
-    """As "0:20 left, 4:10 in all"; empty where nothing is known."""
+    """Return what remains as "0:20 left, 4:10 in all"; empty where nothing is known."""
     if run_s is None:
         return ""
     if stage_s is None or run_s - stage_s < 1:
@@ -147,7 +159,7 @@ def _clock(seconds: float) -> str:
 
 
 def print_table(title: str, rows: Sequence[Sequence[str]], columns: Sequence[str] = ()) -> None:
-    """A table on stdout: lines of words where stdout is no terminal, so that it can be piped."""
+    """Print a table on stdout; lines of words where stdout is no terminal, so that it can be piped."""
     console = Console(highlight=False)
     if not console.is_terminal:
         console.width = _PIPE_WIDTH
@@ -162,9 +174,18 @@ def print_table(title: str, rows: Sequence[Sequence[str]], columns: Sequence[str
 
 
 def print_summary(summary: Mapping[str, Any], title: str) -> None:
+    """Print the summary of a project, its warnings, and the photographs that are left out, on stdout."""
     print_table(title, summary_rows(summary))
-    for text in summary["warnings"]:
-        Console(highlight=False, soft_wrap=True).print(Text(printable(f"warning: {text}")))
-    for text in summary["left_out"].values():
-        Console(highlight=False, soft_wrap=True).print(Text(printable(f"left out: {text}")))
+    lines = [f"warning: {text}" for text in summary["warnings"]]
+    lines += [f"left out: {text}" for text in summary["left_out"].values()]
+    for line in lines:
+        Console(highlight=False, soft_wrap=True).print(Text(printable(line)))
     sys.stdout.flush()
+
+
+def print_batch(state: BatchState) -> None:
+    """Print how each project of a batch ended, on stdout."""
+    if state.projects:
+        columns = ("project", "state", "registered images", "mean error", "time", "why")
+        print_table("", batch_rows(state), columns)
+    print(state.in_words())

@@ -1,4 +1,4 @@
-"""What each command runs, and what it prints: plain words, tables, or JSON."""
+"""Run each command, and print its result: plain words, tables, or JSON."""
 
 from __future__ import annotations
 
@@ -12,10 +12,9 @@ from typing import Any
 from colmap_ihe.batch.driver import batch
 from colmap_ihe.batch.folder import BatchFolder
 from colmap_ihe.commandline.arguments import CommandFunction
-from colmap_ihe.commandline.bars import print_summary, print_table
-from colmap_ihe.commandline.batch_display import batch_audience, print_batch
+from colmap_ihe.commandline.bars import print_batch, print_summary, print_table
 from colmap_ihe.commandline.display import Display, printable
-from colmap_ihe.commandline.shared_arguments import camera_assignments, development, road_assignments
+from colmap_ihe.commandline.shared_arguments import camera_assignments, development, run_assignments
 from colmap_ihe.errors import KnownError
 from colmap_ihe.evaluation.compare import compare
 from colmap_ihe.evaluation.demo.run import demo
@@ -36,97 +35,98 @@ from colmap_ihe.project.options_file import load_options, project_options
 from colmap_ihe.report.summary import weights_in_words
 
 
-def _develop(parsed: argparse.Namespace, follower: Display) -> None:
+def _develop(parsed: argparse.Namespace, display: Display) -> None:
     names, steps, left_out = develop_folder(
         parsed.images,
         parsed.out,
         options=development(parsed),
         calibration=parsed.calibration,
         strict=parsed.strict,
-        progress=follower,
+        progress=display,
     )
     if parsed.json:
-        _result(follower, {"linear": names, "steps": steps, "left_out": left_out})
+        _result(display, {"linear": names, "steps": steps, "left_out": left_out})
         return
     print(f"{len(names)} linear TIFFs in {parsed.out}")
     for camera, done in steps.items():
         print(printable(f"{camera}: {', '.join(done)}"))
 
 
-def _reconstruct(parsed: argparse.Namespace, follower: Display) -> None:
-    assignments = road_assignments(parsed)
+def _reconstruct(parsed: argparse.Namespace, display: Display) -> None:
+    assignments = run_assignments(parsed)
     if parsed.weights:
         assignments.append(f"fit.weights={json.dumps(str(parsed.weights.absolute()))}")
-    noted = read_run(parsed.from_record, assignments) if parsed.from_record else None
+    record = read_run(parsed.from_record, assignments) if parsed.from_record else None
     done = reconstruct(
         parsed.project,
-        noted.options if noted else project_options(parsed.project, assignments),
+        record.options if record else project_options(parsed.project, assignments),
         images=parsed.images,
         start=parsed.start,
         until=parsed.until,
-        progress=follower,
-        noted=noted,
+        progress=display,
+        noted=record,
     )
     if parsed.json:
-        _result(follower, dict(done.summary))
+        _result(display, dict(done.summary))
         return
     print_summary(done.summary, title=str(parsed.project))
     _print_report(done)
-    for name, place in (("sparse", done.sparse_model), ("dense", done.dense_cloud), ("mesh", done.mesh)):
-        if place.exists() and done.summary["stages"].get(name) is not None:
-            print(f"{name:<9} {place}")
+    for name, path in (("sparse", done.sparse_model), ("dense", done.dense_cloud), ("mesh", done.mesh)):
+        if path.exists() and done.summary["stages"].get(name) is not None:
+            print(f"{name:<9} {path}")
 
 
-def _batch(parsed: argparse.Namespace, follower: Display) -> None:
+def _batch(parsed: argparse.Namespace, display: Display) -> None:
     cluster, parsed.cluster = parsed.cluster, None  # whole projects go there, and each runs where it comes to
+    assignments = run_assignments(parsed)
     folder = BatchFolder.at(parsed.root)
     with ExitStack() as stack:
-        workers, alone = None, []
+        workers = None
         if cluster:
-            alone = ["cluster.address=null"]  # a worker must not wait for workers, whatever project.yaml says
+            assignments.append("cluster.address=null")  # a worker must not wait for workers
             folder.make()
-            where = ClusterOptions(address=cluster)
-            workers = stack.enter_context(connected(where, folder.folder, [folder.root], follower))
-        progress = stack.enter_context(batch_audience(follower))
+            options = ClusterOptions(address=cluster)
+            workers = stack.enter_context(connected(options, folder.folder, [folder.root], display))
         done = batch(
             parsed.root,
             executor=workers,
-            assignments=[*road_assignments(parsed), *alone],
+            assignments=assignments,
             jobs=parsed.jobs,
             time_limit_s=parsed.time_limit,
             watch=parsed.watch,
             settle_s=parsed.settle,
-            progress=progress,
+            progress=display,
             command=shlex.join(["colmap-ihe", *parsed.arguments]),
         )
-    page = folder.page_file
     if parsed.json:
-        _result(follower, done.as_dict())
+        _result(display, done.as_dict())
     else:
         print_batch(done)
-        print(f"report    {page}")
+        print(f"report    {folder.page_file}")
     if not done.succeeded:
         missing = sum(project.state != "done" for project in done.projects)
-        raise KnownError(f"{missing} of {len(done.projects)} projects are not done", hint=f"{page} says why")
+        raise KnownError(
+            f"{missing} of {len(done.projects)} projects are not done", hint=f"{folder.page_file} says why"
+        )
 
 
 def _print_report(done: Reconstruction) -> None:
-    """The page, or where the run ended before it the summary."""
+    """Print where the page is, or where the run ended before it the summary."""
     page = done.project.page_file
     print(f"report    {page if page.exists() else done.project.summary_file}")
 
 
-def _demo(parsed: argparse.Namespace, follower: Display) -> None:
-    done = demo(parsed.folder, parsed.assignments, follower)
+def _demo(parsed: argparse.Namespace, display: Display) -> None:
+    done = demo(parsed.folder, parsed.assignments, display)
     if parsed.json:
-        _result(follower, dict(done.summary))
+        _result(display, dict(done.summary))
     else:
         print_summary(done.summary, title=f"demo in {parsed.folder}")
         _print_report(done)
         print(f"dense     {done.dense_cloud}")
 
 
-def _fit(parsed: argparse.Namespace, follower: Display) -> None:
+def _fit(parsed: argparse.Namespace, display: Display) -> None:
     names = ("method", "guard", "step", "sample", "weighting", "recount")
     assignments = [f"fit.{name}={json.dumps(getattr(parsed, name))}" for name in names]
     options = load_options(None, assignments).fit
@@ -139,25 +139,21 @@ def _fit(parsed: argparse.Namespace, follower: Display) -> None:
         develop=development(parsed),
         calibration=parsed.calibration,
         strict=parsed.strict,
-        progress=follower,
+        progress=display,
     )
     result = {**weights.as_dict(), "left_out": left_out}
     if parsed.json:
-        _result(follower, result)
+        _result(display, result)
         return
     for reason in left_out.values():
-        follower.warn(f"left out: {reason}")
+        display.warn(f"left out: {reason}")
+    values = {name: value for name, value in weights.as_dict().items() if name != "curve"}
     print_table(
-        "",
-        [
-            (name, ", ".join(map(str, v)) if isinstance(v, list) else str(v))
-            for name, v in weights.as_dict().items()
-            if name != "curve"
-        ],
+        "", [(n, ", ".join(map(str, v)) if isinstance(v, list) else str(v)) for n, v in values.items()]
     )
 
 
-def _convert(parsed: argparse.Namespace, follower: Display) -> None:
+def _convert(parsed: argparse.Namespace, display: Display) -> None:
     weights, grey, left_out = convert_folder(
         parsed.images,
         parsed.out,
@@ -169,20 +165,20 @@ def _convert(parsed: argparse.Namespace, follower: Display) -> None:
         calibration=parsed.calibration,
         cameras=load_options(None, camera_assignments(parsed)).cameras,
         strict=parsed.strict,
-        progress=follower,
+        progress=display,
     )
     if parsed.json:
-        _result(follower, {**weights.as_dict(), "grey": grey, "left_out": left_out})
+        _result(display, {**weights.as_dict(), "grey": grey, "left_out": left_out})
     else:
         words = f": {weights_in_words(weights.triplet)}" if isinstance(weights, Weights) else ""
         print(f"{len(grey)} grey images in {parsed.out} ({weights.method}{words})")
 
 
-def _status(parsed: argparse.Namespace, follower: Display) -> None:
+def _status(parsed: argparse.Namespace, display: Display) -> None:
     options = project_options(parsed.project, [*parsed.assignments, *camera_assignments(parsed)])
     states = status(parsed.project, options, parsed.images)
     if parsed.json:
-        _result(follower, [asdict(state) for state in states])
+        _result(display, [asdict(state) for state in states])
         return
     rows = [
         (s.name, s.state, "" if s.seconds is None else f"{s.seconds:.0f} s", s.why, s.takes) for s in states
@@ -190,7 +186,7 @@ def _status(parsed: argparse.Namespace, follower: Display) -> None:
     print_table("", rows, ("stage", "state", "time", "why", "will take"))
 
 
-def _compare(parsed: argparse.Namespace, follower: Display) -> None:
+def _compare(parsed: argparse.Namespace, display: Display) -> None:
     assignments = [*parsed.assignments, *(["dense.enabled=false"] if parsed.no_dense else [])]
     results = compare(
         parsed.project,
@@ -199,10 +195,10 @@ def _compare(parsed: argparse.Namespace, follower: Display) -> None:
         seeds=parsed.seeds,
         pairs=parsed.pairs,
         images=parsed.images,
-        progress=follower,
+        progress=display,
     )
     if parsed.json:
-        _result(follower, [asdict(result) for result in results])
+        _result(display, [asdict(result) for result in results])
         return
     for table in tables_of(results):
         print_table(table.title, [tuple(row) for row in table.rows], tuple(table.columns))
@@ -211,27 +207,27 @@ def _compare(parsed: argparse.Namespace, follower: Display) -> None:
     print(f"report    {parsed.project / 'compare' / 'index.html'}")
 
 
-def _report(parsed: argparse.Namespace, follower: Display) -> None:
-    page = report(parsed.project, parsed.assignments, parsed.images, follower)
+def _report(parsed: argparse.Namespace, display: Display) -> None:
+    page = report(parsed.project, parsed.assignments, parsed.images, display)
     if parsed.json:
-        _result(follower, {"page": str(page)})
+        _result(display, {"page": str(page)})
     else:
         print(page)
 
 
-def _doctor(parsed: argparse.Namespace, follower: Display) -> None:
-    found = doctor(parsed.project, parsed.assignments, parsed.images)
+def _doctor(parsed: argparse.Namespace, display: Display) -> None:
+    values = doctor(parsed.project, parsed.assignments, parsed.images)
     if parsed.json:
-        _result(follower, found)
+        _result(display, values)
     else:
-        print_table("", [(name, str(value)) for name, value in found.items()])
+        print_table("", [(name, str(value)) for name, value in values.items()])
 
 
-def _result(follower: Display, values: Any) -> None:
-    follower.result(json.dumps(values, indent=2, ensure_ascii=False))
+def _result(display: Display, values: Any) -> None:
+    display.screen.result(json.dumps(values, indent=2, ensure_ascii=False))
 
 
-RUNS: dict[str, CommandFunction] = {
+COMMANDS: dict[str, CommandFunction] = {
     "demo": _demo,
     "reconstruct": _reconstruct,
     "batch": _batch,

@@ -1,118 +1,140 @@
-"""What every follower of a run has in common: it can stop it, counts what is done, and knows what remains."""
+"""Follow a run or a batch: count what is done, estimate what remains, stop when asked. A `Screen` prints it."""
 
 from __future__ import annotations
 
 import threading
 import time
-from abc import ABC, abstractmethod
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from typing import Protocol
 
+from colmap_ihe.batch.state import BatchState, ProjectState
 from colmap_ihe.errors import Cancelled
 from colmap_ihe.machine.progress import Progress
 from colmap_ihe.machine.remaining_time import Forecast, Part
 
 
 def printable(text: str) -> str:
-    """Text for a terminal: what a photograph or a file says of itself may hold characters that would steer it."""
+    """Return text without the characters that would steer a terminal, which a photograph or a file may hold."""
     return "".join(
         c if c.isprintable() else " " if c in "\t\n\r" else c.encode("unicode_escape").decode() for c in text
     )
 
 
-class Display(ABC):
-    """Show a run. `stop` may be called from a signal handler: the work under way then ends with `Cancelled`."""
+def failure_line(message: str, hint: str) -> str:
+    """Return the line on stderr with which a command ends that failed."""
+    return printable(f"colmap-ihe: {message}{f' ({hint})' if hint else ''}")
 
-    def __init__(self) -> None:
-        self.forecast = Forecast()
+
+class Screen(Protocol):
+    """Print what a `Display` knows, for a person or for a program."""
+
+    def begin(self, stage: StageCounter) -> None:
+        """Show that a stage begins."""
+
+    def move(self, stage: StageCounter) -> None:
+        """Show how far a stage is; 0 units are done where it, or its next part, starts to count."""
+
+    def end(self, stage: StageCounter, seconds: float | None) -> None:
+        """Show that a stage took so long; None if it broke off."""
+
+    def kept(self, name: str) -> None:
+        """Show that a stage is up to date."""
+
+    def warn(self, text: str) -> None:
+        """Print a warning, one line."""
+
+    def show(self, state: BatchState, changed: Sequence[ProjectState]) -> None:
+        """Show a batch, and those of its projects whose state changed."""
+
+    def result(self, text: str) -> None:
+        """Print the result of the command, JSON text."""
+
+    def failed(self, message: str, hint: str) -> None:
+        """Print why the command ends without a result."""
+
+
+class Display:
+    """Show a run or a batch on a screen. `stop` may be called from a signal handler: the work ends with `Cancelled`."""
+
+    def __init__(self, screen: Screen) -> None:
+        self.screen, self.forecast = screen, Forecast()
         self._stop = threading.Event()
+        self._states: dict[str, str] = {}
 
     def stop(self) -> None:
+        """Ask the work to end."""
         self._stop.set()
 
     def check(self) -> None:
+        """Raise `Cancelled` if the user asked to stop."""
         if self._stop.is_set():
             raise Cancelled
 
     def expect(self, parts: Sequence[Part]) -> None:
+        """Take the parts that are to come, for what remains."""
         self.forecast.expect(parts)
 
     @contextmanager
     def stage(self, name: str) -> Iterator[Progress]:
+        """Show a stage while it lasts."""
         self.check()
-        began = time.monotonic()
-        piece = self._piece(name)
+        began, seconds = time.monotonic(), None
+        counter = StageCounter(self, name)
+        self.screen.begin(counter)
         try:
-            yield piece
-            piece.over(time.monotonic() - began)
+            yield counter
+            seconds = time.monotonic() - began
         finally:
-            piece.close()
+            self.screen.end(counter, seconds)
             self.forecast.end(name)
 
     def kept(self, name: str) -> None:
+        """Show that a stage is up to date and not run again."""
         self.forecast.end(name)
-        self._kept(name)
+        self.screen.kept(name)
 
-    @abstractmethod
     def warn(self, text: str) -> None:
-        """Something the user should know, in one line."""
+        """Show a warning, one line."""
+        self.screen.warn(text)
 
-    @abstractmethod
-    def result(self, text: str) -> None:
-        """The result as JSON text."""
-
-    @abstractmethod
-    def failed(self, message: str, hint: str) -> None:
-        """The command ends without a result."""
-
-    @abstractmethod
-    def _piece(self, name: str) -> StageDisplay: ...
-
-    @abstractmethod
-    def _kept(self, name: str) -> None: ...
+    def show(self, state: BatchState) -> None:
+        """Show a batch; called a few times a second."""
+        changed = [project for project in state.projects if self._states.get(project.name) != project.state]
+        self._states |= {project.name: project.state for project in changed}
+        self.screen.show(state, changed)
 
 
-class StageDisplay(ABC):
-    """A `Progress` that counts. What it shows is up to `_started`, `_advanced`, `over` and `close`."""
+class StageCounter:
+    """Count the units of a stage: the `Progress` of a display."""
 
-    def __init__(self, follower: Display, name: str) -> None:
+    def __init__(self, display: Display, name: str) -> None:
         self.name, self.unit = name, ""
-        self.done, self.total = 0, 0
-        self._follower = follower
+        self.done, self.total = 0, 1
+        self._display = display
         self._lock = threading.Lock()
 
     def start(self, total: int, unit: str = "images") -> None:
-        self._follower.check()
+        """Count from 0 to `total`. Raises `Cancelled` if the user asked to stop."""
+        self.check()
         with self._lock:
             self.done, self.total, self.unit = 0, max(1, total), unit
-            self._follower.forecast.begin(self.name, unit)
-            self._started()
+            self._display.forecast.begin(self.name, unit)
+            self._display.screen.move(self)
 
     def advance(self, count: int = 1) -> None:
+        """Count more units. Raises `Cancelled` if the user asked to stop."""
         with self._lock:
-            self.done = min(self.done + count, max(1, self.total))
-            self._follower.forecast.reach(self.done / max(1, self.total))
-            self._advanced()
-        self._follower.check()
+            self.done = min(self.done + count, self.total)
+            self._display.forecast.reach(self.done / self.total)
+            self._display.screen.move(self)
+        self.check()
 
     def check(self) -> None:
-        self._follower.check()
+        """Raise `Cancelled` if the user asked to stop."""
+        self._display.check()
 
     def left_s(self) -> tuple[float | None, float | None]:
-        """Seconds that the stage still takes, and the whole run; None where they are not known yet."""
-        forecast = self._follower.forecast
+        """Return the seconds that the stage still takes, and the whole run; None where they are not known yet."""
+        forecast = self._display.forecast
         return forecast.remaining_s(self.name), forecast.remaining_s()
-
-    @abstractmethod
-    def _started(self) -> None: ...
-
-    @abstractmethod
-    def _advanced(self) -> None: ...
-
-    @abstractmethod
-    def over(self, seconds: float) -> None:
-        """The stage came to its end."""
-
-    @abstractmethod
-    def close(self) -> None:
-        """The stage ended, or broke off."""

@@ -1,4 +1,4 @@
-"""A run as lines of JSON on stdout, for programs that follow it: one object a line, with what happened in `event`."""
+"""Print a run or a batch as lines of JSON on stdout, one object a line, for programs that follow it."""
 
 from __future__ import annotations
 
@@ -6,70 +6,76 @@ import json
 import sys
 import threading
 import time
+from collections.abc import Sequence
 from typing import Any
 
-from colmap_ihe.commandline.display import Display, StageDisplay, printable
+from colmap_ihe.batch.state import BatchState, ProjectState
+from colmap_ihe.commandline.display import StageCounter, failure_line
 
-_EVERY_SECONDS = 1.0
+_STAGE_SECONDS = 1.0  # between two lines of a stage
+_BATCH_SECONDS = 10.0  # between two lines of a batch
 
 
-class JsonLines(Display):
-    """docs/terminal.md lists the events and their fields."""
+class JsonLines:
+    """Print for a program. docs/terminal.md lists the events and their fields."""
 
     def __init__(self) -> None:
-        super().__init__()
         self._writing = threading.Lock()
+        self._next_stage = self._next_batch = 0.0
 
-    def say(self, event: str, **values: Any) -> None:
+    def begin(self, stage: StageCounter) -> None:
+        self._print("stage", stage=stage.name)
+
+    def move(self, stage: StageCounter) -> None:
+        if 0 < stage.done < stage.total and time.monotonic() < self._next_stage:
+            return
+        self._next_stage = time.monotonic() + _STAGE_SECONDS
+        left, run_left = (_rounded(seconds) for seconds in stage.left_s())
+        self._print(
+            "progress",
+            stage=stage.name,
+            unit=stage.unit,
+            done=stage.done,
+            total=stage.total,
+            stage_seconds_left=left,
+            run_seconds_left=run_left,
+        )
+
+    def end(self, stage: StageCounter, seconds: float | None) -> None:
+        if seconds is not None:
+            self._print("done", stage=stage.name, seconds=round(seconds, 2))
+
+    def kept(self, name: str) -> None:
+        self._print("kept", stage=name)
+
+    def warn(self, text: str) -> None:
+        self._print("warning", text=text)
+
+    def show(self, state: BatchState, changed: Sequence[ProjectState]) -> None:
+        for project in changed:
+            self._print(
+                "project",
+                project=project.name,
+                state=project.state,
+                reason=project.reason,
+                hint=project.hint,
+            )
+        if time.monotonic() >= self._next_batch:
+            self._next_batch = time.monotonic() + _BATCH_SECONDS
+            left = _rounded(state.remaining_s)
+            self._print("batch", ended=state.ended, projects=len(state.projects), seconds_left=left)
+
+    def result(self, text: str) -> None:
+        self._print("result", result=json.loads(text))
+
+    def failed(self, message: str, hint: str) -> None:
+        self._print("failed", message=message, hint=hint)
+        print(failure_line(message, hint), file=sys.stderr)
+
+    def _print(self, event: str, **values: Any) -> None:
         with self._writing:
             print(json.dumps({"event": event, **values}, ensure_ascii=False), flush=True)
 
-    def warn(self, text: str) -> None:
-        self.say("warning", text=text)
 
-    def result(self, text: str) -> None:
-        self.say("result", result=json.loads(text))
-
-    def failed(self, message: str, hint: str) -> None:
-        self.say("failed", message=message, hint=hint)
-        print(printable(f"colmap-ihe: {message}{f' ({hint})' if hint else ''}"), file=sys.stderr)
-
-    def _piece(self, name: str) -> StageDisplay:
-        self.say("stage", stage=name)
-        return _Lines(self, name)
-
-    def _kept(self, name: str) -> None:
-        self.say("kept", stage=name)
-
-
-class _Lines(StageDisplay):
-    def __init__(self, lines: JsonLines, name: str) -> None:
-        super().__init__(lines, name)
-        self._lines = lines
-        self._told = 0.0
-
-    def _started(self) -> None:
-        self._tell()
-
-    def _advanced(self) -> None:
-        if self.done == self.total or time.monotonic() > self._told + _EVERY_SECONDS:
-            self._tell()
-
-    def _tell(self) -> None:
-        self._told = time.monotonic()
-        stage, run = (None if s is None else round(s, 1) for s in self.left_s())
-        self._lines.say(
-            "progress",
-            stage=self.name,
-            unit=self.unit,
-            done=self.done,
-            total=self.total,
-            stage_seconds_left=stage,
-            run_seconds_left=run,
-        )
-
-    def over(self, seconds: float) -> None:
-        self._lines.say("done", stage=self.name, seconds=round(seconds, 2))
-
-    def close(self) -> None:
-        pass
+def _rounded(seconds: float | None) -> float | None:
+    return None if seconds is None else round(seconds, 1)

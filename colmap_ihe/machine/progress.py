@@ -1,7 +1,7 @@
-"""How long work reports to whoever watches, and learns that it should stop.
+"""Report the progress of long work, and learn that it should stop.
 
-Every room may import this module. What is shown, and where, is decided by the caller: the command line
-passes bars on stderr, a test passes `SILENT`.
+Every room may import this module. The caller decides what is shown, and where: the command line passes a `Display`, a
+test passes `SILENT`.
 """
 
 from __future__ import annotations
@@ -15,36 +15,36 @@ from colmap_ihe.machine.remaining_time import Part
 
 
 class Progress(Protocol):
-    """One piece of long work, watched."""
+    """Report one piece of long work."""
 
     def start(self, total: int, unit: str = "images") -> None:
-        """The work has `total` units; called before the first `advance`, and again for a next part."""
+        """Begin work of `total` units; called before the first `advance`, and again for a next part."""
 
     def advance(self, count: int = 1) -> None:
-        """`count` more units are done. Raises `Cancelled` if the user asked to stop."""
+        """Report `count` more units done. Raises `Cancelled` if the user asked to stop."""
 
     def check(self) -> None:
-        """Raises `Cancelled` if the user asked to stop."""
+        """Raise `Cancelled` if the user asked to stop."""
 
 
 class RunProgress(Protocol):
-    """Whoever follows a whole run, stage by stage."""
+    """Report a whole run, stage by stage."""
 
     def expect(self, parts: Sequence[Part]) -> None:
-        """What is to come, in order, and what it costs elsewhere: from it follows what remains."""
+        """Expect these parts, in order; what remains follows from their costs."""
 
     def stage(self, name: str) -> AbstractContextManager[Progress]:
-        """`name` begins; what is returned watches it and is left when it ends."""
+        """Return the progress of a stage that begins, as a context that is left when it ends."""
 
     def kept(self, name: str) -> None:
-        """`name` is up to date and not run again."""
+        """Report that a stage is up to date and not run again."""
 
     def warn(self, text: str) -> None:
-        """Something the user should know, in one line."""
+        """Tell the user something in one line."""
 
 
 class Silent:
-    """Watches nothing, and shows nothing; stops when `cancelled` is set."""
+    """Show nothing; stop the work when `cancelled` is set."""
 
     def __init__(self) -> None:
         self.cancelled = False

@@ -1,7 +1,7 @@
-"""How long a run still takes: what each of its parts costs elsewhere, in proportion to what this run has cost so far.
+"""Estimate how long a run still takes, from the expected costs of its parts and from its pace so far.
 
-A part is what has a unit of its own, as depth maps in the stage `dense`. Costs are seconds on two cores, and only their
-proportions count: they are corrected by how fast this machine is, and those of the part at work by how it goes.
+A part has a unit of its own, as depth maps in the stage `dense`. Costs are seconds on two cores, and only their
+proportions count: they are corrected by how fast this machine is, and the part at work by how fast it goes.
 """
 
 from __future__ import annotations
@@ -10,15 +10,15 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-_SURE_AFTER = 0.5  # foreseen seconds that the foreseen pace itself is worth
+_SURE_AFTER = 0.5  # expected seconds that the expected pace itself is worth
 _LEAST_LEFT = 0.1  # of what is left, where it is late
-_TRUSTED_AFTER = 2.0  # units, the rate of a part counts as much as what was foreseen
-_AT_WORK = 2.0  # units at a time, by and large
+_TRUSTED_AFTER = 2.0  # units: then the rate of a part counts as much as its expected cost
+_AT_WORK = 2.0  # units at a time, roughly
 
 
 @dataclass(frozen=True)
 class Part:
-    """What a stage does in units of one kind, and the seconds it takes on two cores."""
+    """Hold the work of a stage in units of one kind, and the seconds it takes on two cores."""
 
     stage: str
     unit: str
@@ -26,43 +26,43 @@ class Part:
 
 
 class Forecast:
-    """Follows a run part by part. Parts that were not foreseen count once they are at work."""
+    """Follow a run part by part. Parts that were not expected count once they are at work."""
 
     def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
         self._clock = clock
         self._left: list[Part] = []
-        self._foreseen = self._took = 0.0
+        self._expected = self._took = 0.0
         self._now: Part | None = None
         self._began, self._reached, self._share, self._unit = clock(), 0.0, 0.0, 1.0
 
     def expect(self, parts: Sequence[Part]) -> None:
-        """What is to come, in order, instead of what was foreseen before."""
+        """Expect these parts, in order, instead of those expected before."""
         self._left = list(parts)
 
     def begin(self, stage: str, unit: str) -> None:
-        """A part begins; those foreseen before it are not coming any more."""
+        """Begin a part; those expected before it are dropped."""
         self._settle()
-        at = next((n for n, part in enumerate(self._left) if (part.stage, part.unit) == (stage, unit)), None)
-        if at is None:
-            self._now = Part(stage, unit, 0.0)
-        else:
-            self._now, self._left = self._left[at], self._left[at + 1 :]
+        self._now = Part(stage, unit, 0.0)
+        for number, part in enumerate(self._left):
+            if (part.stage, part.unit) == (stage, unit):
+                self._now, self._left = part, self._left[number + 1 :]
+                break
         self._began, self._reached, self._share, self._unit = self._clock(), 0.0, 0.0, 1.0
 
     def reach(self, share: float) -> None:
-        """So much of the part is done, 0 to 1."""
+        """Note the share of the part that is done, 0 to 1."""
         if share > self._share:
             self._unit = min(self._unit, share - self._share)
             self._reached, self._share = self._clock() - self._began, min(1.0, share)
 
     def end(self, stage: str) -> None:
-        """The stage is over, or needs not run; one of the same name that comes later stays."""
+        """End a stage, or leave it out; one of the same name that comes later stays."""
         self._settle()
         while self._left and self._left[0].stage == stage:
             self._left.pop(0)
 
     def remaining_s(self, stage: str = "") -> float | None:
-        """Seconds that the run still takes, or only `stage`; None where nothing is known yet."""
+        """Return the seconds that the run still takes, or only `stage`; None where nothing is known yet."""
         coming = sum(part.seconds for part in self._left if stage in ("", part.stage))
         now = self._now
         if now is None:
@@ -82,22 +82,22 @@ class Forecast:
         return max(total * (1 - share) - elapsed, _LEAST_LEFT * total * (1 - share)) + coming * pace
 
     def _so_far(self) -> tuple[float, float]:
-        """Seconds and the share of the part that was done in them. When its last unit was done, since the next is
-        under way; later, where that one is late, as if it were done now, and another one."""
+        """Return seconds and the share of the part that was done in them: when its last unit was done, as the next is
+        under way; where that one is late, as if it and another one were done now."""
         spent = self._clock() - self._began
         if not self._share or (spent - self._reached) * self._share <= _AT_WORK * self._unit * self._reached:
             return self._reached, self._share
         return spent, min(1.0, self._share + _AT_WORK * self._unit)
 
     def _pace(self, spent: float, worth: float) -> float:
-        """Seconds that a foreseen second takes here."""
-        took, foreseen = self._took, self._foreseen
+        """Return the seconds that an expected second takes here."""
+        took, expected = self._took, self._expected
         if worth:
-            took, foreseen = took + spent, foreseen + worth
-        return (took + _SURE_AFTER) / (foreseen + _SURE_AFTER)
+            took, expected = took + spent, expected + worth
+        return (took + _SURE_AFTER) / (expected + _SURE_AFTER)
 
     def _settle(self) -> None:
         if self._now is not None and self._now.seconds:
             self._took += self._clock() - self._began
-            self._foreseen += self._now.seconds
+            self._expected += self._now.seconds
         self._now = None

@@ -173,3 +173,15 @@ def test_pages_are_not_made_anew_for_each_photograph(tmp_path: Path) -> None:
     command = [sys.executable, "-c", code, str(tmp_path), str(tmp_path.parent / "out")]
     done = subprocess.run(command, capture_output=True, text=True, check=True)
     assert int(done.stdout) < 300 * photographs
+
+
+def test_a_run_keeps_within_its_share(monkeypatch: pytest.MonkeyPatch) -> None:
+    now, most = memory.taken("self")
+    assert 0 < now <= most
+    free = memory.available()
+    monkeypatch.setattr(memory, "_share", 0)
+    memory.keep_within(now + 50_000_000)
+    assert 1 <= memory.available() <= 60_000_000 < free
+    memory.keep_within(1)
+    assert memory.available() == 1
+    assert memory.taken(2**22 + 1) == (0, 0)

@@ -14,7 +14,7 @@ from colmap_ihe.project.options import Options
 
 CAPTURES = {"images": 11, "pixels": 66_000_000, "raw": 0, "with_gps": 0, "of_one_camera": 10}
 SET = Known.from_records({"captures": CAPTURES})
-ROAD = [Part("one", "images", 10.0), Part("two", "pairs", 30.0), Part("two", "maps", 60.0)]
+PARTS = [Part("one", "images", 10.0), Part("two", "pairs", 30.0), Part("two", "maps", 60.0)]
 
 
 class Clock:
@@ -32,9 +32,9 @@ def clock() -> Clock:
 
 @pytest.fixture
 def forecast(clock: Clock) -> Forecast:
-    made = Forecast(clock)
-    made.expect(ROAD)
-    return made
+    forecast = Forecast(clock)
+    forecast.expect(PARTS)
+    return forecast
 
 
 def work(forecast: Forecast, clock: Clock, part: Part, pace: float, until: float = 1.0) -> None:
@@ -61,16 +61,16 @@ def test_nothing_is_said_of_what_was_not_foreseen_and_has_not_moved(clock: Clock
 
 @pytest.mark.parametrize("pace", [0.1, 1.0, 7.0])
 def test_a_slow_machine_and_a_fast_one_correct_it(forecast: Forecast, clock: Clock, pace: float) -> None:
-    work(forecast, clock, ROAD[0], pace)
-    work(forecast, clock, ROAD[1], pace, until=0.5)
+    work(forecast, clock, PARTS[0], pace)
+    work(forecast, clock, PARTS[1], pace, until=0.5)
     left = forecast.remaining_s()
     assert left is not None
     assert 1 / 1.5 < left / (75 * pace) < 1.5
 
 
 def test_a_part_that_goes_unlike_its_cost_is_judged_by_how_it_goes(forecast: Forecast, clock: Clock) -> None:
-    work(forecast, clock, ROAD[0], 1.0)
-    work(forecast, clock, ROAD[1], 5.0, until=0.8)
+    work(forecast, clock, PARTS[0], 1.0)
+    work(forecast, clock, PARTS[1], 5.0, until=0.8)
     left = forecast.remaining_s("two")
     assert left is not None
     own = left - 60 * (10 + 120 + 0.5) / (10 + 24 + 0.5)  # the maps, at the pace so far

@@ -1,0 +1,102 @@
+"""The command as a process: exit statuses, signals, and pipes that close."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from command_line import Captured, run
+from PIL import Image
+from small_demo import ROOT
+
+from colmap_ihe.cli import main
+from colmap_ihe.commandline import commands
+
+DOCTOR = [sys.executable, "-m", "colmap_ihe.cli", "doctor", "--json"]
+
+
+def test_an_unforeseen_error_keeps_its_traceback(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A bug is a bug: hiding it in one line would help nobody."""
+
+    def broken(*_: object) -> dict[str, Any]:
+        raise RuntimeError("a bug")
+
+    monkeypatch.setattr(commands, "doctor", broken)
+    with pytest.raises(RuntimeError, match="a bug"):
+        main(["doctor"])
+
+
+def test_ctrl_c_exits_with_130(capsys: Captured, monkeypatch: pytest.MonkeyPatch) -> None:
+    def interrupted(*_: object) -> dict[str, Any]:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(commands, "doctor", interrupted)
+    assert main(["doctor"]) == 130
+    assert capsys.readouterr().err == "colmap-ihe: stopped; the same command goes on from here\n"
+
+
+def test_the_command_as_a_process(small_demo: Path, tmp_path: Path) -> None:
+    done = run("fit", small_demo / "images/portico_01.jpg", "--step", "0.1", "--json")
+    assert done.returncode == 0
+    assert len(json.loads(done.stdout)["weights"]) == 3
+    failed = run("fit", tmp_path / "missing")
+    assert failed.returncode == 1
+    assert (failed.stdout, len(failed.stderr.splitlines())) == ("", 1)
+    assert run("fit").returncode == 2
+
+
+def test_a_broken_tiff_leaves_no_warnings_of_libraries(tmp_path: Path) -> None:
+    noise = np.random.default_rng(1).integers(0, 256, (80, 80, 3), np.uint8)
+    Image.fromarray(noise).save(tmp_path / "whole.png")
+    Image.fromarray(noise).save(tmp_path / "half.tif", compression="tiff_lzw")
+    whole = (tmp_path / "half.tif").read_bytes()
+    (tmp_path / "half.tif").write_bytes(whole[: len(whole) // 2])
+    done = run("fit", tmp_path, "--step", "0.1", "--json", "-q")
+    assert done.returncode == 0
+    assert list(json.loads(done.stdout)["left_out"]) == ["half.tif"]
+    assert "Warning:" not in done.stderr
+    assert "site-packages" not in done.stderr
+
+
+@pytest.mark.parametrize("unbuffered", ["1", pytest.param("")])
+def test_a_pipe_that_closes_early_is_no_error(unbuffered: str) -> None:
+    """As `colmap-ihe doctor | head`. Python writes at once where it is told to, else as it ends."""
+    reader = subprocess.Popen(["true"], stdin=subprocess.PIPE)
+    assert reader.stdin is not None
+    try:
+        reader.wait(60)
+        done = subprocess.run(
+            DOCTOR,
+            stdout=reader.stdin,
+            stderr=subprocess.PIPE,
+            text=True,
+            env=os.environ | {"PYTHONPATH": str(ROOT), "PYTHONUNBUFFERED": unbuffered},
+            timeout=60,
+            check=False,
+        )
+    finally:
+        reader.stdin.close()
+    assert done.stderr == ""
+    assert done.returncode == 0
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="there is no /dev/full to write to")
+def test_results_that_find_no_room_are_one_line() -> None:
+    with Path("/dev/full").open("w") as full:
+        done = subprocess.run(
+            DOCTOR,
+            stdout=full,
+            stderr=subprocess.PIPE,
+            text=True,
+            env=os.environ | {"PYTHONPATH": str(ROOT)},
+            timeout=60,
+            check=False,
+        )
+    assert done.returncode == 1
+    assert len(done.stderr.splitlines()) == 1
