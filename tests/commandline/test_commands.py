@@ -106,7 +106,7 @@ def test_options_in_the_project_file_count(capsys: Captured, new_project: Make) 
 
 @pytest.mark.parametrize(
     ("assignment", "words"),
-    [("fit.stepp=0.1", "unknown option 'fit.stepp'"), ("step", "wanted stage.option=value")],
+    [("fit.stepp=0.1", "unknown option 'fit.stepp'"), ("step", "expected stage.option=value")],
 )
 def test_a_bad_assignment_is_one_line(
     capsys: Captured, new_project: Make, assignment: str, words: str
