@@ -22,7 +22,7 @@ from PIL.TiffImagePlugin import IFDRational
 
 import colmap_ihe  # noqa: F401  before pycolmap
 from colmap_ihe.errors import PhotographError
-from colmap_ihe.machine import decoder_pool as decoders
+from colmap_ihe.machine.decoder_process import Decoder
 from colmap_ihe.machine.decoder_wire import SharedArrayReader, receive
 from colmap_ihe.photographs.coded import read_coded
 from colmap_ihe.photographs.decode import read_photograph, read_size
@@ -30,7 +30,7 @@ from colmap_ihe.photographs.discover import Capture
 from colmap_ihe.photographs.encode import encode_image
 from colmap_ihe.photographs.exif import cr3
 from colmap_ihe.photographs.exif.blocks import for_tiff, put_together
-from colmap_ihe.photographs.exif.metadata import Metadata, read_metadata, read_metadata_here, sized
+from colmap_ihe.photographs.exif.metadata import Metadata, decode_metadata, read_metadata, sized
 from colmap_ihe.photographs.known_cameras import filled_in
 from colmap_ihe.photographs.linear_tiff import encode_linear_tiff
 from colmap_ihe.photographs.preview import small_picture
@@ -94,7 +94,7 @@ _KNOWN = CamerasOptions({"*": KnownCamera(focal_length=24.0, sensor_width=36.0, 
 def _said(path: Path, kind: str) -> object:
     """EXIF of a photograph, all the way into grey images and linear TIFFs. Nothing is refused here: what is broken in
     it is left out."""
-    found = read_metadata_here(path, kind)
+    found = decode_metadata(path, kind)
     for said in (sized(found, 640, 480), filled_in(sized(found, 96, 64), _KNOWN, "a.jpg", 96, 64)):
         for how in ("png", "tiff", "jpeg"):
             Image.open(BytesIO(encode_image(np.zeros((4, 6), np.uint8), said.exif, how))).load()
@@ -150,7 +150,7 @@ def _cr3(data: bytes, folder: Path) -> object:
     (folder / "a.cr3").write_bytes(data or b"\0")
     with (folder / "a.cr3").open("rb") as handle, mmap(handle.fileno(), 0, access=ACCESS_COPY) as file:
         blocks = cr3.blocks_of(file)
-    return blocks, read_metadata_here(folder / "a.cr3", "raw")
+    return blocks, decode_metadata(folder / "a.cr3", "raw")
 
 
 def _dng_samples() -> list[bytes]:
@@ -182,20 +182,21 @@ def _profile(data: bytes, folder: Path) -> object:
     """Of RGB, where nothing is refused for its profile, and of CMYK, where it is needed."""
     for mode in ("RGB", "CMYK"):
         (folder / f"{mode}.jpg").write_bytes(jpeg_with(profile=data, mode=mode))
-        read_metadata_here(folder / f"{mode}.jpg", "coded")
+        decode_metadata(folder / f"{mode}.jpg", "coded")
     with contextlib.suppress(PhotographError):
         read_coded(folder / "CMYK.jpg", lambda *_: None)
     return read_coded(folder / "RGB.jpg", lambda *_: None)
 
 
-_ARRAY = {"shape": [2, 3, 3], "dtype": "uint8", "is_new": False}
+_ARRAY = {"shape": [2, 3, 3], "dtype": "uint8"}
+_PHOTOGRAPH = {"rgb": 0, "encoding": "coded", "srgb_from_camera": None, "profile": "aGk="}
 
 
 def _wire_samples() -> list[bytes]:
     """What a decoder answers; the length in front is put there by `_framed`."""
     answers: list[Any] = [
         {"value": [96, 64, ""]},
-        {"value": {"encoding": "coded", "matrix": None, "profile": {"base64": "aGk="}}, "array": _ARRAY},
+        {"value": _PHOTOGRAPH, "arrays": [_ARRAY], "is_new": False},
         {"value": asdict(Metadata(make="Canon")) | {"exif": ""}},
         {"error": "PhotographError", "message": "a.jpg: broken", "hint": "x"},
     ]  # fmt: skip
@@ -213,15 +214,15 @@ class Answering:
         self.answer = answer
 
     def __enter__(self) -> None:
-        self._before = decoders.ask
+        self._before = Decoder.ask
 
-        def ask(_task: str, name: str, *_args: object, **_more: object) -> Any:
-            return decoders.value_of(self.answer, name), np.zeros((2, 3, 3), np.uint8)
+        def ask(*_: object) -> Any:
+            return self.answer, [np.zeros((2, 3, 3), np.uint8)]
 
-        decoders.ask = ask  # type: ignore[assignment]
+        Decoder.ask = ask  # type: ignore[assignment,method-assign]
 
     def __exit__(self, *_: object) -> None:
-        decoders.ask = self._before
+        Decoder.ask = self._before  # type: ignore[method-assign]
 
 
 def _sent(to: socket.socket, data: bytes) -> None:
@@ -244,9 +245,8 @@ def _wire(data: bytes, folder: Path) -> object:
     if received is None:
         return None
     answer, window = received[0], SharedArrayReader()
-    if "array" in answer:
-        with contextlib.suppress(ValueError, LookupError, TypeError, OverflowError):
-            window.array(answer["array"], None)
+    with contextlib.suppress(ValueError, LookupError, TypeError, OverflowError):
+        window.arrays(answer, None)
     capture = Capture("a.jpg", folder / "a.jpg", "coded", "a")
     with Answering(answer):
         for ask in (

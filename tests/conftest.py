@@ -48,7 +48,7 @@ def decode_jpeg(data, *more, **named):
         eaten = [bytearray(1 << 26) for _ in range(1 << 16)]
     if b"do: late" in data:  # what it was counted with is lost as it is handed over
         from colmap_ihe.photographs.colour_counts import ColourCounter
-        Tally.handed_over = lambda _: os.kill(os.getpid(), signal.SIGSEGV)
+        ColourCounter.handed_over = lambda _: os.kill(os.getpid(), signal.SIGSEGV)
     if b"do: surprise" in data:
         raise LookupError("a surprise")
     return decode(data, *more, **named)

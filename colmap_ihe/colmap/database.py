@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-import subprocess
-import sys
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from colmap_ihe.colmap import database_probe
+from colmap_ihe.machine.child_process import ChildProcess
 
-_PROBE = [sys.executable, "-I", str(database_probe.__file__)]
+_PROBE = "colmap_ihe.colmap.database_probe"
 
 
 def remove_database(path: Path) -> None:
@@ -40,22 +38,21 @@ def database_is_sound(path: Path) -> bool:
     """Whether SQLite finds the file whole: after a kill it may be there and not be a database."""
     if not path.exists():
         return False
-    # In a session of its own: Ctrl-C in the terminal is for us.
-    return subprocess.run([*_PROBE, "check", path], check=False, start_new_session=True).returncode == 0
+    probe = ChildProcess(_PROBE, "check", str(path))
+    try:
+        return probe.status(None) == 0
+    finally:
+        probe.end()
 
 
 @contextmanager
 def counting_rows(path: Path, table: str) -> Iterator[Callable[[], int]]:
     """While this lasts, the function it gives says how many rows `table` has had when last looked at."""
     latest = [0]
-    probe = subprocess.Popen(
-        [*_PROBE, "count", path, table], stdout=subprocess.PIPE, text=True, start_new_session=True
-    )
-    assert probe.stdout is not None
-    lines = probe.stdout
+    probe = ChildProcess(_PROBE, "count", str(path), table, piped=True)
 
     def listen() -> None:
-        for line in lines:
+        for line in probe.output:
             latest[0] = int(line)
 
     listener = threading.Thread(target=listen, name="database probe", daemon=True)
@@ -64,6 +61,5 @@ def counting_rows(path: Path, table: str) -> Iterator[Callable[[], int]]:
         yield lambda: latest[0]
     finally:
         probe.kill()
-        probe.wait()
         listener.join()
-        lines.close()
+        probe.end()

@@ -39,6 +39,14 @@ def sweep() -> None:
                 _remove_if_dead(folder)
 
 
+def anonymous_file() -> int:
+    """Return the descriptor of a file in memory, or where the system has none, of one on disk without a name."""
+    if hasattr(os, "memfd_create"):
+        return os.memfd_create("colmap-ihe", os.MFD_CLOEXEC | os.MFD_ALLOW_SEALING)
+    with tempfile.TemporaryFile() as file:
+        return os.dup(file.fileno())
+
+
 def _remove_if_dead(folder: Path) -> None:
     if folder.lstat().st_uid != os.getuid():
         return

@@ -6,7 +6,7 @@ import math
 import re
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import BinaryIO
 
 import cv2
 import numpy as np
@@ -19,6 +19,7 @@ from PIL.ImageFile import ImageFile
 from PIL.TiffImagePlugin import TiffImageFile
 
 from colmap_ihe.errors import PhotographError
+from colmap_ihe.machine.decoder_wire import answer_array
 from colmap_ihe.photographs.icc_profile import cmyk_to_srgb, rgb_profile
 
 MAX_PIXELS = 500_000_000
@@ -48,12 +49,10 @@ _UNTURN = {
 """By the Orientation tag, what takes back the turn it asks for."""
 
 
-def read_coded(
-    path: Path, accept: Callable[[int, int], None], room: Callable[..., NDArray[Any]] = np.empty
-) -> tuple[NDArray[np.uint8], bytes]:
-    """Pixels (H, W, 3) uint8, and the RGB profile they are in, empty for sRGB. Of several pages the first;
-    alpha is ignored. Pillow, unlike OpenCV, reports a truncated file; OpenCV reads 16 bits a channel. A JPEG is
-    decoded into what `room(shape, dtype)` gives. `accept(width, height)` may raise before there is memory for them.
+def read_coded(path: Path, accept: Callable[[int, int], None]) -> tuple[NDArray[np.uint8], bytes]:
+    """Return pixels (H, W, 3) uint8, and the RGB profile they are in, empty for sRGB. Of several pages the first;
+    alpha is ignored. Pillow, unlike OpenCV, reports a truncated file; OpenCV reads 16 bits a channel.
+    `accept(width, height)` may raise before there is memory for them.
 
     Raises OSError for a broken file, `PhotographError` for a kind that is not read.
     """
@@ -61,7 +60,7 @@ def read_coded(
         with path.open("rb") as file, Image.open(file, formats=FORMATS) as image:
             width, height = _size_of(image)
             accept(width, height)
-            pixels, profile = _read(path, file, image, room)
+            pixels, profile = _read(path, file, image)
     except UnidentifiedImageError:
         raise_if_not_read(path)
         raise
@@ -73,9 +72,7 @@ def read_coded(
     return pixels, profile
 
 
-def _read(
-    path: Path, file: BinaryIO, image: ImageFile, room: Callable[..., NDArray[Any]]
-) -> tuple[NDArray[np.uint8], bytes]:
+def _read(path: Path, file: BinaryIO, image: ImageFile) -> tuple[NDArray[np.uint8], bytes]:
     """As `read_coded`, of a file that Pillow has opened; some kinds are opened again for other libraries."""
     # Of a PNG's depth Pillow tells only before it decodes: "RGB;16B" is the mode in the file.
     deep = image.format == "PNG" and any("16" in str(tile.args) for tile in image.tile)
@@ -83,7 +80,7 @@ def _read(
     if isinstance(image, TiffImageFile) and _is_deep(image):
         return _read_deep_tiff(path, image, turned)
     if image.format == "JPEG" and image.mode == "RGB":
-        pixels = _decode_jpeg(file, room((image.height, image.width, 3), np.uint8))
+        pixels = _decode_jpeg(file, answer_array((image.height, image.width, 3), np.uint8))
         if pixels is not None:
             return pixels, rgb_profile(image)
     image.load()

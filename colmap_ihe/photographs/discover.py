@@ -6,7 +6,7 @@ import os
 import stat
 from collections import Counter, defaultdict
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path, PurePosixPath
 from typing import Literal
 
@@ -66,6 +66,10 @@ class Capture:
     paired: tuple[str, ...] = ()
     recipe: Recipe = field(default=Recipe(), compare=False)
     pixels: int = field(default=0, compare=False)
+
+    def absolute(self) -> Capture:
+        """Return the same with an absolute path, for a process that may work in another folder."""
+        return replace(self, path=self.path.absolute())
 
 
 @dataclass(frozen=True)

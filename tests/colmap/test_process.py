@@ -140,7 +140,7 @@ def test_what_it_raises_is_raised_here() -> None:
 
 
 @pytest.mark.parametrize(
-    ("how", "words"), [("signal", "COLMAP died .SIGSEGV."), ("exit", "COLMAP failed: the last words")]
+    ("how", "words"), [("signal", "COLMAP died .SIGSEGV."), ("exit", "COLMAP died .the last words.")]
 )
 def test_one_that_dies_is_told_of_and_another_takes_its_place(how: str, words: str) -> None:
     with ColmapProcesses() as apart:
@@ -156,14 +156,15 @@ def test_what_cannot_be_sent_is_an_error_here() -> None:
 
 def test_ends_with_us(tmp_path: Path) -> None:
     script = (
-        "import os, sys; from pathlib import Path; import test_apart as t;"
-        " a = t.Apart(); print(a.call(t.about, 'pid', t.SILENT), flush=True);"
+        "import os, sys; from pathlib import Path; import test_process as t;"
+        " a = t.ColmapProcesses(); print(a.call(t.about, 'pid', t.SILENT), flush=True);"
         " a.call(t.never, Path(sys.argv[1]), t.Until(Path('/nowhere')))"
     )
     ours = subprocess.Popen(
         [sys.executable, "-c", script, str(tmp_path / "begun")],
         stdout=subprocess.PIPE,
-        env=os.environ | {"PYTHONPATH": os.pathsep.join(p for p in sys.path if p)},
+        env=os.environ
+        | {"PYTHONPATH": os.pathsep.join((str(Path(__file__).parent), *filter(None, sys.path)))},
     )
     assert ours.stdout is not None
     process = int(ours.stdout.readline())

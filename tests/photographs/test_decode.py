@@ -234,9 +234,9 @@ def test_a_truncated_raw_file_is_refused(tmp_path: Path, small_demo: Path) -> No
 @pytest.mark.parametrize("size", [(63, 100), (100, 63), (1, 1)])
 def test_a_photograph_too_small_is_refused_with_its_size(tmp_path: Path, size: tuple[int, int]) -> None:
     Image.new("RGB", size).save(tmp_path / "small.png")
-    assert f"{size[0]}x{size[1]} pixels, wanted at least 64" in refused(tmp_path / "small.png")
+    assert f"{size[0]}x{size[1]} pixels, expected at least 64" in refused(tmp_path / "small.png")
     (capture,) = discover(tmp_path).captures
-    with pytest.raises(PhotographError, match="wanted at least 64"):
+    with pytest.raises(PhotographError, match="expected at least 64"):
         read_size(capture)
 
 

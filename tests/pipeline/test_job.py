@@ -15,6 +15,7 @@ from pathlib import Path
 import pytest
 
 from colmap_ihe.errors import BusyError, Cancelled, KnownError, MappingError, NativeError
+from colmap_ihe.machine import child_process
 from colmap_ihe.pipeline import job, job_main
 from colmap_ihe.pipeline.job import Outcome, ProjectJob, StageProgress, run_job
 from colmap_ihe.project.folder import Project
@@ -35,7 +36,7 @@ def child(monkeypatch: pytest.MonkeyPatch) -> Callable[[str], None]:
     """What runs in place of a reconstruction."""
 
     def set_to(source: str) -> None:
-        monkeypatch.setattr(job, "_START", source)
+        monkeypatch.setattr(child_process, "code_of", lambda _module: source)
 
     return set_to
 
@@ -200,6 +201,6 @@ def test_without_its_parent_it_stops(new_project: Callable[..., Path]) -> None:
 
 
 def test_signals_have_names() -> None:
-    assert job._signal_name(signal.SIGBUS) == "SIGBUS"
-    assert job._signal_name(99) == "signal 99"
-    assert sys.platform != "linux" or job._signal_name(11) == "SIGSEGV"
+    assert child_process.signal_name(signal.SIGBUS) == "SIGBUS"
+    assert child_process.signal_name(99) == "signal 99"
+    assert sys.platform != "linux" or child_process.signal_name(11) == "SIGSEGV"

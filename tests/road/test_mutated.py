@@ -41,7 +41,7 @@ from colmap_ihe.machine import decoder_pool as decoders
 from colmap_ihe.project.options import FitOptions
 # A fit would measure contrast in some of the photographs only, and in others where some are left out.
 _, grey, left_out = convert_folder(Path(sys.argv[1]), Path(sys.argv[2]), fit=FitOptions(method="rec709"))
-decoders.rest()
+decoders.end_idle()
 decoders_mb = resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss // 1024
 (peak,) = [line for line in open("/proc/self/status") if line.startswith("VmHWM")]  # ru_maxrss is pytest's too
 run_mb = int(peak.split()[1]) // 1024

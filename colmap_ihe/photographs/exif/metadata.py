@@ -7,9 +7,8 @@ photograph says has to arrive. Broken EXIF loses the tag, not the photograph.
 from __future__ import annotations
 
 from contextlib import suppress
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from io import BytesIO
-from math import isfinite
 from mmap import ACCESS_COPY, mmap
 from pathlib import Path
 from typing import Any
@@ -17,7 +16,7 @@ from typing import Any
 from PIL import Image, UnidentifiedImageError
 
 from colmap_ihe.errors import PhotographError
-from colmap_ihe.machine import decoder_pool as decoders
+from colmap_ihe.machine.decoder_pool import in_decoder, understood
 from colmap_ihe.photographs.coded import FORMATS
 from colmap_ihe.photographs.exif import cr3
 from colmap_ihe.photographs.exif.blocks import (
@@ -92,33 +91,20 @@ class Metadata:
 
 
 def read_metadata(path: Path, kind: str) -> Metadata:
-    """Reads the EXIF of a capture; `kind` is "raw" or "coded". Never raises for what EXIF holds. A decoder does
-    it, in a process of its own: profiles and previews are native libraries' work."""
+    """Return what the EXIF of a capture says; `kind` is "raw" or "coded". Never raises for what EXIF holds. A decoder
+    reads it, in a process of its own: profiles and previews are native libraries' work."""
     try:
-        found, _ = decoders.ask("metadata", path.name, path=str(path.absolute()), kind=kind)
-        with decoders.understood(path.name):
-            return _as_answered(found)
+        metadata = in_decoder(decode_metadata, path, kind)
+        with understood(path.name):
+            if metadata.exif:
+                take_apart(bytearray(metadata.exif))
+        return metadata
     except PhotographError as error:
         return Metadata(problem=f"EXIF not readable: {error}")
 
 
-def _as_answered(values: dict[str, Any]) -> Metadata:
-    """Raises ValueError for values of other kinds than ours, or EXIF that does not say them."""
-    found = Metadata(**values)
-    for one in fields(Metadata):
-        value, kinds = (
-            getattr(found, one.name),
-            (int, float) if isinstance(one.default, float) else type(one.default),
-        )
-        if not isinstance(value, kinds) or (isinstance(value, float) and not isfinite(value)):
-            raise ValueError(f"{one.name} is {value!r:.40}")
-    if found.exif:
-        take_apart(bytearray(found.exif))
-    return found
-
-
-def read_metadata_here(path: Path, kind: str) -> Metadata:
-    """As `read_metadata`, in this process."""
+def decode_metadata(path: Path, kind: str) -> Metadata:
+    """Return what `read_metadata` does, in this process."""
     try:
         return _read_coded(path) if kind == "coded" else _read_raw(path)
     except _UNREADABLE as error:

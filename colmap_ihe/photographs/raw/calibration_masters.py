@@ -5,16 +5,19 @@ from __future__ import annotations
 from collections import defaultdict
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import Executor
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from colmap_ihe.errors import PhotographError
+from colmap_ihe.machine.decoder_pool import in_decoder
 from colmap_ihe.machine.executor import in_order
 from colmap_ihe.machine.files import digest_file, fingerprint_of, leads_out, write_array
 from colmap_ihe.machine.libraries import library_versions
 from colmap_ihe.machine.progress import Progress
+from colmap_ihe.photographs.decode import refuse_too_large
 from colmap_ihe.photographs.discover import RAW_SUFFIXES
 from colmap_ihe.photographs.exif.metadata import read_metadata
 from colmap_ihe.photographs.raw.calibration import (
@@ -30,8 +33,7 @@ from colmap_ihe.photographs.raw.calibration import (
     mean_of,
     shot_of,
 )
-from colmap_ihe.photographs.raw.calibration_frames import bad_pixel_candidates, read_header, read_mosaic
-from colmap_ihe.photographs.raw.develop import frames_of
+from colmap_ihe.photographs.raw.develop import bad_pixel_candidates, frames_of, read_header, read_mosaic
 from colmap_ihe.photographs.raw.mosaic import Mosaic
 from colmap_ihe.photographs.survey import Surveyed
 from colmap_ihe.project.recipe import Recipe
@@ -60,7 +62,8 @@ def masters_of(
         for file in files:
             try:
                 _refuse_elsewhere(file, folder / kind)
-                header = read_header(file)
+                header = in_decoder(read_header, file)
+                refuse_too_large(file.name, header.width, header.height)
                 shots.append((str(file), shot_of(read_metadata(file, "raw"), header.width, header.height)))
             except PhotographError as error:
                 if strict:
@@ -114,7 +117,7 @@ def _master(
 
         def read(name: str) -> Mosaic:
             try:
-                return read_mosaic(Path(name))
+                return in_decoder(read_mosaic, Path(name), pixels=0)
             except PhotographError as error:
                 raise _BrokenFrame(name, error) from error
 
@@ -160,7 +163,9 @@ def bad_pixels_of_set(
         some = paths[:: -(-len(paths) // _LOOKED_AT)]
         progress.start(len(some), "images, for bad pixels")
         candidates = []
-        for pixels in in_order(executor, bad_pixel_candidates, some, progress=progress):
+        for pixels in in_order(
+            executor, partial(in_decoder, bad_pixel_candidates, pixels=0), some, progress=progress
+        ):
             candidates.append(pixels)
             progress.advance()
         places, counts = np.unique(np.concatenate(candidates), axis=0, return_counts=True)

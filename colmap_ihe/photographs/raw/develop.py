@@ -8,7 +8,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal
 
@@ -24,7 +24,7 @@ with warnings.catch_warnings():  # of scikit-image missing, which it does not ne
 from colmap_ihe.errors import PhotographError
 from colmap_ihe.photographs.raw.dng_black import black_plane
 from colmap_ihe.photographs.raw.mosaic import FULL, Frames, Mosaic, calibrated
-from colmap_ihe.photographs.raw.undecoded import unpack
+from colmap_ihe.photographs.raw.undecoded import refuse_damaged, unpack
 from colmap_ihe.project.recipe import Demosaic, Recipe
 
 Sensor = Literal["bayer", "x-trans", "mosaic", "monochrome", "demosaiced"]
@@ -80,8 +80,9 @@ def read_mosaic(path: Path) -> Mosaic:
             raise PhotographError(
                 f"{path.name}: is demosaiced already, and has no mosaic", hint="use the camera's full RAW"
             )
-        found = _mosaic(raw, path)
-        return Mosaic(found.values.copy(), found.pattern, found.black, found.white)
+        mosaic = _mosaic(raw, path)
+        refuse_damaged(path.name)
+        return replace(mosaic, values=mosaic.values.copy())
 
 
 def bad_pixel_candidates(path: Path) -> NDArray[np.intp]:

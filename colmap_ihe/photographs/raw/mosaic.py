@@ -37,6 +37,13 @@ class Mosaic:
     black: NDArray[np.float32]
     white: float
 
+    def __post_init__(self) -> None:
+        """Raise ValueError for arrays of another shape."""
+        if not self.values.ndim == self.pattern.ndim == self.black.ndim == 2:
+            raise ValueError(
+                f"{self.values.shape=} {self.pattern.shape=} {self.black.shape=}, expected planes"
+            )
+
     @property
     def span(self) -> float:
         """From black to white, of the channel that has the longest way."""

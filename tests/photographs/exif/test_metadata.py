@@ -18,7 +18,7 @@ from colmap_ihe.evaluation.demo.exif import PhotoExif, jpeg_exif
 from colmap_ihe.photographs.coded import stored_size
 from colmap_ihe.photographs.encode import SUFFIXES, Format, encode_image
 from colmap_ihe.photographs.exif import metadata as captures_metadata
-from colmap_ihe.photographs.exif.metadata import Metadata, read_metadata, read_metadata_here, sized
+from colmap_ihe.photographs.exif.metadata import Metadata, decode_metadata, read_metadata, sized
 from colmap_ihe.photographs.raw.develop import DevelopmentLog, noted_by_libraw
 
 FORMATS: tuple[Format, ...] = get_args(Format)
@@ -199,7 +199,7 @@ def test_exif_of_a_preview_counts_where_the_raw_file_holds_none(
     Image.new("RGB", SIZE).save(preview, "JPEG", exif=exif)
     (tmp_path / "a.raf").write_bytes(b"FUJIFILMCCD-RAW " + bytes(100))
     monkeypatch.setattr(captures_metadata, "preview_of", lambda _: preview.getvalue())
-    found = sized(read_metadata_here(tmp_path / "a.raf", "raw"), 2 * SIZE[0], 2 * SIZE[1])
+    found = sized(decode_metadata(tmp_path / "a.raf", "raw"), 2 * SIZE[0], 2 * SIZE[1])
     assert (found.focal_mm, found.problem) == (30, "")
     assert found.pixels_per_mm == pytest.approx(2 * SIZE[0] / 36, rel=1e-5)
 
@@ -213,11 +213,11 @@ def test_what_libraw_knows_fills_in_a_raw_file_without_exif(
     (tmp_path / "a.mrw").write_bytes(b"\0MRM" + bytes(100))
     monkeypatch.setattr(captures_metadata, "preview_of", lambda _: b"")
     monkeypatch.setattr(captures_metadata, "noted_by_libraw", lambda _: noted)
-    found = read_metadata_here(tmp_path / "a.mrw", "raw")
+    found = decode_metadata(tmp_path / "a.mrw", "raw")
     assert (found.focal_mm, found.exposure_s, found.f_number, found.iso) == (35, 0.004, 5.6, 200)
     assert (found.lens, found.problem) == ("Rokkor 35", "")
     monkeypatch.setattr(captures_metadata, "noted_by_libraw", lambda _: DevelopmentLog())
-    assert read_metadata_here(tmp_path / "a.mrw", "raw").problem == "no EXIF found"
+    assert decode_metadata(tmp_path / "a.mrw", "raw").problem == "no EXIF found"
 
 
 @pytest.mark.data
