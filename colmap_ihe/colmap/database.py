@@ -13,13 +13,13 @@ _PROBE = "colmap_ihe.colmap.database_probe"
 
 
 def remove_database(path: Path) -> None:
-    """Removes a database with the side files that SQLite keeps beside it."""
+    """Remove a database with the side files that SQLite keeps beside it."""
     for suffix in ("", "-wal", "-shm", "-journal"):
         path.with_name(path.name + suffix).unlink(missing_ok=True)
 
 
 def looks_whole(path: Path) -> bool:
-    """Whether a database has the head and the size of one, at no cost; SQLite's own check where a writer was
+    """Tell whether a database has the head and the size of one, at no cost; use SQLite's own check where a writer was
     interrupted. True if there is none: that is another matter. (sqlite.org, "Database File Format", 1.3)"""
     if not path.is_file():
         return True
@@ -35,7 +35,7 @@ def looks_whole(path: Path) -> bool:
 
 
 def database_is_sound(path: Path) -> bool:
-    """Whether SQLite finds the file whole: after a kill it may be there and not be a database."""
+    """Tell whether SQLite finds the file whole: after a kill it may be there and not be a database."""
     if not path.exists():
         return False
     probe = ChildProcess(_PROBE, "check", str(path))
@@ -47,7 +47,7 @@ def database_is_sound(path: Path) -> bool:
 
 @contextmanager
 def counting_rows(path: Path, table: str) -> Iterator[Callable[[], int]]:
-    """While this lasts, the function it gives says how many rows `table` has had when last looked at."""
+    """Give a function that returns how many rows `table` has, as last looked at."""
     latest = [0]
     probe = ChildProcess(_PROBE, "count", str(path), table, piped=True)
 

@@ -67,13 +67,14 @@ def read_coded(path: Path, accept: Callable[[int, int], None]) -> tuple[NDArray[
     except (SyntaxError, ValueError, KeyError, Image.DecompressionBombError) as error:
         raise OSError(str(error)) from error
     if pixels.shape != (height, width, 3):
-        found = f"{pixels.shape[1]}x{pixels.shape[0]}"
-        raise OSError(f"{found} pixels where its header says {width}x{height}")
+        size = f"{pixels.shape[1]}x{pixels.shape[0]}"
+        raise OSError(f"{size} pixels where its header says {width}x{height}")
     return pixels, profile
 
 
 def _read(path: Path, file: BinaryIO, image: ImageFile) -> tuple[NDArray[np.uint8], bytes]:
-    """As `read_coded`, of a file that Pillow has opened; some kinds are opened again for other libraries."""
+    """Return what `read_coded` does, of a file that Pillow has opened; some kinds are opened again for other
+    libraries."""
     # Of a PNG's depth Pillow tells only before it decodes: "RGB;16B" is the mode in the file.
     deep = image.format == "PNG" and any("16" in str(tile.args) for tile in image.tile)
     turned = image.tag_v2.get(_ORIENTATION, 1) if isinstance(image, TiffImageFile) else 1
@@ -94,21 +95,21 @@ def _read(path: Path, file: BinaryIO, image: ImageFile) -> tuple[NDArray[np.uint
 
 
 def _decode_jpeg(file: BinaryIO, pixels: NDArray[np.uint8]) -> NDArray[np.uint8] | None:
-    """`pixels` (H, W, 3) filled with a sound JPEG, three times faster than Pillow and to the same pixels; None
-    for one that libjpeg has a word to say of, which Pillow judges. Raises OSError where the word is of damage,
-    which Pillow passes over."""
+    """Fill `pixels` (H, W, 3) from a sound JPEG, three times faster than Pillow and to the same pixels; return None
+    for one that libjpeg warns of, which Pillow judges. Raises OSError where the warning is of damage, which Pillow
+    passes over."""
     try:
         file.seek(0)
-        found = simplejpeg.decode_jpeg(file.read(), "RGB", buffer=pixels, strict=True)
+        decoded = simplejpeg.decode_jpeg(file.read(), "RGB", buffer=pixels, strict=True)
     except ValueError as error:
         if _DAMAGE.search(str(error)):
             raise OSError(str(error)) from error
         return None
-    return pixels if found.shape == pixels.shape else None
+    return pixels if decoded.shape == pixels.shape else None
 
 
 def stored_size(path: Path) -> tuple[int, int]:
-    """Width and height as stored, from the header: Pillow swaps those of a TIFF by its Orientation. Raises as
+    """Return width and height as stored, from the header: Pillow swaps those of a TIFF by its Orientation. Raises as
     `read_coded`."""
     try:
         with Image.open(path, formats=FORMATS) as image:
@@ -127,8 +128,8 @@ def _size_of(image: Image.Image) -> tuple[int, int]:
 
 
 def raise_if_not_read(path: Path) -> None:
-    """Raises `PhotographError` if the file is a sound TIFF of a kind that Pillow does not know, as colour in
-    floating point."""
+    """Raise `PhotographError` if the file is a sound TIFF of a kind that Pillow does not know, as colour in floating
+    point."""
     try:
         with tifffile.TiffFile(path) as tiff:
             kind = tiff.pages.first.dtype
@@ -138,13 +139,13 @@ def raise_if_not_read(path: Path) -> None:
 
 
 def _is_deep(image: TiffImageFile) -> bool:
-    """Whether the file holds more than 8 bits a channel, which Pillow cuts to 8 where it reads colour."""
+    """Tell whether the file holds more than 8 bits a channel, which Pillow cuts to 8 where it reads colour."""
     bits = image.tag_v2.get(_BITS, (8,))
     return max(bits if isinstance(bits, tuple) else (bits,)) > 8 or image.mode.startswith(("I", "F"))
 
 
 def _read_deep_tiff(path: Path, image: TiffImageFile, turned: int) -> tuple[NDArray[np.uint8], bytes]:
-    """A TIFF of 16-bit integers, coded; refuses floating point, whose numbers have no level of their own."""
+    """Read a TIFF of 16-bit integers, coded; refuse floating point, whose numbers have no level of their own."""
     tags = image.tag_v2
     bits, formats, photometric = set(tags[_BITS]), set(tags.get(_SAMPLE_FORMAT, ())), tags.get(_PHOTOMETRIC)
     if formats - {_UNSIGNED}:
@@ -166,7 +167,7 @@ def _read_deep_tiff(path: Path, image: TiffImageFile, turned: int) -> tuple[NDAr
 
 
 def _to_8_bit(pixels: NDArray[np.generic]) -> NDArray[np.uint8]:
-    """16 bits rounded to the 8 that COLMAP will see."""
+    """Return 16 bits rounded to the 8 that COLMAP will see."""
     if pixels.dtype != np.uint16:
         raise OSError(f"holds {pixels.dtype} pixels; wanted 8 or 16 bit integers")
     return np.asarray((pixels.astype(np.uint32) + 128) // 257, np.uint8)  # 65535 = 257 x 255
@@ -174,14 +175,14 @@ def _to_8_bit(pixels: NDArray[np.generic]) -> NDArray[np.uint8]:
 
 def _read_with_opencv(path: Path) -> NDArray[np.generic]:
     flags = cv2.IMREAD_ANYDEPTH | cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION
-    found = cv2.imread(str(path), flags)
-    if found is None:
+    pixels = cv2.imread(str(path), flags)
+    if pixels is None:
         raise OSError("OpenCV cannot decode it")
-    return np.ascontiguousarray(np.asarray(found)[..., ::-1])
+    return np.ascontiguousarray(np.asarray(pixels)[..., ::-1])
 
 
 def _read_with_tifffile(path: Path) -> NDArray[np.generic]:
-    """(H, W, channels), three of them for grey."""
+    """Return (H, W, channels), three channels for grey."""
     try:
         with tifffile.TiffFile(path) as tiff:
             page = tiff.pages.first

@@ -20,7 +20,7 @@ _JPEG_EXIF_LIMIT = 65_000  # a JPEG segment; a maker note may be larger
 
 
 def encode_image(pixels: NDArray[np.uint8], exif: bytes, file_format: Format, profile: bytes = b"") -> bytes:
-    """The bytes of an image file: pixels (H, W) grey or (H, W, 3) RGB uint8; `exif` a TIFF structure or empty;
+    """Return the bytes of an image file: pixels (H, W) grey or (H, W, 3) RGB uint8; `exif` a TIFF structure or empty;
     `profile` the ICC profile of RGB pixels or empty.
 
     Pixel dimensions in EXIF become those of the image. TIFF is not compressed, JPEG is of quality 95. A maker

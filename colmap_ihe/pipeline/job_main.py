@@ -103,7 +103,7 @@ def _listen(teller: _Teller) -> None:
 
 
 def _run(job: dict[str, Any], teller: _Teller) -> tuple[str, str, str]:
-    """Reconstruct: return how it ended, why, and what to do."""
+    """Reconstruct, and return how it ended, why, and what to do."""
     memory.keep_within(job["memory_bytes"])
     root = Path(job["root"])
     try:

@@ -29,7 +29,7 @@ _MOST = 0.001
 
 
 def unpack(raw: rawpy.RawPy, path: Path) -> None:
-    """Has LibRaw decode the pixels of an opened file. Raises `PhotographError` if some are missing, where the
+    """Have LibRaw decode the pixels of an opened file. Raises `PhotographError` if some are missing, where the
     system's malloc lets us see that: glibc's does."""
     with _patterned_memory():
         raw.unpack()
