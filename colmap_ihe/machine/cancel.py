@@ -1,4 +1,4 @@
-"""How work on a thread learns that it is no longer wanted."""
+"""Cancelling of work: a thread learns that its work is no longer needed."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Which folders are ours, and who works in one at the moment."""
+"""Marks on the folders that this package made, and locks on those that somebody works in."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How much memory there is, and how many photographs may be worked on at a time within it."""
+"""Memory that is free, and the number of photographs that may be worked on at a time within it."""
 
 from __future__ import annotations
 

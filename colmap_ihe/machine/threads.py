@@ -1,4 +1,4 @@
-"""How many threads a run computes with: its own, and those of the libraries under it."""
+"""Limits on the threads that a run computes with: its own, and those of the libraries under it."""
 
 from __future__ import annotations
 
@@ -78,9 +78,9 @@ def _blas() -> list[LibController]:
 
 def _tell_libraries() -> None:
     usual, most = _usual(), limit()
-    wanted = [count if most is None else min(count, most) for count in usual]
-    cv2.setNumThreads(wanted[0])
-    for pool, count in zip(_blas(), wanted[1:], strict=True):
+    counts = [count if most is None else min(count, most) for count in usual]
+    cv2.setNumThreads(counts[0])
+    for pool, count in zip(_blas(), counts[1:], strict=True):
         pool.set_num_threads(count)
 
 

@@ -1,4 +1,4 @@
-"""What a recipe asks for once a photograph is decoded: its gains, then its denoising."""
+"""Gains and denoising of a decoded photograph, as its recipe asks for."""
 
 from __future__ import annotations
 

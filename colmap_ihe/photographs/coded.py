@@ -169,7 +169,7 @@ def _read_deep_tiff(path: Path, image: TiffImageFile, turned: int) -> tuple[NDAr
 def _to_8_bit(pixels: NDArray[np.generic]) -> NDArray[np.uint8]:
     """Return 16 bits rounded to the 8 that COLMAP will see."""
     if pixels.dtype != np.uint16:
-        raise OSError(f"holds {pixels.dtype} pixels; wanted 8 or 16 bit integers")
+        raise OSError(f"holds {pixels.dtype} pixels; expected 8 or 16 bit integers")
     return np.asarray((pixels.astype(np.uint32) + 128) // 257, np.uint8)  # 65535 = 257 x 255
 
 
@@ -205,6 +205,6 @@ def _read_with_tifffile(path: Path) -> NDArray[np.generic]:
 
 def _not_read(path: Path, what: str) -> PhotographError:
     return PhotographError(
-        f"{path.name}: holds {what}; wanted 8 or 16 bit integers, grey, RGB or CMYK",
+        f"{path.name}: holds {what}; expected 8 or 16 bit integers, grey, RGB or CMYK",
         hint="export it as a 16-bit TIFF",
     )

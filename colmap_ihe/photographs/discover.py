@@ -14,40 +14,10 @@ from colmap_ihe.errors import ProjectError
 from colmap_ihe.project.recipe import Recipe
 
 RAW_SUFFIXES = frozenset(
-    [
-        ".3fr",
-        ".arw",
-        ".cr2",
-        ".cr3",
-        ".crw",
-        ".dc2",
-        ".dcr",
-        ".dng",
-        ".erf",
-        ".fff",
-        ".gpr",
-        ".iiq",
-        ".k25",
-        ".kc2",
-        ".kdc",
-        ".mdc",
-        ".mef",
-        ".mos",
-        ".mrw",
-        ".nef",
-        ".nrw",
-        ".orf",
-        ".pef",
-        ".ptx",
-        ".raf",
-        ".raw",
-        ".rw2",
-        ".rwl",
-        ".sr2",
-        ".srf",
-        ".srw",
-        ".x3f",
-    ]
+    """
+    .3fr .arw .cr2 .cr3 .crw .dc2 .dcr .dng .erf .fff .gpr .iiq .k25 .kc2 .kdc .mdc .mef .mos
+    .mrw .nef .nrw .orf .pef .ptx .raf .raw .rw2 .rwl .sr2 .srf .srw .x3f
+    """.split()  # noqa: SIM905
 )
 CODED_SUFFIXES = frozenset([".jpg", ".jpeg", ".jpe", ".tif", ".tiff", ".png"])
 
@@ -117,7 +87,7 @@ def discover(folder: Path) -> Discovery:
             content = "; ".join(list(refused.values())[:3])
         raise ProjectError(
             f"{folder}: no photograph found, {content}",
-            hint="wanted RAW, JPEG, TIFF or PNG files, in subfolders or not",
+            hint="expected RAW, JPEG, TIFF or PNG files, in subfolders or not",
         )
     members = [member for stem, names in shots.items() for member in _captures_of(stem, names)]
     greys = _grey_stems({name: stem for name, _, _, stem in members})

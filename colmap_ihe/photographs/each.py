@@ -1,4 +1,4 @@
-"""What is done to one photograph at a time, and what happens to those that cannot be used."""
+"""Work on one photograph at a time; those that cannot be used are left out."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What is known of cameras, filled in where photographs do not say it, so that COLMAP finds it in their EXIF.
+"""Known cameras, filled in where photographs do not say it, so that COLMAP finds it in their EXIF.
 
 COLMAP 4.2 takes the focal length in pixels from the 35 mm equivalent, else from the focal length and the
 focal-plane resolution, else from the focal length and a table of sensors by make and model; and one camera for
@@ -49,16 +49,10 @@ def filled_in(metadata: Metadata, cameras: CamerasOptions, name: str, width: int
     known = cameras.root[pattern]
     filled = _without(metadata, known, width, height) if known.override else metadata
     filled = _with_focal_length(filled, known, width, height)
+    make, model = filled.make or known.make or "", filled.model or known.model or ""
     if filled.focal_mm or filled.focal_35mm:
-        filled = replace(
-            filled,
-            make=filled.make or known.make or "unknown",
-            model=filled.model or known.model or f"camera of {pattern}",
-        )
-    else:
-        filled = replace(
-            filled, make=filled.make or known.make or "", model=filled.model or known.model or ""
-        )
+        make, model = make or "unknown", model or f"camera of {pattern}"
+    filled = replace(filled, make=make, model=model)
     new_image, new_shot = _tags(filled, metadata)
     if not new_image and not new_shot:
         return metadata

@@ -1,4 +1,4 @@
-"""How each photograph of the set is developed, from the options, the calibration frames and what EXIF says."""
+"""Recipes to develop each photograph of the set, from the options, the calibration frames and what EXIF says."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the headers of photographs say: sizes, EXIF, and what is known of their cameras."""
+"""Headers of photographs: sizes, EXIF, and what is known of their cameras."""
 
 from __future__ import annotations
 

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import os
 import signal
-import subprocess
 import time
 from pathlib import Path
 
 import pytest
+from processes import children
 
 from colmap_ihe.colmap import mapping_process as mapping_apart
 from colmap_ihe.colmap.mapping_process import map_apart, pipeline_options
@@ -16,17 +16,8 @@ from colmap_ihe.errors import Cancelled, NativeError, OptionError
 from colmap_ihe.machine.progress import SILENT, Progress, Silent
 
 
-def children() -> list[int]:
-    command = ["ps", "-o", "pid=", "--ppid", str(os.getpid())]
-    listed = subprocess.run(command, capture_output=True, text=True, check=False)
-    return [int(pid) for pid in listed.stdout.split() if "colmap.process" in command_of(int(pid))]
-
-
-def command_of(pid: int) -> str:
-    try:
-        return Path(f"/proc/{pid}/cmdline").read_text()
-    except FileNotFoundError:
-        return ""
+def mappers() -> list[int]:
+    return [pid for pid in children() if b"colmap.process" in Path(f"/proc/{pid}/cmdline").read_bytes()]
 
 
 class After(Silent):
@@ -46,7 +37,7 @@ class After(Silent):
 
 class Kills(After):
     def now(self) -> None:
-        for pid in children():
+        for pid in mappers():
             os.kill(pid, signal.SIGKILL)
 
 
@@ -72,7 +63,7 @@ def test_stopped_at_once(places: tuple[Path, Path, Path]) -> None:
     with pytest.raises(Cancelled):
         map_apart("hierarchical", *places, {}, 0, After(0.3))
     assert time.monotonic() - began < 10
-    assert children() == []
+    assert mappers() == []
 
 
 @pytest.mark.usefixtures("slow")

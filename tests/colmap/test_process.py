@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from processes import is_gone, soon
 
 from colmap_ihe.colmap.native import logged_to, pycolmap
 from colmap_ihe.colmap.process import ColmapProcesses
@@ -80,17 +81,13 @@ class Until(Silent):
             raise Cancelled
 
 
-def alive(pid: int) -> bool:
-    return subprocess.run(["ps", "-p", str(pid)], capture_output=True, check=False).returncode == 0
-
-
 def test_a_process_is_kept_for_the_next_call_and_ends_with_the_last() -> None:
     with ColmapProcesses() as apart:
         first = apart.call(about, "pid", SILENT)
         assert first != os.getpid()
         assert apart.call(about, "pid", SILENT) == first
-        assert alive(first)
-    assert not alive(first)
+        assert not is_gone(first)
+    assert is_gone(first)
 
 
 def test_one_for_each_call_at_a_time() -> None:
@@ -168,13 +165,9 @@ def test_ends_with_us(tmp_path: Path) -> None:
     )
     assert ours.stdout is not None
     process = int(ours.stdout.readline())
-    end = time.monotonic() + 30
-    while not (tmp_path / "begun").exists() and time.monotonic() < end:
-        time.sleep(0.05)
-    assert alive(process)
+    assert soon((tmp_path / "begun").exists, 30)
+    assert not is_gone(process)
     ours.kill()
     ours.wait()
     ours.stdout.close()
-    while alive(process) and time.monotonic() < end:
-        time.sleep(0.05)
-    assert not alive(process)
+    assert soon(lambda: is_gone(process))

@@ -13,7 +13,6 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
@@ -21,6 +20,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 from PIL import Image
+from processes import children, is_gone, soon
 from small_demo import ROOT
 
 from colmap_ihe.errors import Cancelled, CapabilityError, PhotographError
@@ -52,38 +52,8 @@ def png(folder: Path, seed: int = 1, size: tuple[int, int] = (96, 128)) -> Captu
     return Capture(file.name, file, "coded", file.stem)
 
 
-def children(of: int | None = None) -> list[int]:
-    """Processes whose parent is this one (or `of`), zombies among them."""
-    found = []
-    for stat in Path("/proc").glob("[0-9]*/stat"):
-        try:
-            after_name = stat.read_text(encoding="utf-8").rpartition(")")[2].split()
-        except OSError:
-            continue
-        if int(after_name[1]) == (of or os.getpid()):
-            found.append(int(stat.parent.name))
-    return found
-
-
-def is_gone(pid: int) -> bool:
-    """Whether it ended; a zombie has, for whoever is its parent."""
-    try:
-        return Path(f"/proc/{pid}/stat").read_text(encoding="utf-8").rpartition(")")[2].split()[0] == "Z"
-    except OSError:
-        return True
-
-
 def open_files() -> int:
     return len(list(Path("/proc/self/fd").iterdir()))
-
-
-def soon(condition: Callable[[], bool], seconds: float = 20) -> bool:
-    end = time.monotonic() + seconds
-    while time.monotonic() < end:
-        if condition():
-            return True
-        time.sleep(0.01)
-    return condition()
 
 
 def test_pixels_and_words_are_those_of_this_process(tmp_path: Path) -> None:

@@ -7,12 +7,12 @@ import os
 import pickle
 import signal
 import sys
-import time
 from collections.abc import Callable
 from dataclasses import asdict
 from pathlib import Path
 
 import pytest
+from processes import is_gone, soon
 
 from colmap_ihe.errors import BusyError, Cancelled, KnownError, MappingError, NativeError
 from colmap_ihe.machine import child_process
@@ -117,20 +117,7 @@ def test_one_that_does_not_listen_is_killed_with_all_it_started(
     outcome = ending(project, time_limit_s=1.0)
     assert outcome.state == "timed_out"
     assert outcome.seconds < 20
-    assert ended(int(note.read_text()))
-
-
-def ended(process: int) -> bool:
-    """Whether it ends within a few seconds; one that nobody has waited for counts."""
-    end = time.monotonic() + 10
-    while time.monotonic() < end:
-        try:
-            if Path(f"/proc/{process}/stat").read_text().rsplit(")", 1)[1].split()[0] == "Z":
-                return True
-        except OSError:
-            return True
-        time.sleep(0.05)
-    return False
+    assert soon(lambda: is_gone(int(note.read_text())))
 
 
 def test_a_file_stops_it(project: Path, child: Callable[[str], None], tmp_path: Path) -> None:

@@ -1,4 +1,4 @@
-"""What photographs of every kind say of themselves in EXIF.
+"""EXIF of photographs of every kind.
 
 COLMAP decides from EXIF which photographs share a camera and what its focal length is about, so what a
 photograph says has to arrive. Broken EXIF loses the tag, not the photograph.

@@ -167,7 +167,7 @@ def read_bad_pixels(file: Path) -> NDArray[np.intp]:
             continue
         if len(words) < 2 or not all(w.isdecimal() and len(w) < 7 for w in words[:2]):
             raise ProjectError(
-                f"{file}, line {number}: {line.strip()!r:.60}, wanted a column and a row, as 1204 377",
+                f"{file}, line {number}: {line.strip()!r:.60}, expected a column and a row, as 1204 377",
                 hint="correct or remove the line",
             )
         pixels.append((int(words[1]), int(words[0])))

@@ -1,4 +1,4 @@
-"""What calibration frames, and the photographs themselves, show of a sensor: means and bad pixels, kept in files."""
+"""Means of calibration frames, and bad pixels that they or the photographs themselves show, kept in files."""
 
 from __future__ import annotations
 

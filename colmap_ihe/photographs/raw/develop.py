@@ -157,7 +157,7 @@ def _opened(path: Path) -> Iterator[rawpy.RawPy]:
         with rawpy.imread(str(path)) as raw:
             if raw.num_colors not in (1, 3):
                 raise PhotographError(
-                    f"{path.name}: a sensor of {raw.num_colors} colours; wanted red, green and blue",
+                    f"{path.name}: a sensor of {raw.num_colors} colours; expected red, green and blue",
                     hint="convert it to TIFF with the maker's program",
                 )
             yield raw

@@ -48,10 +48,8 @@ def _plane(page: Any, shape: tuple[int, ...]) -> NDArray[np.float32] | None:
     levels = _numbers(page, _LEVEL, [0])
     if levels.size != rows * columns:
         return None
-    horizontal, vertical = (
-        _numbers(page, _DELTA_H, np.zeros(width)),
-        _numbers(page, _DELTA_V, np.zeros(height)),
-    )
+    horizontal = _numbers(page, _DELTA_H, np.zeros(width))
+    vertical = _numbers(page, _DELTA_V, np.zeros(height))
     if horizontal.size != width or vertical.size != height:
         return None
     cell = levels.reshape(rows, columns)
