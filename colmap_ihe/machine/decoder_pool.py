@@ -13,6 +13,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from functools import cache
 from typing import Any, Protocol, TypeVar, get_type_hints
 
 from numpy.typing import NDArray
@@ -84,8 +85,13 @@ class LentDecoder:
         call = base64.b64encode(pickle.dumps((function, (subject.absolute(), *arguments)))).decode("ascii")
         request = {"call": call, "name": subject.name, "memory": limit}
         answer, arrays = self._decoder.ask(request, subject.name, seconds)
-        result: _Result = _result_of(answer, arrays, get_type_hints(function)["return"], subject.name)
+        result: _Result = _result_of(answer, arrays, _kind_of_result(function), subject.name)
         return result
+
+
+@cache
+def _kind_of_result(function: Callable[..., Any]) -> Any:
+    return get_type_hints(function)["return"]
 
 
 def _result_of(answer: Message, arrays: Sequence[NDArray[Any]], kind: Any, name: str) -> Any:

@@ -51,7 +51,7 @@ from colmap_ihe.photographs.exif.blocks import (
     with_size,
 )
 from colmap_ihe.photographs.icc_profile import name_of_profile
-from colmap_ihe.photographs.raw.develop import DevelopmentLog, noted_by_libraw, preview_of
+from colmap_ihe.photographs.raw.develop import LibrawMetadata, libraw_metadata, preview_of
 
 _UNREADABLE = (PhotographError, UnidentifiedImageError, Image.DecompressionBombError, *UNREADABLE)
 # Of the shot, where makers write it into the first directory, as TIFF/EP allows.
@@ -205,7 +205,7 @@ def _read_raw(path: Path) -> Metadata:
         if not metadata.make and not metadata.focal_mm:
             metadata = _of_preview(preview_of(path)) or metadata
         if not metadata.focal_mm:
-            metadata = _with_noted(metadata, noted_by_libraw(path))
+            metadata = _with_noted(metadata, libraw_metadata(path))
     return metadata
 
 
@@ -240,7 +240,7 @@ def _raw_block(directories: Directories) -> bytes:
     return put_together(photographic(directories.image), shot, directories.gps)
 
 
-def _with_noted(metadata: Metadata, noted: DevelopmentLog) -> Metadata:
+def _with_noted(metadata: Metadata, noted: LibrawMetadata) -> Metadata:
     """Return the metadata with what LibRaw found, where the photograph's EXIF does not say it."""
     lengths = {
         EXPOSURE_TIME: noted.exposure_s,

@@ -129,7 +129,7 @@ def frames_of(recipe: Recipe) -> Frames:
 
 
 @dataclass(frozen=True)
-class DevelopmentLog:
+class LibrawMetadata:
     """Hold what LibRaw knows of a shot, whatever its maker's format: millimetres, seconds; 0 or empty if nothing."""
 
     focal_mm: float = 0.0
@@ -140,13 +140,13 @@ class DevelopmentLog:
     lens_make: str = ""
 
 
-def noted_by_libraw(path: Path) -> DevelopmentLog:
+def libraw_metadata(path: Path) -> LibrawMetadata:
     """Return what LibRaw knows of a shot. Raises `PhotographError` if it refuses the file."""
     with _opened(path) as raw:
         if not hasattr(raw, "other"):  # rawpy before 0.26
-            return DevelopmentLog()
+            return LibrawMetadata()
         shot, lens = raw.other, raw.lens
-        return DevelopmentLog(
+        return LibrawMetadata(
             shot.focal_length, shot.shutter_speed, shot.aperture, shot.iso_speed, lens.model, lens.make
         )
 
