@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-import subprocess
-import sys
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from colmap_ihe.colmap import database_probe
+from colmap_ihe.machine.child_process import ChildProcess
 
-_PROBE = [sys.executable, "-I", str(database_probe.__file__)]
+_PROBE = "colmap_ihe.colmap.database_probe"
 
 
 def remove_database(path: Path) -> None:
@@ -21,8 +19,8 @@ def remove_database(path: Path) -> None:
 
 
 def looks_whole(path: Path) -> bool:
-    """Return whether a database has the head and the size of one, at no cost; SQLite's own check where a writer was
-    interrupted. True if there is none. (sqlite.org, "Database File Format", 1.3)"""
+    """Tell whether a database has the head and the size of one, at no cost; use SQLite's own check where a writer was
+    interrupted. True if there is none: that is another matter. (sqlite.org, "Database File Format", 1.3)"""
     if not path.is_file():
         return True
     if path.with_name(f"{path.name}-wal").exists():
@@ -37,25 +35,24 @@ def looks_whole(path: Path) -> bool:
 
 
 def database_is_sound(path: Path) -> bool:
-    """Return whether SQLite finds the file whole: after a kill it may exist and not be a database."""
+    """Tell whether SQLite finds the file whole: after a kill it may be there and not be a database."""
     if not path.exists():
         return False
-    # In a session of its own: Ctrl-C in the terminal is for us.
-    return subprocess.run([*_PROBE, "check", path], check=False, start_new_session=True).returncode == 0
+    probe = ChildProcess(_PROBE, "check", str(path))
+    try:
+        return probe.status(None) == 0
+    finally:
+        probe.end()
 
 
 @contextmanager
 def counting_rows(path: Path, table: str) -> Iterator[Callable[[], int]]:
-    """Give a function that returns the number of rows of `table` at the last look, twice a second."""
+    """Give a function that returns how many rows `table` has, as last looked at."""
     latest = [0]
-    probe = subprocess.Popen(
-        [*_PROBE, "count", path, table], stdout=subprocess.PIPE, text=True, start_new_session=True
-    )
-    assert probe.stdout is not None
-    lines = probe.stdout
+    probe = ChildProcess(_PROBE, "count", str(path), table, piped=True)
 
     def listen() -> None:
-        for line in lines:
+        for line in probe.output:
             latest[0] = int(line)
 
     listener = threading.Thread(target=listen, name="database probe", daemon=True)
@@ -64,6 +61,5 @@ def counting_rows(path: Path, table: str) -> Iterator[Callable[[], int]]:
         yield lambda: latest[0]
     finally:
         probe.kill()
-        probe.wait()
         listener.join()
-        lines.close()
+        probe.end()

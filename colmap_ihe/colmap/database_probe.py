@@ -1,24 +1,23 @@
-"""Looks into a COLMAP database from a process of its own: `python database_probe.py check|count DATABASE [TABLE]`.
+"""Program that looks into a COLMAP database: `check DATABASE`, or `count DATABASE TABLE`.
 
 Never in the process that runs COLMAP: two SQLite libraries in one process drop each other's file locks,
-which ends in a bus error (sqlite.org, "How to corrupt an SQLite database file", 2.2.1). Runs as a script,
-on the standard library alone.
+which ends in a bus error (sqlite.org, "How to corrupt an SQLite database file", 2.2.1). It imports the standard
+library only.
 """
 
 from __future__ import annotations
 
-import os
 import sqlite3
 import sys
 import time
-from contextlib import closing
+from contextlib import closing, suppress
 from pathlib import Path
 
 _EVERY_SECONDS = 0.5
 
 
 def is_sound(database: Path) -> bool:
-    """Whether SQLite finds the file whole."""
+    """Tell whether SQLite finds the file whole."""
     try:
         with closing(sqlite3.connect(database)) as connection:
             return bool(connection.execute("PRAGMA quick_check").fetchone() == ("ok",))
@@ -27,7 +26,7 @@ def is_sound(database: Path) -> bool:
 
 
 def rows_in(database: Path, table: str) -> int:
-    """Rows of a table so far, 0 while there is none."""
+    """Return the number of rows of a table so far, 0 while there is none."""
     try:
         uri = f"{database.absolute().as_uri()}?mode=ro"
         with closing(sqlite3.connect(uri, uri=True, timeout=0.1)) as connection:
@@ -36,16 +35,12 @@ def rows_in(database: Path, table: str) -> int:
         return 0
 
 
-def main() -> int:
+def main() -> None:
+    """Exit with status 0 if the database is sound; or print its rows until nobody reads them."""
     mode, database = sys.argv[1], Path(sys.argv[2])
     if mode == "check":
-        return 0 if is_sound(database) else 1
-    parent = os.getppid()
-    while os.getppid() == parent:
-        print(rows_in(database, sys.argv[3]), flush=True)
-        time.sleep(_EVERY_SECONDS)
-    return 0
-
-
-if __name__ == "__main__":
-    sys.exit(main())
+        sys.exit(0 if is_sound(database) else 1)
+    with suppress(BrokenPipeError):
+        while True:
+            print(rows_in(database, sys.argv[3]), flush=True)
+            time.sleep(_EVERY_SECONDS)

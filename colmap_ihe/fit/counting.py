@@ -29,8 +29,8 @@ from colmap_ihe.machine import decoder_pool as decoders
 from colmap_ihe.machine.decoder_process import BROKEN
 from colmap_ihe.machine.executor import in_order, width_of
 from colmap_ihe.machine.progress import Progress
-from colmap_ihe.photographs.colour_counts import sampled
-from colmap_ihe.photographs.decode import encoding_of, message_of
+from colmap_ihe.photographs.colour_counts import count_photograph, hand_over_counts, sampled
+from colmap_ihe.photographs.decode import encoding_of
 from colmap_ihe.photographs.discover import Capture
 from colmap_ihe.photographs.each import LeftOut, at_once, leave_out, none_usable
 
@@ -228,7 +228,7 @@ def _together(
     """Count the photographs of a chunk in one decoder. Raises `_Lost` where a photograph, whose error is then in
     `errors`, took its decoder along."""
     encoding = encoding_of(chunk[0])
-    options = {"encoding": encoding, "weighting": counting.weighting, "sample": counting.sample}
+    how = (encoding, counting.weighting, counting.sample)
     new_formula = CONVERSIONS[counting.method].new_fit
     formula = new_formula() if new_formula else None
     contrasts: dict[str, Contrast] = {}
@@ -236,12 +236,10 @@ def _together(
     with decoders.one_decoder() as decoder:
         for capture in chunk:
             contrast = capture.name in contrast_in
-            asked = {"capture": message_of(capture), "first": not used, "contrast": contrast}
+            asked = (not used, contrast, formula is not None, how)
             try:
-                measured, rgb = decoder.ask(
-                    "count", capture.name, capture.pixels, returned=formula is not None, **asked, **options
-                )
-                if contrast:
+                measured, rgb = decoder.run(count_photograph, capture, *asked, pixels=capture.pixels)
+                if measured is not None:
                     contrasts[capture.name] = Contrast.from_dict(measured, encoding)
             except (PhotographError, ValueError, KeyError, TypeError) as error:
                 errors[capture.name] = _as_of(capture, error)
@@ -256,8 +254,8 @@ def _together(
         if not used:
             return ChunkCounts(errors=errors)
         try:
-            head, cells = decoder.ask("tally", chunk[0].name)
-            sums = Sums(**head, cells=b"" if cells is None else cells.tobytes()).checked()
+            head, cells = decoder.run(hand_over_counts, chunk[0])
+            sums = Sums(**head, cells=cells.tobytes()).checked()
             if (sums.encoding, sums.weighting, sums.images) != (encoding, counting.weighting, used):
                 raise ValueError("sums of something else")
         except (PhotographError, ValueError, KeyError, TypeError) as error:

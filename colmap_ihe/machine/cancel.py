@@ -1,4 +1,4 @@
-"""How work on a thread learns that it is no longer wanted."""
+"""Cancelling of work: a thread learns that its work is no longer needed."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Protocol
 
 
 class StopEvent(Protocol):
-    """What says that work is no longer wanted: an Event, or what a task on another machine looks at."""
+    """Tell that work is no longer needed: an Event, or what a task on another machine looks at."""
 
     def is_set(self) -> bool: ...
 
@@ -19,7 +19,7 @@ _stop: ContextVar[StopEvent | None] = ContextVar("stop", default=None)
 
 @contextmanager
 def stoppable(stop: StopEvent) -> Iterator[None]:
-    """Reads of this thread within end with `Cancelled` soon after `stop` is set, however slow the decoder is."""
+    """Within, end the reads of this thread with `Cancelled` soon after `stop` is set, however slow the decoder is."""
     token = _stop.set(stop)
     try:
         yield
@@ -28,6 +28,6 @@ def stoppable(stop: StopEvent) -> Iterator[None]:
 
 
 def stopped() -> bool:
-    """Whether what this thread works on, within `stoppable`, is no longer wanted."""
+    """Tell whether what this thread works on, within `stoppable`, is no longer needed."""
     event = _stop.get()
     return event is not None and event.is_set()

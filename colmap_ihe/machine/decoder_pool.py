@@ -5,20 +5,23 @@ there are as many as threads decoded at once.
 from __future__ import annotations
 
 import atexit
+import base64
 import logging
 import os
+import pickle
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from typing import Any
+from functools import cache
+from typing import Any, Protocol, TypeVar, get_type_hints
 
 from numpy.typing import NDArray
 
 from colmap_ihe.errors import CapabilityError, PhotographError
 from colmap_ihe.machine import memory
 from colmap_ihe.machine.decoder_process import BROKEN, SECONDS, Decoder
-from colmap_ihe.machine.decoder_wire import Message
+from colmap_ihe.machine.decoder_wire import Message, from_plain
 
 logger = logging.getLogger(__name__)
 
@@ -28,67 +31,84 @@ _HEADER_MEMORY = 1 << 30  # bytes; a header needs a few
 _SHARE_OF_MEMORY = 0.9
 
 _KNOWN = {kind.__name__: kind for kind in (PhotographError, CapabilityError)}
+_Result = TypeVar("_Result")
 
 
-def ask(
-    task: str, name: str, pixels: int | None = None, **arguments: Any
-) -> tuple[Message, NDArray[Any] | None]:
-    """Has a decoder do one of `decoder_main.TASKS` on the photograph called `name`: what it returns, and the
-    array if there is one. `pixels` to be decoded: 0 if unknown, None if only a header is read.
+class Subject(Protocol):
+    """Describe what a decoder works on: a capture, or the path of a file."""
 
-    Raises `PhotographError`, also when the decoder crashed, took too long or ran out of memory; `Cancelled`
-    within `stoppable`; `CapabilityError` if none can be started.
+    @property
+    def name(self) -> str: ...
+    def absolute(self) -> Any: ...
+
+
+def in_decoder(
+    function: Callable[..., _Result], subject: Subject, *arguments: Any, pixels: int | None = None
+) -> _Result:
+    """Return `function(subject, *arguments)`, computed by a decoder in a process of its own.
+
+    `function` is one of a module; it returns plain values, arrays, or dataclasses of these, as annotated. `pixels` to
+    be decoded: 0 if unknown, None if only a header is read. Raises `PhotographError`, also when the decoder crashed,
+    took too long, ran out of memory or returned another type; `Cancelled` within `stoppable`; `CapabilityError` if no
+    decoder can be started.
     """
     with one_decoder() as decoder:
-        return decoder.ask(task, name, pixels, **arguments)
+        return decoder.run(function, subject, *arguments, pixels=pixels)
 
 
 @contextmanager
 def one_decoder() -> Iterator[LentDecoder]:
-    """One decoder for several questions."""
+    """Lend one decoder for several questions."""
     with _pool.lent() as decoder:
         yield LentDecoder(decoder)
 
 
 class LentDecoder:
-    """A decoder that remembers what it was asked before, until it `is_lost`."""
+    """Hold a decoder that remembers what it was asked before, until it `is_lost`."""
 
     def __init__(self, decoder: Decoder) -> None:
         self._decoder = decoder
 
     @property
     def is_lost(self) -> bool:
-        """Whether it crashed, or was ended since it took too long."""
+        """Tell whether it crashed, or was ended since it took too long."""
         return self._decoder.dead
 
-    def ask(
-        self, task: str, name: str, pixels: int | None = None, **arguments: Any
-    ) -> tuple[Message, NDArray[Any] | None]:
-        """As `decoders.ask`."""
+    def run(
+        self, function: Callable[..., _Result], subject: Subject, *arguments: Any, pixels: int | None = None
+    ) -> _Result:
+        """Return what `in_decoder` does."""
         seconds, limit = SECONDS, _HEADER_MEMORY
         if pixels is not None:
             seconds += SECONDS_A_MEGAPIXEL * (pixels or _UNKNOWN_PIXELS) / 1e6
-            limit = max(limit, int(_room.bytes() * _SHARE_OF_MEMORY))
-        request = {"task": task, "name": name, "memory": limit, "arguments": arguments}
-        answer, array = self._decoder.ask(request, name, seconds)
-        return value_of(answer, name), array
+            limit = max(limit, int(_free_memory.bytes() * _SHARE_OF_MEMORY))
+        call = base64.b64encode(pickle.dumps((function, (subject.absolute(), *arguments)))).decode("ascii")
+        request = {"call": call, "name": subject.name, "memory": limit}
+        answer, arrays = self._decoder.ask(request, subject.name, seconds)
+        result: _Result = _result_of(answer, arrays, _kind_of_result(function), subject.name)
+        return result
 
 
-def value_of(answer: Message, name: str) -> Any:
-    """What a decoder answered of a photograph. Raises the error that it tells of."""
+@cache
+def _kind_of_result(function: Callable[..., Any]) -> Any:
+    return get_type_hints(function)["return"]
+
+
+def _result_of(answer: Message, arrays: Sequence[NDArray[Any]], kind: Any, name: str) -> Any:
+    """Return the value in an answer about a photograph. Raises the error that it tells of."""
     if "error" in answer:
         if answer.get("traceback"):
             logger.debug("%s: %s", name, answer["traceback"])
-        kind = _KNOWN.get(str(answer["error"]), PhotographError)
-        raise kind(" ".join(str(answer.get("message")).split()), hint=str(answer.get("hint") or ""))
+        error = _KNOWN.get(str(answer["error"]), PhotographError)
+        raise error(" ".join(str(answer.get("message")).split()), hint=str(answer.get("hint") or ""))
     with understood(name):
-        return answer["value"]
+        return from_plain(answer["value"], kind, arrays)
 
 
 @contextmanager
 def understood(name: str) -> Iterator[None]:
-    """Within, an answer that makes no sense is that photograph's fault: it may have taken its decoder over. Raises
-    `PhotographError`."""
+    """Within, blame the photograph `name` for an answer that makes no sense: it may have taken its decoder over.
+    Raises `PhotographError`."""
     try:
         yield
     except (TypeError, ValueError, LookupError, AttributeError, OverflowError) as error:
@@ -97,7 +117,7 @@ def understood(name: str) -> Iterator[None]:
 
 
 class _Pool:
-    """The decoders of this process. `lock` is held for moments only, and never while one decodes."""
+    """Hold the decoders of this process. `lock` is held for moments only, and never while one decodes."""
 
     def __init__(self) -> None:
         self.lock = threading.Lock()
@@ -106,12 +126,12 @@ class _Pool:
 
     @contextmanager
     def lent(self) -> Iterator[Decoder]:
-        """An idle decoder, else a new one. Of several the one used last whose photograph is no longer wanted: its
+        """Lend an idle decoder, else a new one. Of several the one used last whose photograph is not held any more: its
         memory can be used again, and making new takes as long as decoding into it."""
         decoder: Decoder | None = None
         while decoder is None or decoder.dead:
             with self.lock:
-                self.idle.sort(key=lambda one: one.window.is_free)
+                self.idle.sort(key=lambda idle: idle.window.is_free)
                 decoder = self.idle.pop() if self.idle else None
             if decoder is None:
                 decoder = Decoder()
@@ -128,26 +148,28 @@ class _Pool:
                     self.idle.append(decoder)
 
     def end_idle(self) -> None:
+        """End those that nobody uses."""
         with self.lock:
             idle, self.idle = self.idle, []
         for decoder in idle:
             decoder.end()
 
     def end_all(self) -> None:
+        """End all, with this process."""
         self.end_idle()
         for decoder in tuple(self.busy):
             decoder.end()
 
     def after_fork(self) -> None:
-        """In a forked child: the decoders are its parent's, in which the lock may have been held."""
+        """Forget, in a forked child, the decoders of its parent, in which the lock may have been held."""
         self.lock = threading.Lock()
         for decoder in (*self.idle, *self.busy):
             decoder.forget()
         self.idle, self.busy = [], set()
 
 
-class _RoomInMemory:
-    """How much memory is free, asked for once a second: to ask takes as long as a small photograph's decoding."""
+class _FreeMemory:
+    """Tell how much memory is free, asked for once a second: to ask takes as long as decoding a small photograph."""
 
     def __init__(self) -> None:
         self._bytes, self._until = 0, 0.0
@@ -159,19 +181,19 @@ class _RoomInMemory:
         return self._bytes
 
 
-_room = _RoomInMemory()
+_free_memory = _FreeMemory()
 _pool = _Pool()
 atexit.register(_pool.end_all)
 os.register_at_fork(after_in_child=_pool.after_fork)
 
 
 def release_memory() -> None:
-    """Gives back the memory in which idle decoders returned photographs."""
+    """Give back the memory in which idle decoders returned photographs."""
     with _pool.lock:
         for decoder in _pool.idle:
             decoder.window.empty()
 
 
 def end_idle() -> None:
-    """Ends the decoders that are idle, some 50 MB each; the next read starts one again."""
+    """End the decoders that are idle, some 50 MB each; the next read starts one again."""
     _pool.end_idle()

@@ -1,80 +1,65 @@
-"""One process that decodes photographs: what a broken one does to a native decoder, it does to this.
-
-It is a fresh Python (`decoder_main`), neither forked, for LibRaw with OpenMP can deadlock then, nor of
-`multiprocessing`, which would run the user's script again. It ends when its socket closes, whatever became of us.
-"""
+"""One process that decodes photographs: what a broken photograph does to a native decoder, it does to this process."""
 
 from __future__ import annotations
 
-import os
 import select
-import signal
 import socket
-import subprocess
-import sys
 import time
-from contextlib import ExitStack, suppress
 from typing import Any
 
 from numpy.typing import NDArray
 
 from colmap_ihe.errors import Cancelled, CapabilityError, PhotographError
+from colmap_ihe.machine import threads
 from colmap_ihe.machine.cancel import stopped
-from colmap_ihe.machine.decoder_wire import Message, SharedArrayReader, anonymous_file, receive, send
+from colmap_ihe.machine.child_process import ChildProcess
+from colmap_ihe.machine.decoder_wire import Message, SharedArrayReader, receive, send
 
 SECONDS = 120.0
 """For a header, or to start: a disk may have to wake up, or a file to come from a cloud."""
 _TICK_MS = 100  # how long a cancelled read may go on
-_START = (
-    "import sys; sys.path[:] = sys.argv[3:]; from colmap_ihe.photographs.decoder_main import main; main()"
-)
-_ONE_THREAD = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}  # photographs are what is parallel
 BROKEN = "copy it from the card again, or take it out of the folder"
 
 
 class Decoder:
-    """One process. Whatever goes wrong ends it: it is then `dead`."""
+    """Hold one process. Whatever goes wrong ends it: it is then `dead`."""
 
     def __init__(self) -> None:
+        """Start it. Raises `CapabilityError`."""
         self.dead = False
         self.window = SharedArrayReader()
         self._ready = False
-        self._ours = ExitStack()  # what is open on this side
         try:
-            with ExitStack() as theirs:
-                self._words = anonymous_file()  # what it says on stderr, and in the end perhaps why
-                self._ours.callback(os.close, self._words)
-                self._socket, asked = self._pair(theirs)
-                _, lifeline = self._pair(theirs)  # nothing is sent on it
-                passed = (asked.fileno(), lifeline.fileno())
-                self._process = subprocess.Popen(
-                    [sys.executable or "python3", "-c", _START, *map(str, passed), *sys.path],
-                    pass_fds=passed,
-                    stdin=subprocess.DEVNULL,
-                    stdout=subprocess.DEVNULL,
-                    stderr=self._words,
-                    start_new_session=True,  # Ctrl-C in the terminal is for us
-                    env=os.environ | _ONE_THREAD,
+            self._socket, theirs = socket.socketpair()
+        except OSError as error:
+            raise _cannot_start(str(error)) from error
+        try:
+            with theirs:  # photographs are what is parallel: one thread each
+                self._process = ChildProcess(
+                    "colmap_ihe.photographs.decoder_main",
+                    str(theirs.fileno()),
+                    pass_fds=(theirs.fileno(),),
+                    environment=threads.environment(1),
                 )
         except OSError as error:
-            self._ours.close()
+            self._socket.close()
             raise _cannot_start(str(error)) from error
 
-    def _pair(self, theirs: ExitStack) -> tuple[socket.socket, socket.socket]:
-        here, there = socket.socketpair()
-        return self._ours.enter_context(here), theirs.enter_context(there)
+    def ask(self, request: Message, name: str, seconds: float) -> tuple[Message, list[NDArray[Any]]]:
+        """Send a request about the photograph `name`: return the answer as it came, and its arrays.
 
-    def ask(self, request: Message, name: str, seconds: float) -> tuple[Message, NDArray[Any] | None]:
-        """As `ask`, with the answer as it came."""
+        Raises `PhotographError` where the process dies, takes longer than `seconds` or answers nonsense; `Cancelled`
+        within `stoppable`; `CapabilityError` if it does not start.
+        """
         try:
             if not self._ready:
-                self._started()
+                self._await_start()
             try:
                 send(self._socket, request | {"free": self.window.is_free})
             except OSError as error:
                 raise EOFError from error
             answer, fd = self._answer(seconds)
-            return answer, self.window.array(answer["array"], fd) if "array" in answer else None
+            return answer, self.window.arrays(answer, fd)
         except TimeoutError:
             self.end()
             raise PhotographError(
@@ -82,7 +67,7 @@ class Decoder:
             ) from None
         except EOFError:
             raise PhotographError(
-                f"{name}: the decoder crashed on it ({self._died()})", hint=BROKEN
+                f"{name}: the decoder crashed on it ({self._cause_of_death()})", hint=BROKEN
             ) from None
         except (ValueError, LookupError, TypeError, OverflowError, RecursionError) as error:
             self.end()
@@ -91,11 +76,11 @@ class Decoder:
             self.end()
             raise
 
-    def _started(self) -> None:
+    def _await_start(self) -> None:
         try:
             self._answer(SECONDS)
         except EOFError:
-            raise _cannot_start(self._died()) from None
+            raise _cannot_start(self._cause_of_death()) from None
         except TimeoutError:
             self.end()
             raise _cannot_start(f"it did not start within {SECONDS:.0f} seconds") from None
@@ -118,35 +103,29 @@ class Decoder:
             raise EOFError
         return answer
 
-    def _died(self) -> str:
-        """Ends one that closed its socket: the signal that it died of, or its last words."""
-        with suppress(subprocess.TimeoutExpired):
-            self._process.wait(SECONDS)
-        words = os.pread(self._words, 1 << 16, 0).decode("utf-8", "replace").strip().splitlines()
-        status = self._process.poll()
+    def _cause_of_death(self) -> str:
+        """End it, and return why it closed its socket."""
+        cause = self._process.cause_of_death(SECONDS)
         self.end()
-        if status is not None and status < 0:
-            with suppress(ValueError):
-                died_of = signal.Signals(-status).name
-                return f"{died_of}, perhaps for want of memory" if died_of == "SIGKILL" else died_of
-        return words[-1] if words else f"exit status {status}"
+        return cause
 
     @property
     def is_alive(self) -> bool:
-        return self._process.poll() is None
+        """Tell whether the process runs."""
+        return self._process.status() is None
 
     def end(self) -> None:
+        """Kill the process, if it is not `dead` yet."""
         if not self.dead:
             self.dead = True
-            self._process.kill()
-            self._process.wait()
-            self.forget()
+            self._process.end()
+            self._socket.close()
 
     def forget(self) -> None:
-        """Lets go of one that belongs to another process."""
+        """Let go of it in a forked process: it is the parent's."""
         self.dead = True
-        self._process.returncode = self._process.returncode or 0
-        self._ours.close()
+        self._process.forget()
+        self._socket.close()
 
 
 def _cannot_start(reason: str) -> CapabilityError:

@@ -1,6 +1,7 @@
-"""What goes between a run and its decoders: JSON with its length in front, and arrays in memory that both share.
+"""Messages between a run and its decoders: JSON with its length in front, and arrays in memory that both share.
 
-Nothing is unpickled: a decoder that a hostile photograph took over can answer nonsense, but run nothing here.
+Nothing that comes from a decoder is unpickled: one that a hostile photograph took over can answer nonsense, but run
+nothing here.
 """
 
 from __future__ import annotations
@@ -14,39 +15,46 @@ import numbers
 import os
 import socket
 import struct
-import tempfile
 import weakref
-from typing import Any
+from collections.abc import Sequence
+from dataclasses import fields, is_dataclass
+from functools import cache
+from types import UnionType
+from typing import Any, Literal, Union, get_args, get_origin, get_type_hints
 
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
+
+from colmap_ihe.machine.scratch import anonymous_file
 
 Message = dict[str, Any]
 
 _LENGTH = struct.Struct(">I")
 _MOST_BYTES = 1 << 28  # of one message, whose largest parts are EXIF and a colour profile
 _MOST_MAPPED = 64  # arrays, each with an open file that Python keeps for its memory
+_COPIED = 4096  # bytes of an array that is copied, so that holding it does not hold a photograph
+_ALIGNED = 64  # bytes
 _mapped: list[weakref.ref[NDArray[np.uint8]]] = []
-_DTYPES = {"uint8": np.uint8, "uint16": np.uint16}
+_DTYPES = {np.dtype(kind).name: np.dtype(kind) for kind in ("u1", "u2", "i8", "f4", "f8")}
 
 
 def send(sock: socket.socket, message: Message, fd: int | None = None) -> None:
-    """Sends a message, and with it the file of a shared array. Raises OSError."""
-    body = json.dumps(message, default=_plain).encode()
+    """Send a message, and with it the file of shared arrays. Raises OSError."""
+    body = json.dumps(message).encode()
     packed = memoryview(_LENGTH.pack(len(body)) + body)
     sent = socket.send_fds(sock, [packed], [] if fd is None else [fd])
     sock.sendall(packed[sent:])
 
 
 def receive(sock: socket.socket) -> tuple[Message, int | None] | None:
-    """The next message, and the file that came with it, which is the caller's to close; None if the other end
+    """Return the next message, and the file that came with it, which is the caller's to close; None if the other end
     is gone. Raises OSError, ValueError for what is no message."""
     head, fds, _, _ = socket.recv_fds(sock, _LENGTH.size, 1)
     try:
         (length,) = _LENGTH.unpack(head + _exactly(sock, _LENGTH.size - len(head)))
         if length > _MOST_BYTES:
             raise ValueError(f"a message of {length} bytes, expected {_MOST_BYTES} at most")
-        message = _message(_exactly(sock, length))
+        message = json.loads(_exactly(sock, length))
         if not isinstance(message, dict):
             raise ValueError(f"a message that is a {type(message).__name__}, expected an object")
     except BaseException as error:
@@ -54,15 +62,10 @@ def receive(sock: socket.socket) -> tuple[Message, int | None] | None:
             os.close(fd)
         if isinstance(error, EOFError):
             return None
+        if isinstance(error, RecursionError):
+            raise ValueError(f"a message that is none: {error}") from error
         raise
     return message, fds[0] if fds else None
-
-
-def _message(body: bytes) -> Any:
-    try:
-        return json.loads(body, object_hook=_unplain)
-    except (TypeError, RecursionError) as error:
-        raise ValueError(f"a message that is none: {error}") from error
 
 
 def _exactly(sock: socket.socket, count: int) -> bytes:
@@ -75,71 +78,139 @@ def _exactly(sock: socket.socket, count: int) -> bytes:
     return bytes(parts)
 
 
-def _plain(value: object) -> object:
+def to_plain(value: Any, arrays: list[NDArray[Any]]) -> Any:
+    """Return a value as JSON holds it: a dataclass by its fields, bytes as base64, an array as its place in `arrays`,
+    to which it is added. `from_plain` reads it back."""
+    if is_dataclass(value):
+        return {f.name: to_plain(getattr(value, f.name), arrays) for f in fields(value)}
+    if isinstance(value, dict):
+        return {key: to_plain(inner, arrays) for key, inner in value.items()}
+    if isinstance(value, list | tuple):
+        return [to_plain(inner, arrays) for inner in value]
+    if isinstance(value, np.ndarray):
+        arrays.append(value)
+        return len(arrays) - 1
     if isinstance(value, bytes):
-        return {"base64": base64.b64encode(value).decode("ascii")}
-    if isinstance(value, numbers.Rational):  # Pillow's, in EXIF
+        return base64.b64encode(value).decode("ascii")
+    if isinstance(value, numbers.Rational) and not isinstance(value, int):  # Pillow's, in EXIF
         return float(value)
-    raise TypeError(f"{type(value).__name__}, expected what JSON holds, or bytes")
+    return value
 
 
-def _unplain(value: dict[str, Any]) -> Any:
-    return base64.b64decode(value["base64"]) if set(value) == {"base64"} else value
+def from_plain(value: Any, kind: Any, arrays: Sequence[NDArray[Any]] = ()) -> Any:
+    """Return the value of type `kind`, an annotation, that `to_plain` made `value` of. Raises ValueError or TypeError
+    where it is none."""
+    origin, choices = get_origin(kind), get_args(kind)
+    if isinstance(kind, type) and is_dataclass(kind):
+        kinds = _kinds_of(kind)
+        if not isinstance(value, dict) or value.keys() != kinds.keys():
+            raise ValueError(f"{value!r:.80}, expected {', '.join(kinds)}")
+        return kind(**{n: from_plain(value[n], inner, arrays) for n, inner in kinds.items()})
+    if origin in (Union, UnionType):
+        for choice in choices:
+            try:
+                return from_plain(value, choice, arrays)
+            except (TypeError, ValueError) as error:
+                reason = str(error)  # not the error, whose traceback would hold the arrays
+        raise ValueError(reason)
+    if origin is tuple and isinstance(value, list) and len(value) == len(choices):
+        return tuple(from_plain(v, choice, arrays) for v, choice in zip(value, choices, strict=True))
+    if origin is np.ndarray and type(value) is int and 0 <= value < len(arrays):
+        array = arrays[value]
+        if array.dtype == np.dtype(get_args(choices[1])[0]):
+            return array
+        raise ValueError(f"pixels of {array.dtype}, expected {kind}")
+    if kind is bytes and isinstance(value, str):
+        return base64.b64decode(value, validate=True)
+    if kind is float and type(value) in (int, float) and math.isfinite(value):
+        return float(value)
+    good = value in choices if origin is Literal else kind is Any or type(value) is (origin or kind)
+    if not good:
+        raise ValueError(f"{value!r:.80}, expected {kind}")
+    return value
+
+
+@cache
+def _kinds_of(kind: type[Any]) -> dict[str, Any]:
+    hints = get_type_hints(kind)
+    return {f.name: hints[f.name] for f in fields(kind)}
 
 
 class SharedArrayWriter:
-    """A decoder's side of the memory for one array, without a name in any file system. It is used again while
-    the array before is no longer wanted, for making pages takes as long as decoding into them."""
+    """Hold a decoder's side of the memory for its arrays, without a name in any file system. It is used again once the
+    arrays before are not needed any more, for making pages takes as long as decoding into them."""
 
     def __init__(self) -> None:
         self._fd: int | None = None  # until it was sent
         self._memory: mmap.mmap | None = None
 
     def array(self, shape: tuple[int, ...], dtype: DTypeLike) -> NDArray[Any]:
-        """An array that lies in it, with anything in it; takes the place of the one before."""
-        size = math.prod(shape) * np.dtype(dtype).itemsize
-        if self._memory is None or len(self._memory) < size:
-            self.leave()
-            self._fd = anonymous_file()
-            os.ftruncate(self._fd, size)
-            self._memory = mmap.mmap(self._fd, size)
-        return np.frombuffer(self._memory, dtype, math.prod(shape)).reshape(shape)
+        """Return an array in this memory, with anything in it; takes the place of those before."""
+        self._reserve(_room(math.prod(shape) * np.dtype(dtype).itemsize))
+        return np.frombuffer(self._memory or b"", dtype, math.prod(shape)).reshape(shape)
 
-    def put(self, array: NDArray[Any]) -> tuple[Message, int | None]:
-        """Shape and kind of an array, which is copied into the room unless it lies there; and the room's file if
-        the other side does not have it yet, to be sent before `sent`."""
-        inside = self.array(array.shape, array.dtype)
-        if array.__array_interface__["data"] != inside.__array_interface__["data"]:
-            inside[...] = array
-        is_new = self._fd is not None
-        return {"shape": list(array.shape), "dtype": str(array.dtype), "is_new": is_new}, self._fd
+    def put(self, arrays: Sequence[NDArray[Any]]) -> tuple[Message, int | None]:
+        """Copy arrays into this memory, one after the other, but for one that lies in its place. Return what tells
+        `SharedArrayReader` of them; and the memory's file if the reader does not have it, to be sent before `sent`."""
+        self._reserve(sum(_room(array.nbytes) for array in arrays))
+        start = 0
+        for array in arrays:
+            whole = np.frombuffer(self._memory or b"", np.uint8, array.nbytes, start)
+            inside = whole.view(array.dtype).reshape(array.shape)
+            if array.__array_interface__["data"] != inside.__array_interface__["data"]:
+                inside[...] = array
+            start += _room(array.nbytes)
+        about = [{"shape": list(array.shape), "dtype": array.dtype.name} for array in arrays]
+        return {"arrays": about, "is_new": self._fd is not None}, self._fd
 
     def sent(self) -> None:
+        """Close the file, which the reader has now."""
         if self._fd is not None:
             os.close(self._fd)
             self._fd = None
 
     def leave(self) -> None:
-        """Leaves the memory to the other side."""
+        """Leave the memory to the reader."""
         self.sent()
         self._memory = None
 
+    def _reserve(self, size: int) -> None:
+        if self._memory is None or len(self._memory) < size:
+            self.leave()
+            self._fd = anonymous_file()
+            os.ftruncate(self._fd, size)
+            self._memory = mmap.mmap(self._fd, size)
+
+
+def _room(size: int) -> int:
+    """Return the bytes that an array of `size` bytes takes, so that the next one is aligned."""
+    return max(1, -(-size // _ALIGNED)) * _ALIGNED
+
+
+answer_memory: SharedArrayWriter | None = None
+"""Of a decoder; elsewhere there is none."""
+
+
+def answer_array(shape: tuple[int, ...], dtype: DTypeLike) -> NDArray[Any]:
+    """Return an array to decode into, which a decoder need not copy to answer with it."""
+    return np.empty(shape, dtype) if answer_memory is None else answer_memory.array(shape, dtype)
+
 
 class SharedArrayReader:
-    """The other side of a `SharedArrayWriter`: arrays that are mapped and not copied, unless very many are held."""
+    """Hold the other side of a `SharedArrayWriter`: large arrays are mapped, and copied only where many are held."""
 
     def __init__(self) -> None:
         self._memory: mmap.mmap | None = None
-        self._array: weakref.ref[NDArray[np.uint8]] | None = None  # on whose memory every view is
+        self._whole: weakref.ref[NDArray[np.uint8]] | None = None  # on whose memory every view is
 
     @property
     def is_free(self) -> bool:
-        """Whether no view is left of the last array, so that another may take its place."""
-        return self._array is None or self._array() is None
+        """Tell whether no view is left of the last arrays, so that others may take their place."""
+        return self._whole is None or self._whole() is None
 
-    def array(self, about: Message, fd: int | None) -> NDArray[Any]:
-        """The array that `Room.put` told of; closes `fd`. Raises ValueError or KeyError if the memory is not what
-        the message says."""
+    def arrays(self, message: Message, fd: int | None) -> list[NDArray[Any]]:
+        """Return the arrays that `SharedArrayWriter.put` told of; closes `fd`. Raises ValueError, KeyError or
+        TypeError if the memory is not what the message says."""
         if fd is not None:
             try:
                 if hasattr(fcntl, "F_ADD_SEALS") and hasattr(os, "memfd_create"):
@@ -148,30 +219,27 @@ class SharedArrayReader:
                 self._memory = mmap.mmap(fd, os.fstat(fd).st_size)
             finally:
                 os.close(fd)
-        if about["is_new"] != (fd is not None):  # a process that has no room for another open file gets none
+        if not message.get("arrays"):
+            return []
+        if message["is_new"] != (fd is not None):  # a process that can open no further file gets none
             raise ValueError("the file of an array was lost on the way")
-        shape, dtype = tuple(int(n) for n in about["shape"]), np.dtype(_DTYPES[about["dtype"]])
-        size = math.prod(shape) * dtype.itemsize
-        if self._memory is None or min(shape) < 1 or len(self._memory) < size:
-            raise ValueError(f"{shape=} {dtype=} in {len(self._memory or b'')} bytes")
-        whole = np.frombuffer(self._memory, np.uint8, size)
-        found = whole.view(dtype).reshape(shape)
+        whole = np.frombuffer(self._memory or b"", np.uint8)
         _mapped[:] = [array for array in _mapped if array() is not None]
-        if len(_mapped) >= _MOST_MAPPED:
-            return found.copy()
-        self._array = weakref.ref(whole)
-        _mapped.append(self._array)
-        return found
+        arrays = []
+        start = 0
+        for about in message["arrays"]:
+            shape, dtype = tuple(int(n) for n in about["shape"]), _DTYPES[about["dtype"]]
+            size = math.prod(shape) * dtype.itemsize
+            if min(shape, default=0) < 0 or start + size > len(whole):
+                raise ValueError(f"{shape=} {dtype=} in {len(whole)} bytes")
+            array = whole[start : start + size].view(dtype).reshape(shape)
+            arrays.append(array.copy() if size <= _COPIED or len(_mapped) >= _MOST_MAPPED else array)
+            start += _room(size)
+        self._whole = weakref.ref(whole)
+        _mapped.append(self._whole)
+        return arrays
 
     def empty(self) -> None:
-        """Gives the memory back to the system until it is used again, if it is free."""
+        """Give the memory back to the system until it is used again, if it is free."""
         if self.is_free and self._memory is not None and hasattr(mmap, "MADV_REMOVE"):
             self._memory.madvise(mmap.MADV_REMOVE)
-
-
-def anonymous_file() -> int:
-    """A file in memory, or where the system has none, one on disk without a name."""
-    if hasattr(os, "memfd_create"):
-        return os.memfd_create("colmap-ihe", os.MFD_CLOEXEC | os.MFD_ALLOW_SEALING)
-    with tempfile.TemporaryFile() as file:
-        return os.dup(file.fileno())

@@ -27,7 +27,7 @@ _Result = TypeVar("_Result")
 
 @contextmanager
 def local_executor() -> Iterator[ThreadPoolExecutor]:
-    """One thread a core. Threads, for photographs are decoded and counted in processes anyway."""
+    """Give one thread a core. Threads, for photographs are decoded and counted in processes anyway."""
     try:
         with ThreadPoolExecutor(local_workers(), thread_name_prefix="image") as executor:
             yield executor
@@ -36,19 +36,20 @@ def local_executor() -> Iterator[ThreadPoolExecutor]:
 
 
 def shares_memory(executor: Executor) -> bool:
-    """Whether its workers are threads of this process."""
+    """Tell whether its workers are threads of this process."""
     return isinstance(executor, ThreadPoolExecutor)
 
 
 def width_of(executor: Executor) -> int:
-    """How many tasks an executor works on at a time; of those that do not say, as many as there are cores."""
+    """Return how many tasks an executor works on at a time; for those that do not say, as many as there are cores."""
     width: int = getattr(executor, "width", 0)
     return width or local_workers()
 
 
 @contextmanager
 def threads_of(executor: Executor) -> Iterator[Executor]:
-    """Threads of this process, for work whose results are too large to be sent: the executor's own if it has such."""
+    """Give threads of this process, for work whose results are too large to be sent: the executor's own if it has
+    such."""
     if shares_memory(executor):
         yield executor
     else:
@@ -57,7 +58,7 @@ def threads_of(executor: Executor) -> Iterator[Executor]:
 
 
 class TaskProgress(Silent):
-    """Follows what a worker does: `Cancelled` as soon as its result is no longer wanted."""
+    """Follow what a worker does: raise `Cancelled` as soon as its result is no longer needed."""
 
     def check(self) -> None:
         if cancel.stopped():
@@ -71,10 +72,10 @@ def in_order(
     at_once: int | None = None,
     progress: Progress = SILENT,
 ) -> Generator[_Result, None, None]:
-    """`function` of every item, in order; no more results wait than there are workers and one, so memory does
-    not grow with the set, and never more than `at_once` are begun and not yet fetched. What `function` raises
-    is raised here, and so is `Cancelled` by `progress`, after what is in flight has ended; reads of photographs end
-    at once then. Where workers are not threads, two results a worker wait, for it takes time to send another."""
+    """Yield `function` of every item, in order. Keeps at most `workers + 1` results in memory, and at most `at_once`
+    begun and not yet fetched. What `function` raises is raised here, and so is `Cancelled` by `progress`, after what
+    is in flight has ended; reads of photographs end at once then. Where workers are not threads, two results a worker
+    wait, for it takes time to send another."""
     local, over = shares_memory(executor), Event()
 
     def stoppable(item: _Item) -> _Result:

@@ -32,7 +32,7 @@ _held: dict[Path, os.stat_result] = {}
 
 
 def open_file(path: Path) -> BinaryIO:
-    """A file to read; a pipe, device or folder of that name is refused, and never waited for. Raises OSError."""
+    """Open a file to read; refuse a pipe, device or folder of that name, and never wait for one. Raises OSError."""
     handle = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
     kind = os.fstat(handle).st_mode
     if not stat.S_ISREG(kind):
@@ -43,7 +43,7 @@ def open_file(path: Path) -> BinaryIO:
 
 
 def read_at_most(path: Path, most: int) -> bytes:
-    """The content of a file of no more than `most` bytes. Raises OSError."""
+    """Return the content of a file of no more than `most` bytes. Raises OSError."""
     with open_file(path) as handle:
         content = handle.read(most + 1)
     if len(content) > most:
@@ -52,7 +52,7 @@ def read_at_most(path: Path, most: int) -> bytes:
 
 
 def is_name_below(name: str) -> bool:
-    """Whether a file system could have a file of that name somewhere below a folder, and nowhere else."""
+    """Tell whether a file system could have a file of that name somewhere below a folder, and nowhere else."""
     path = PurePosixPath(name)
     if not path.parts or path.is_absolute() or ".." in path.parts or not name.isprintable():
         return False
@@ -61,12 +61,13 @@ def is_name_below(name: str) -> bool:
 
 
 def leads_out(path: Path, folder: Path) -> bool:
-    """Whether `path`, which lies below `folder`, is or passes a link that ends elsewhere; `folder` may be a link."""
+    """Tell whether `path`, which lies below `folder`, is or passes a link that ends elsewhere; `folder` may be a
+    link."""
     return not Path(os.path.realpath(path)).is_relative_to(os.path.realpath(folder))
 
 
 def odd_below(folder: Path, deep: bool = True) -> Iterator[Path]:
-    """What is in a folder and, if `deep`, in the folders below, and is neither file nor folder: links, none of which is
+    """Yield what is neither file nor folder in a folder and, if `deep`, in the folders below: links, none of which is
     followed, pipes, devices. Raises OSError."""
     with os.scandir(folder) as entries:
         for entry in entries:
@@ -79,7 +80,7 @@ def odd_below(folder: Path, deep: bool = True) -> Iterator[Path]:
 
 @contextmanager
 def room_on_disk(path: Path) -> Iterator[None]:
-    """Turns the system's errors of a full or read-only disk, or one that is not there any more, into one line that
+    """Turn the system's errors of a full or read-only disk, or one that is not there any more, into one line that
     names `path`."""
     try:
         yield
@@ -102,8 +103,8 @@ def room_on_disk(path: Path) -> Iterator[None]:
 
 @contextmanager
 def guard_folder(folder: Path) -> Iterator[None]:
-    """While this lasts nothing is written below `folder` by this process when it is not the same folder any more: a
-    disk that goes leaves its mount point, which would be filled in its stead. What fails for that says so."""
+    """Within, let this process write nothing below `folder` once another folder is in its place: a disk that is gone
+    leaves its mount point, which would be filled in its stead. What fails for that says so."""
     _held[folder] = folder.stat()
     try:
         yield
@@ -115,12 +116,12 @@ def guard_folder(folder: Path) -> Iterator[None]:
 
 
 def require_same_folder(path: Path) -> None:
-    """Raises `ProjectError` if `path` lies in a folder that is held and is gone."""
-    for folder, known in tuple(_held.items()):
+    """Raise `ProjectError` if `path` lies in a folder that is held and is gone."""
+    for folder, status in tuple(_held.items()):
         if not path.is_relative_to(folder):
             continue
         try:
-            same = os.path.samestat(folder.stat(), known)
+            same = os.path.samestat(folder.stat(), status)
         except OSError:
             same = False
         if not same:
@@ -131,7 +132,7 @@ def require_same_folder(path: Path) -> None:
 
 
 def require_room(folder: Path, needed: int) -> None:
-    """Raises `DiskFullError` unless there is room for so many bytes beside it."""
+    """Raise `DiskFullError` unless there is room for so many bytes beside it."""
     free = shutil.disk_usage(folder).free
     if free < needed:
         raise DiskFullError(
@@ -141,7 +142,7 @@ def require_room(folder: Path, needed: int) -> None:
 
 
 def write_bytes(path: Path, content: bytes) -> None:
-    """Writes a file that is whole under its name or not there: temporary file, flush, rename."""
+    """Write a file that is whole under its name or not there: temporary file, flush, rename."""
     # of a length that fits, and no other process's, on no other machine either
     temporary = path.with_name(f".{fingerprint_of(path.name)}.{secrets.token_hex(4)}.tmp")
     try:
@@ -159,7 +160,7 @@ def write_bytes(path: Path, content: bytes) -> None:
 
 
 def remove_unfinished(folder: Path) -> None:
-    """Removes what `write_bytes` left below `folder` when it was killed; nobody may be writing there."""
+    """Remove what `write_bytes` left below `folder` when it was killed; nobody may be writing there."""
     for parent, _, names in os.walk(folder):
         for name in names:
             if _UNFINISHED.fullmatch(name):
@@ -172,14 +173,14 @@ def write_json(path: Path, values: Any) -> None:
 
 
 def write_array(path: Path, array: NDArray[Any]) -> None:
-    """As numpy's .npy file, whole or not there."""
+    """Write an array as numpy's .npy file, whole or not there."""
     content = BytesIO()
     np.save(content, array, allow_pickle=False)
     write_bytes(path, content.getvalue())
 
 
 def replace_folder(temporary: Path, final: Path) -> None:
-    """Puts a finished folder in the place of another."""
+    """Put a finished folder in the place of another."""
     old = final.with_name(f".{final.name}.old")
     if final.exists():
         shutil.rmtree(old, ignore_errors=True)
@@ -191,13 +192,13 @@ def replace_folder(temporary: Path, final: Path) -> None:
 
 
 def fingerprint_of(*parts: Any) -> str:
-    """A short digest of plain values; equal values give equal digests in every process."""
+    """Return a short digest of plain values; equal values give equal digests in every process."""
     text = json.dumps(parts, sort_keys=True, ensure_ascii=False)
     return hashlib.blake2b(text.encode("utf-8", "surrogatepass"), digest_size=12).hexdigest()
 
 
 def digest_file(path: Path) -> str:
-    """A digest of a file's content, against mistakes and not against malice. Raises OSError."""
+    """Return a digest of a file's content, against mistakes and not against malice. Raises OSError."""
     digest = xxhash.xxh3_128()
     with open_file(path) as handle:
         while chunk := handle.read(1 << 20):
@@ -206,7 +207,7 @@ def digest_file(path: Path) -> str:
 
 
 def file_stamp(path: Path) -> tuple[int, ...]:
-    """What tells one writing of a file from the next, whatever the clock says; empty if there is none."""
+    """Return inode, size, mtime and ctime in ns, which differ after each writing; empty if there is no file."""
     try:
         about = path.stat()
     except OSError:
@@ -215,19 +216,19 @@ def file_stamp(path: Path) -> tuple[int, ...]:
 
 
 def quick_digest(path: Path) -> str:
-    """A digest of a file's size, of its beginning, its end and pieces between: what an editor or another program
-    writes differs there, at no cost of reading a file of gigabytes. Raises OSError."""
+    """Return a digest of a file's size, of its beginning, its end and pieces between: what an editor or another
+    program writes differs there, at no cost of reading a file of gigabytes. Raises OSError."""
     size = path.stat().st_size
     digest = hashlib.blake2b(str(size).encode(), digest_size=12)
     with path.open("rb") as handle:
-        for place in sorted({*range(0, max(1, size), max(1, size // 16)), max(0, size - _PIECE)}):
-            handle.seek(place)
+        for offset in sorted({*range(0, max(1, size), max(1, size // 16)), max(0, size - _PIECE)}):
+            handle.seek(offset)
             digest.update(handle.read(_PIECE))
     return digest.hexdigest()
 
 
 def read_json(path: Path) -> dict[str, Any] | None:
-    """The mapping in a JSON file, None if there is none that can be read."""
+    """Return the mapping in a JSON file, None if there is none that can be read."""
     try:
         values = json.loads(read_at_most(path, _MOST_JSON).decode("utf-8"))
     except (OSError, ValueError, RecursionError):

@@ -19,23 +19,24 @@ __version__ = "0.1.0"
 
 
 def library_versions(*names: str) -> dict[str, str]:
-    """Versions of pycolmap, opencv, numpy, rawpy, libraw, pillow, simplejpeg or tifffile, by these names."""
+    """Return the versions of pycolmap, opencv, numpy, rawpy, libraw, pillow, simplejpeg or tifffile, by these
+    names."""
     return {name: _version(name) for name in names}
 
 
 @cache
 def _version(name: str) -> str:
-    known = {
+    versions = {
         "pycolmap": pycolmap.__version__,
         "opencv": cv2.__version__,
         "numpy": np.__version__,
         "libraw": ".".join(map(str, rawpy.libraw_version)),
     }
-    return known.get(name) or metadata.version(name)
+    return versions.get(name) or metadata.version(name)
 
 
 def package_version(name: str) -> str | None:
-    """Of an installed package, None where it is not installed."""
+    """Return the version of a package, None where it is not installed."""
     try:
         return metadata.version(name)
     except metadata.PackageNotFoundError:
@@ -44,7 +45,7 @@ def package_version(name: str) -> str | None:
 
 @lru_cache(maxsize=1)
 def code_digest() -> str:
-    """Of this package's own code: two that say the same version may not be the same."""
+    """Return a digest of this package's code: two that say the same version may not be the same."""
     package = Path(__file__).parents[1]
     digest = hashlib.blake2b(digest_size=6)
     for file in sorted([*package.rglob("*.py"), *package.rglob("*.so")]):

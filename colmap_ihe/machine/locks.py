@@ -1,4 +1,4 @@
-"""Which folders are ours, and who works in one at the moment."""
+"""Marks on the folders that this package made, and locks on those that somebody works in."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ MARK = ".made-by-colmap-ihe"
 
 
 def is_marked(folder: Path) -> bool:
-    """Whether `folder` bears our mark, so that nothing in it is the user's."""
+    """Tell whether `folder` bears our mark, so that nothing in it is the user's."""
     return (folder / MARK).exists()
 
 
 def refuse_unmarked(folder: Path, hint: str) -> None:
-    """Raises `ProjectError` if there is something at `folder` that we did not make."""
+    """Raise `ProjectError` if there is something at `folder` that we did not make."""
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
         raise ProjectError(f"{folder}: is there already and was not made by colmap-ihe", hint=hint)
 
@@ -29,7 +29,7 @@ def make(folder: Path) -> None:
 
 
 def acquire_lock(file: Path) -> IO[str] | None:
-    """The lock that goes with `file`, held until what is returned is closed or the process ends, however that
+    """Return the lock that goes with `file`, held until what is returned is closed or the process ends, however that
     happens; None if somebody else has it. Raises OSError."""
     file.parent.mkdir(parents=True, exist_ok=True)
     # not to wait for the other end, were it a pipe

@@ -1,4 +1,4 @@
-"""How much memory there is, and how many photographs may be worked on at a time within it."""
+"""Memory that is free, and the number of photographs that may be worked on at a time within it."""
 
 from __future__ import annotations
 
@@ -48,14 +48,14 @@ _share = 0
 
 
 def keep_within(share: int) -> None:
-    """This process is to take `share` bytes in all, since others run beside it; 0 is as much as there is."""
+    """Limit this process to `share` bytes in all, since others run beside it; 0 for no limit."""
     global _share  # noqa: PLW0603  of the process, as memory is
     _share = share
 
 
 def available() -> int:
-    """Bytes that this process may still take: of the machine, of its container where that has fewer, within its own
-    limits (`ulimit -v` and `-d`), or of its own share. 0 if the system does not say."""
+    """Return the bytes that this process may still take: of the machine, of its container where that has fewer, within
+    its own limits (`ulimit -v` and `-d`), or of its own share. 0 if the system does not say."""
     machine = _meminfo()
     rooms = [room for room in (machine, *_cgroup_rooms(), *_limit_rooms()) if room is not None]
     if _share:
@@ -64,7 +64,7 @@ def available() -> int:
 
 
 def taken(process: int | str) -> tuple[int, int]:
-    """Bytes of memory that a process holds, and the most that it held; 0 if the system does not say."""
+    """Return the bytes of memory that a process holds, and the most that it held; 0 if the system does not say."""
     try:
         lines = (_PROC / str(process) / "status").read_text(encoding="utf-8", errors="replace").splitlines()
         values = dict(line.split(":", 1) for line in lines if line.startswith(("VmRSS:", "VmHWM:")))
@@ -75,8 +75,8 @@ def taken(process: int | str) -> tuple[int, int]:
 
 
 def begin_sparing() -> None:
-    """Where address space or data of this process are limited, begins it anew as one that reserves little: each thread
-    has a heap of 64 MB else, and each core a part of BLAS, used or not, from when libraries are loaded on."""
+    """Begin this process anew as one that reserves little, where its address space or data are limited: else each
+    thread has a heap of 64 MB, and each core a part of BLAS, from the loading of libraries on."""
     missing = {name: value for name, value in _SPARING.items() if name not in os.environ}
     if missing and any(_limit_of(kind) is not None for kind in _LIMITS):
         os.execve(sys.executable, [sys.executable, *sys.orig_argv[1:]], os.environ | missing)
@@ -84,8 +84,8 @@ def begin_sparing() -> None:
 
 @cache
 def keep_freed() -> None:
-    """From here on glibc keeps what this process frees for what it takes next. Else an array of megabytes goes back to
-    the system at once, which makes and clears pages for the next one: a third of the time of writing a PNG."""
+    """Have glibc keep what this process frees for what it takes next. Else an array of megabytes goes back to the
+    system at once, which makes and clears pages for the next one: a third of the time of writing a PNG."""
     with suppress(OSError, AttributeError):  # other C libraries
         libc = ctypes.CDLL(None)
         libc.mallopt(_MMAP_THRESHOLD, _KEPT // 2)
@@ -93,7 +93,7 @@ def keep_freed() -> None:
 
 
 def needed(photographs: Sequence[_Photograph]) -> int:
-    """Bytes for the one that takes most, 0 if nothing is known of any."""
+    """Return the bytes for the photograph that takes most, 0 if nothing is known of any."""
     return max((p.pixels * _bytes_a_pixel(p) for p in photographs), default=0)
 
 
@@ -104,33 +104,34 @@ def _bytes_a_pixel(photograph: _Photograph) -> int:
 
 
 def at_once(photographs: Sequence[_Photograph], workers: int) -> int:
-    """How many of these may be worked on at a time: `workers`, or as many as there is memory for, at least one."""
+    """Return how many of these may be worked on at a time: `workers`, or as many as there is memory for, at least
+    one."""
     return most_at_once(needed(photographs), available(), workers)
 
 
 def most_at_once(need: int, room: int, workers: int) -> int:
-    """As many of `workers` as may take `need` bytes each out of `room`, at least one; all where either is unknown,
-    0."""
+    """Return how many of `workers` may take `need` bytes each out of `room`, at least one; all where either is
+    unknown, 0."""
     if not need or not room:
         return workers
     return max(1, min(workers, int(room * (1 - _KEPT_FREE)) // need))
 
 
-def workers_for(what: str, one: int, workers: int) -> int:
-    """How many of `workers` there is memory for if each takes `one` bytes; says so in the log where they are fewer."""
+def workers_for(what: str, need: int, workers: int) -> int:
+    """Return how many of `workers` there is memory for if each takes `need` bytes; log it where they are fewer."""
     room = available()
-    count = most_at_once(one, room, workers)
+    count = most_at_once(need, room, workers)
     if count < workers:
         logger.info(
             "%s: %d of %d threads, for each takes up to %s of memory and %s are free",
-            *(what, count, workers, in_bytes(one), in_bytes(room)),
+            *(what, count, workers, in_bytes(need), in_bytes(room)),
         )
     return count
 
 
 @contextmanager
 def said_when_short(what: str) -> Iterator[None]:
-    """Turns what libraries raise where memory runs out into one `ShortOfMemoryError` that says while doing `what`."""
+    """Turn what libraries raise where memory runs out while doing `what` into one `ShortOfMemoryError`."""
     free = available()
     try:
         yield
@@ -146,7 +147,7 @@ def said_when_short(what: str) -> Iterator[None]:
 
 
 def in_words(photographs: Sequence[_Photograph], count: int) -> str:
-    """How many at a time, and why, for the log."""
+    """Tell how many at a time, and why, for the log."""
     need, room = needed(photographs), available()
     if not need:
         return f"{count} photographs at a time"
@@ -157,7 +158,7 @@ def in_words(photographs: Sequence[_Photograph], count: int) -> str:
 
 
 def in_bytes(count: int) -> str:
-    """A number of bytes in words."""
+    """Return a number of bytes in words."""
     return f"{count / 1e9:.1f} GB" if count >= 10**9 else f"{count / 1e6:.0f} MB"
 
 
@@ -170,7 +171,7 @@ def _meminfo() -> int | None:
 
 
 def _limit_rooms() -> Iterator[int]:
-    """What this process may still take within limits of its own."""
+    """Yield the bytes that this process may still take within limits of its own."""
     try:
         lines = (_PROC / "self/status").read_text(encoding="utf-8", errors="replace").splitlines()
     except OSError:
@@ -188,7 +189,7 @@ def _limit_of(kind: int) -> int | None:
 
 
 def _cgroup_rooms() -> Iterator[int]:
-    """What the groups of this process leave it, of both versions of cgroups, up to the root."""
+    """Yield the bytes that the groups of this process leave it, of both versions of cgroups, up to the root."""
     try:
         lines = (_PROC / "self/cgroup").read_text(encoding="utf-8").splitlines()
     except (OSError, ValueError):
@@ -219,7 +220,7 @@ def _number(file: Path) -> int | None:
 
 
 def _reclaimable(file: Path) -> int:
-    """Of the file cache, which counts as used and is given up when memory is wanted."""
+    """Return the bytes of file cache, which count as used and are given up when memory is needed."""
     try:
         values = dict(line.split(maxsplit=1) for line in file.read_text(encoding="ascii").splitlines())
         return int(values.get("total_inactive_file", values.get("inactive_file", 0)))

@@ -20,8 +20,8 @@ _NAME = "colmap-ihe-scratch-"
 
 @contextmanager
 def scratch_folder() -> Iterator[Path]:
-    """An empty folder of our own while this lasts. The lock on it says that somebody lives there, and the kernel drops
-    it however that one ends. Raises `DiskFullError` where there can be none."""
+    """Give an empty folder while this lasts. A lock on it tells that its process lives; the kernel drops the lock
+    however that process ends. Raises `DiskFullError` where there can be none."""
     sweep()
     folder, lock = _made()
     try:
@@ -32,11 +32,19 @@ def scratch_folder() -> Iterator[Path]:
 
 
 def sweep() -> None:
-    """Removes the folders of processes that are no more. One that cannot be looked at or locked is left."""
+    """Remove the folders of processes that are no more. One that cannot be looked at or locked is left."""
     with suppress(OSError):
         for folder in Path(tempfile.gettempdir()).glob(f"{_NAME}*"):
             with suppress(OSError):
                 _remove_if_dead(folder)
+
+
+def anonymous_file() -> int:
+    """Return the descriptor of a file in memory, or where the system has none, of one on disk without a name."""
+    if hasattr(os, "memfd_create"):
+        return os.memfd_create("colmap-ihe", os.MFD_CLOEXEC | os.MFD_ALLOW_SEALING)
+    with tempfile.TemporaryFile() as file:
+        return os.dup(file.fileno())
 
 
 def _remove_if_dead(folder: Path) -> None:
@@ -51,18 +59,18 @@ def _remove_if_dead(folder: Path) -> None:
 
 
 def _made() -> tuple[Path, int]:
-    """A new folder, and the lock on it."""
-    place = tempfile.gettempdir()
+    """Make a folder: return it and the lock on it."""
+    parent = tempfile.gettempdir()
     while True:
         try:
-            with room_on_disk(Path(place)):
+            with room_on_disk(Path(parent)):
                 folder = Path(tempfile.mkdtemp(prefix=_NAME))
                 lock = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
         except FileNotFoundError as error:
-            if Path(place).is_dir():  # swept, before it was locked
+            if Path(parent).is_dir():  # swept, before it was locked
                 continue
             raise DiskFullError(
-                f"{place}: no such folder for temporary files",
+                f"{parent}: no such folder for temporary files",
                 hint="name one in the environment variable TMPDIR",
             ) from error
         with suppress(OSError):  # a disk without locks: then nothing there is ever swept

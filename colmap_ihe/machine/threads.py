@@ -1,4 +1,4 @@
-"""How many threads a run computes with: its own, and those of the libraries under it."""
+"""Limits on the threads that a run computes with: its own, and those of the libraries under it."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ _lock = threading.Lock()
 
 
 def cores() -> int:
-    """Cores that this process may use."""
+    """Return the number of cores that this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def limit() -> int | None:
-    """The most threads that may compute now, None without a limit."""
+    """Return the most threads that may compute now, None without a limit."""
     return min(_limits, default=None)
 
 
@@ -33,8 +33,8 @@ def local_workers() -> int:
 
 @contextmanager
 def limited(most: int | None) -> Iterator[None]:
-    """Ours, OpenCV's and those of BLAS are no more than `most` while this lasts, in all of this process; None limits
-    nothing. Of several at a time the least counts. Those of COLMAP are for `native` to limit."""
+    """Limit the threads of this package, OpenCV and BLAS to `most`, in all of this process; None limits nothing.
+    Nested limits: the smallest wins. COLMAP's threads are for `native` to limit."""
     if most is None:
         yield
         return
@@ -51,7 +51,7 @@ def limited(most: int | None) -> Iterator[None]:
 
 @contextmanager
 def limit_openmp_of_this_thread() -> Iterator[None]:
-    """OpenMP counts its threads by the thread that asks for them: for one that calls into a library."""
+    """Limit OpenMP, which counts its threads by the thread that calls into a library, for this thread."""
     most = limit()
     if most is None:
         yield
@@ -61,8 +61,8 @@ def limit_openmp_of_this_thread() -> Iterator[None]:
 
 
 def environment(most: int | None = None) -> dict[str, str]:
-    """The variables of the environment that limit the libraries in a process of its own to `most` threads, or to as
-    many as a run is limited to."""
+    """Return the environment variables that limit the libraries of another process to `most` threads, or to as many as
+    a run is limited to."""
     most = most or limit()
     return {} if most is None else dict.fromkeys(_ENVIRONMENT, str(most))
 
@@ -83,13 +83,16 @@ def _blas() -> list[LibController]:
 
 def _tell_libraries() -> None:
     usual, most = _usual(), limit()
-    wanted = [count if most is None else min(count, most) for count in usual]
-    cv2.setNumThreads(wanted[0])
-    for pool, count in zip(_blas(), wanted[1:], strict=True):
+    counts = [count if most is None else min(count, most) for count in usual]
+    cv2.setNumThreads(counts[0])
+    for pool, count in zip(_blas(), counts[1:], strict=True):
         pool.set_num_threads(count)
 
 
 def blas_libraries() -> list[str]:
-    """The libraries for linear algebra, each with the kind of processor that it takes this one for."""
-    told = (pool.info() for pool in _blas())
-    return sorted(f"{one['prefix']} {one['version']} {one.get('architecture', '')}".strip() for one in told)
+    """Return the libraries for linear algebra, each with the kind of processor that it takes this one for."""
+    pools = (pool.info() for pool in _blas())
+    return sorted(
+        f"{pool_info['prefix']} {pool_info['version']} {pool_info.get('architecture', '')}".strip()
+        for pool_info in pools
+    )

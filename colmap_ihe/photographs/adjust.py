@@ -1,4 +1,4 @@
-"""What a recipe asks for once a photograph is decoded: its gains, then its denoising."""
+"""Gains and denoising of a decoded photograph, as its recipe asks for."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ _Pixels = NDArray[np.uint8] | NDArray[np.uint16]
 
 
 def prepared(rgb: _Pixels, recipe: Recipe) -> _Pixels:
-    """The photograph with `recipe.gains` and `recipe.denoise` applied: (H, W, 3), its own dtype; the same array
+    """Return the photograph with `recipe.gains` and `recipe.denoise` applied: (H, W, 3), its own dtype; the same array
     where the recipe asks for neither.
 
     rgb: (H, W, 3), uint8 gamma-coded, or uint16 linear with 65535 at sensor saturation. Gains multiply the values

@@ -6,7 +6,7 @@ import math
 import re
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import BinaryIO
 
 import cv2
 import numpy as np
@@ -19,6 +19,7 @@ from PIL.ImageFile import ImageFile
 from PIL.TiffImagePlugin import TiffImageFile
 
 from colmap_ihe.errors import PhotographError
+from colmap_ihe.machine.decoder_wire import answer_array
 from colmap_ihe.photographs.icc_profile import cmyk_to_srgb, rgb_profile
 
 MAX_PIXELS = 500_000_000
@@ -48,12 +49,10 @@ _UNTURN = {
 """By the Orientation tag, what takes back the turn it asks for."""
 
 
-def read_coded(
-    path: Path, accept: Callable[[int, int], None], room: Callable[..., NDArray[Any]] = np.empty
-) -> tuple[NDArray[np.uint8], bytes]:
-    """Pixels (H, W, 3) uint8, and the RGB profile they are in, empty for sRGB. Of several pages the first;
-    alpha is ignored. Pillow, unlike OpenCV, reports a truncated file; OpenCV reads 16 bits a channel. A JPEG is
-    decoded into what `room(shape, dtype)` gives. `accept(width, height)` may raise before there is memory for them.
+def read_coded(path: Path, accept: Callable[[int, int], None]) -> tuple[NDArray[np.uint8], bytes]:
+    """Return pixels (H, W, 3) uint8, and the RGB profile they are in, empty for sRGB. Of several pages the first;
+    alpha is ignored. Pillow, unlike OpenCV, reports a truncated file; OpenCV reads 16 bits a channel.
+    `accept(width, height)` may raise before there is memory for them.
 
     Raises OSError for a broken file, `PhotographError` for a kind that is not read.
     """
@@ -61,29 +60,28 @@ def read_coded(
         with path.open("rb") as file, Image.open(file, formats=FORMATS) as image:
             width, height = _size_of(image)
             accept(width, height)
-            pixels, profile = _read(path, file, image, room)
+            pixels, profile = _read(path, file, image)
     except UnidentifiedImageError:
         raise_if_not_read(path)
         raise
     except (SyntaxError, ValueError, KeyError, Image.DecompressionBombError) as error:
         raise OSError(str(error)) from error
     if pixels.shape != (height, width, 3):
-        found = f"{pixels.shape[1]}x{pixels.shape[0]}"
-        raise OSError(f"{found} pixels where its header says {width}x{height}")
+        size = f"{pixels.shape[1]}x{pixels.shape[0]}"
+        raise OSError(f"{size} pixels where its header says {width}x{height}")
     return pixels, profile
 
 
-def _read(
-    path: Path, file: BinaryIO, image: ImageFile, room: Callable[..., NDArray[Any]]
-) -> tuple[NDArray[np.uint8], bytes]:
-    """As `read_coded`, of a file that Pillow has opened; some kinds are opened again for other libraries."""
+def _read(path: Path, file: BinaryIO, image: ImageFile) -> tuple[NDArray[np.uint8], bytes]:
+    """Return what `read_coded` does, of a file that Pillow has opened; some kinds are opened again for other
+    libraries."""
     # Of a PNG's depth Pillow tells only before it decodes: "RGB;16B" is the mode in the file.
     deep = image.format == "PNG" and any("16" in str(tile.args) for tile in image.tile)
     turned = image.tag_v2.get(_ORIENTATION, 1) if isinstance(image, TiffImageFile) else 1
     if isinstance(image, TiffImageFile) and _is_deep(image):
         return _read_deep_tiff(path, image, turned)
     if image.format == "JPEG" and image.mode == "RGB":
-        pixels = _decode_jpeg(file, room((image.height, image.width, 3), np.uint8))
+        pixels = _decode_jpeg(file, answer_array((image.height, image.width, 3), np.uint8))
         if pixels is not None:
             return pixels, rgb_profile(image)
     image.load()
@@ -97,21 +95,21 @@ def _read(
 
 
 def _decode_jpeg(file: BinaryIO, pixels: NDArray[np.uint8]) -> NDArray[np.uint8] | None:
-    """`pixels` (H, W, 3) filled with a sound JPEG, three times faster than Pillow and to the same pixels; None
-    for one that libjpeg has a word to say of, which Pillow judges. Raises OSError where the word is of damage,
-    which Pillow passes over."""
+    """Fill `pixels` (H, W, 3) from a sound JPEG, three times faster than Pillow and to the same pixels; return None
+    for one that libjpeg warns of, which Pillow judges. Raises OSError where the warning is of damage, which Pillow
+    passes over."""
     try:
         file.seek(0)
-        found = simplejpeg.decode_jpeg(file.read(), "RGB", buffer=pixels, strict=True)
+        decoded = simplejpeg.decode_jpeg(file.read(), "RGB", buffer=pixels, strict=True)
     except ValueError as error:
         if _DAMAGE.search(str(error)):
             raise OSError(str(error)) from error
         return None
-    return pixels if found.shape == pixels.shape else None
+    return pixels if decoded.shape == pixels.shape else None
 
 
 def stored_size(path: Path) -> tuple[int, int]:
-    """Width and height as stored, from the header: Pillow swaps those of a TIFF by its Orientation. Raises as
+    """Return width and height as stored, from the header: Pillow swaps those of a TIFF by its Orientation. Raises as
     `read_coded`."""
     try:
         with Image.open(path, formats=FORMATS) as image:
@@ -130,8 +128,8 @@ def _size_of(image: Image.Image) -> tuple[int, int]:
 
 
 def raise_if_not_read(path: Path) -> None:
-    """Raises `PhotographError` if the file is a sound TIFF of a kind that Pillow does not know, as colour in
-    floating point."""
+    """Raise `PhotographError` if the file is a sound TIFF of a kind that Pillow does not know, as colour in floating
+    point."""
     try:
         with tifffile.TiffFile(path) as tiff:
             kind = tiff.pages.first.dtype
@@ -141,13 +139,13 @@ def raise_if_not_read(path: Path) -> None:
 
 
 def _is_deep(image: TiffImageFile) -> bool:
-    """Whether the file holds more than 8 bits a channel, which Pillow cuts to 8 where it reads colour."""
+    """Tell whether the file holds more than 8 bits a channel, which Pillow cuts to 8 where it reads colour."""
     bits = image.tag_v2.get(_BITS, (8,))
     return max(bits if isinstance(bits, tuple) else (bits,)) > 8 or image.mode.startswith(("I", "F"))
 
 
 def _read_deep_tiff(path: Path, image: TiffImageFile, turned: int) -> tuple[NDArray[np.uint8], bytes]:
-    """A TIFF of 16-bit integers, coded; refuses floating point, whose numbers have no level of their own."""
+    """Read a TIFF of 16-bit integers, coded; refuse floating point, whose numbers have no level of their own."""
     tags = image.tag_v2
     bits, formats, photometric = set(tags[_BITS]), set(tags.get(_SAMPLE_FORMAT, ())), tags.get(_PHOTOMETRIC)
     if formats - {_UNSIGNED}:
@@ -169,22 +167,22 @@ def _read_deep_tiff(path: Path, image: TiffImageFile, turned: int) -> tuple[NDAr
 
 
 def _to_8_bit(pixels: NDArray[np.generic]) -> NDArray[np.uint8]:
-    """16 bits rounded to the 8 that COLMAP will see."""
+    """Return 16 bits rounded to the 8 that COLMAP will see."""
     if pixels.dtype != np.uint16:
-        raise OSError(f"holds {pixels.dtype} pixels; wanted 8 or 16 bit integers")
+        raise OSError(f"holds {pixels.dtype} pixels; expected 8 or 16 bit integers")
     return np.asarray((pixels.astype(np.uint32) + 128) // 257, np.uint8)  # 65535 = 257 x 255
 
 
 def _read_with_opencv(path: Path) -> NDArray[np.generic]:
     flags = cv2.IMREAD_ANYDEPTH | cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION
-    found = cv2.imread(str(path), flags)
-    if found is None:
+    pixels = cv2.imread(str(path), flags)
+    if pixels is None:
         raise OSError("OpenCV cannot decode it")
-    return np.ascontiguousarray(np.asarray(found)[..., ::-1])
+    return np.ascontiguousarray(np.asarray(pixels)[..., ::-1])
 
 
 def _read_with_tifffile(path: Path) -> NDArray[np.generic]:
-    """(H, W, channels), three of them for grey."""
+    """Return (H, W, channels), three channels for grey."""
     try:
         with tifffile.TiffFile(path) as tiff:
             page = tiff.pages.first
@@ -207,6 +205,6 @@ def _read_with_tifffile(path: Path) -> NDArray[np.generic]:
 
 def _not_read(path: Path, what: str) -> PhotographError:
     return PhotographError(
-        f"{path.name}: holds {what}; wanted 8 or 16 bit integers, grey, RGB or CMYK",
+        f"{path.name}: holds {what}; expected 8 or 16 bit integers, grey, RGB or CMYK",
         hint="export it as a 16-bit TIFF",
     )

@@ -26,7 +26,7 @@ _SAME: Gains = (1.0, 1.0, 1.0)
 
 
 def balance_gains(captures: Sequence[Capture], executor: Executor, progress: Progress) -> dict[str, Gains]:
-    """The factors of red, green and blue for each photograph, by name.
+    """Return the factors of red, green and blue for each photograph, by name.
 
     The mean of each channel, over pixels that are not clipped and not among the darkest and brightest twentieth,
     is brought to the geometric mean of the set's; RAW and gamma-coded photographs are balanced each among themselves.
@@ -56,16 +56,16 @@ def balance_gains(captures: Sequence[Capture], executor: Executor, progress: Pro
     gains = {capture.name: _SAME for capture in captures}
     for encoding in {encoding_of(c) for c in captures}:
         members = [c.name for c in captures if encoding_of(c) == encoding]
-        known = [name for name in members if name in means]
-        if len(known) < 2:
+        measured = [name for name in members if name in means]
+        if len(measured) < 2:
             continue
-        logs = np.log([means[name] for name in known])
+        logs = np.log([means[name] for name in measured])
         factors = np.exp(logs.mean(axis=0) - logs)
         if encoding == "coded":
             factors /= np.exp(np.log(factors).mean(axis=1, keepdims=True))
         common = 1 / float(factors.max()) if encoding == "linear" else 1.0
         gains |= dict.fromkeys(members, (common, common, common))
-        for name, (red, green, blue) in zip(known, (common * factors).tolist(), strict=True):
+        for name, (red, green, blue) in zip(measured, (common * factors).tolist(), strict=True):
             gains[name] = (red, green, blue)
     return gains
 
@@ -78,7 +78,7 @@ def _mean_if_readable(capture: Capture) -> NDArray[np.float64] | None:
 
 
 def _mean_colour(capture: Capture) -> NDArray[np.float64] | None:
-    """(3,) in shares of the range; None where too little of the photograph is well exposed."""
+    """Return the mean colour, (3,) in shares of the range; None where too little of the photograph is well exposed."""
     if encoding_of(capture) == "linear":
         plain = replace(capture, recipe=replace(capture.recipe, denoise=0.0))
         rgb = read_photograph(plain).rgb

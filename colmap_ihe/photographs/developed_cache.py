@@ -1,6 +1,6 @@
-"""RAW photographs that are developed once for several readings: their linear pixels in a folder, by what they are of.
+"""RAW photographs that are developed once for several readings: their linear pixels in a folder.
 
-What is kept is a convenience: where there is no room for it, or it cannot be read, the photograph is developed again.
+The folder is a convenience: where there is no room for it, or it cannot be read, the photograph is developed again.
 """
 
 from __future__ import annotations
@@ -11,18 +11,19 @@ import zipfile
 from contextlib import suppress
 from hashlib import sha256
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import rawpy
+from numpy.typing import NDArray
 
-from colmap_ihe.photographs.decode import DecodedPhotograph
 from colmap_ihe.photographs.discover import Capture
 
 _FREE = 4  # times its size has to be free on the disk, for one to be kept
 
 
 def kept_file(capture: Capture) -> Path | None:
-    """Where `capture.recipe.kept_in` has or will have its pixels; None for a capture that is not kept."""
+    """Return the file in `capture.recipe.cache_folder` for its pixels; None for a capture that is not kept."""
     recipe = capture.recipe
     if capture.kind != "raw" or not recipe.cache_folder:
         return None
@@ -38,27 +39,27 @@ def kept_file(capture: Capture) -> Path | None:
     return Path(recipe.cache_folder) / f"{sha256(repr(what).encode()).hexdigest()[:32]}.npz"
 
 
-def load(file: Path) -> DecodedPhotograph | None:
-    """None if there is none, or none that is whole."""
+def load(file: Path) -> tuple[NDArray[np.uint16], NDArray[np.float64]] | None:
+    """Return linear RGB (H, W, 3) and the matrix to sRGB (3, 3); None if there is no file, or none that is whole."""
     try:
-        with np.load(file, allow_pickle=False) as found:  # its checksums are checked
-            rgb, matrix = found["rgb"], found["matrix"]
+        with np.load(file, allow_pickle=False) as arrays:  # its checksums are checked
+            rgb, matrix = arrays["rgb"], arrays["matrix"]
     except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile):
         return None
     whole = rgb.dtype == np.uint16 and rgb.ndim == 3 and rgb.shape[2] == 3 and matrix.shape == (3, 3)
-    return DecodedPhotograph(rgb, "linear", matrix) if whole else None
+    return (rgb, matrix) if whole else None
 
 
-def store(file: Path, photograph: DecodedPhotograph) -> None:
-    """Keeps a linear photograph, where there is plenty of room."""
+def store(file: Path, rgb: NDArray[Any], matrix: NDArray[np.float64] | None) -> None:
+    """Keep a linear photograph, where there is plenty of room."""
     with suppress(OSError):
         file.parent.mkdir(parents=True, exist_ok=True)
-        if shutil.disk_usage(file.parent).free < _FREE * photograph.rgb.nbytes:
+        if shutil.disk_usage(file.parent).free < _FREE * rgb.nbytes:
             return
         temporary = file.with_name(f".{file.name}.{os.getpid()}.tmp")
         try:
             with temporary.open("wb") as opened:
-                np.savez(opened, rgb=photograph.rgb, matrix=np.asarray(photograph.srgb_from_camera))
+                np.savez(opened, rgb=rgb, matrix=np.asarray(matrix))
             temporary.replace(file)
         finally:
             temporary.unlink(missing_ok=True)

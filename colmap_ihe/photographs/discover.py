@@ -6,7 +6,7 @@ import os
 import stat
 from collections import Counter, defaultdict
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path, PurePosixPath
 from typing import Literal
 
@@ -14,50 +14,20 @@ from colmap_ihe.errors import ProjectError
 from colmap_ihe.project.recipe import Recipe
 
 RAW_SUFFIXES = frozenset(
-    [
-        ".3fr",
-        ".arw",
-        ".cr2",
-        ".cr3",
-        ".crw",
-        ".dc2",
-        ".dcr",
-        ".dng",
-        ".erf",
-        ".fff",
-        ".gpr",
-        ".iiq",
-        ".k25",
-        ".kc2",
-        ".kdc",
-        ".mdc",
-        ".mef",
-        ".mos",
-        ".mrw",
-        ".nef",
-        ".nrw",
-        ".orf",
-        ".pef",
-        ".ptx",
-        ".raf",
-        ".raw",
-        ".rw2",
-        ".rwl",
-        ".sr2",
-        ".srf",
-        ".srw",
-        ".x3f",
-    ]
+    """
+    .3fr .arw .cr2 .cr3 .crw .dc2 .dcr .dng .erf .fff .gpr .iiq .k25 .kc2 .kdc .mdc .mef .mos
+    .mrw .nef .nrw .orf .pef .ptx .raf .raw .rw2 .rwl .sr2 .srf .srw .x3f
+    """.split()  # noqa: SIM905
 )
 CODED_SUFFIXES = frozenset([".jpg", ".jpeg", ".jpe", ".tif", ".tiff", ".png"])
 
 
 @dataclass(frozen=True)
 class Capture:
-    """One shot. `name` is its path below the folder of photographs, with `/`, as the user knows it;
-    `grey_stem` is the same without suffix, unless two captures would then collide; `paired` names the
-    JPEG that the camera wrote beside this RAW. `recipe` says how it is developed, `pixels` how many it has once
-    its header was read, else 0."""
+    """Describe one shot. `name` is its path below the folder of photographs, with `/`, as the user knows it;
+    `grey_stem` is the same without suffix, unless two captures would then collide; `paired` names the JPEG that the
+    camera wrote beside this RAW. `recipe` says how it is developed, `pixels` how many it has once its header was read,
+    else 0."""
 
     name: str
     path: Path = field(compare=False)
@@ -67,12 +37,16 @@ class Capture:
     recipe: Recipe = field(default=Recipe(), compare=False)
     pixels: int = field(default=0, compare=False)
 
+    def absolute(self) -> Capture:
+        """Return the same with an absolute path, for a process that may work in another folder."""
+        return replace(self, path=self.path.absolute())
+
 
 @dataclass(frozen=True)
 class Discovery:
-    """`captures` in the order of their names; `ignored` are files that are no photographs by their suffix, and with
-    `/` at their end links to folders elsewhere; `refused` by name what is called like a photograph and cannot be one,
-    such as a link that leads elsewhere, each with the reason."""
+    """Hold `captures` in the order of their names; `ignored`: files that are no photographs by their suffix, and with
+    `/` at their end links to folders elsewhere; `refused`, by name: what is called like a photograph and cannot be
+    one, such as a link that leads elsewhere, each with the reason."""
 
     captures: tuple[Capture, ...]
     ignored: tuple[str, ...]
@@ -80,7 +54,7 @@ class Discovery:
 
 
 def discover(folder: Path) -> Discovery:
-    """All captures below `folder`, with subfolders. RAW and JPEG of one shot are one capture: RAW wins.
+    """Return all captures below `folder`, with subfolders. RAW and JPEG of one shot are one capture: RAW wins.
 
     Hidden files are passed over. Links below are followed to photographs within the folder, itself perhaps a link,
     and nowhere else; pipes and devices are not opened. Raises `ProjectError` if the folder is missing or holds no
@@ -108,12 +82,12 @@ def discover(folder: Path) -> Discovery:
         else:
             shots[str(PurePosixPath(name).with_suffix(""))].append(name)
     if not shots:
-        found = f"it holds {len(ignored)} other files" if ignored else "it is empty"
+        content = f"it holds {len(ignored)} other files" if ignored else "it is empty"
         if refused:
-            found = "; ".join(list(refused.values())[:3])
+            content = "; ".join(list(refused.values())[:3])
         raise ProjectError(
-            f"{folder}: no photograph found, {found}",
-            hint="wanted RAW, JPEG, TIFF or PNG files, in subfolders or not",
+            f"{folder}: no photograph found, {content}",
+            hint="expected RAW, JPEG, TIFF or PNG files, in subfolders or not",
         )
     members = [member for stem, names in shots.items() for member in _captures_of(stem, names)]
     greys = _grey_stems({name: stem for name, _, _, stem in members})
@@ -122,7 +96,7 @@ def discover(folder: Path) -> Discovery:
 
 
 def _why_refused(path: Path, whole: Path) -> str:
-    """Why what is called like a photograph is not opened; empty if it may be."""
+    """Return why a file called like a photograph is not opened; empty if it may be."""
     try:
         end = path.resolve(strict=True)
         kind = end.stat().st_mode
@@ -138,7 +112,7 @@ def _why_refused(path: Path, whole: Path) -> str:
 
 
 def captures_of_files(paths: Iterable[Path]) -> list[Capture]:
-    """Captures of just these files, RAW and JPEG of one shot as one; for a fit, so names are whole paths."""
+    """Return captures of just these files, RAW and JPEG of one shot as one; for a fit, so names are whole paths."""
     shots: dict[str, list[str]] = defaultdict(list)
     for path in dict.fromkeys(p.absolute() for p in paths):
         suffix = path.suffix.lower()
@@ -155,8 +129,8 @@ def captures_of_files(paths: Iterable[Path]) -> list[Capture]:
 
 
 def _grey_stems(stems: dict[str, str]) -> dict[str, str]:
-    """The name of each capture's grey image: its stem, or its whole name where another has that stem. Case
-    does not tell names apart, for there are disks that fold it."""
+    """Return the name of each capture's grey image: its stem, or its whole name where another has that stem. Case does
+    not tell names apart, for there are disks that fold it."""
     while True:
         taken = Counter(stem.casefold() for stem in stems.values())
         again = {name: name if taken[stem.casefold()] > 1 else stem for name, stem in stems.items()}
@@ -168,7 +142,7 @@ def _grey_stems(stems: dict[str, str]) -> dict[str, str]:
 def _captures_of(
     stem: str, names: list[str]
 ) -> list[tuple[str, Literal["raw", "coded"], tuple[str, ...], str]]:
-    """The captures among files of one stem: a RAW takes the JPEG beside it, anything else stands alone."""
+    """Return the captures among files of one stem: a RAW takes the JPEG beside it, anything else stands alone."""
     raws = [n for n in names if PurePosixPath(n).suffix.lower() in RAW_SUFFIXES]
     jpegs = tuple(n for n in names if PurePosixPath(n).suffix.lower() in {".jpg", ".jpeg", ".jpe"})
     if len(raws) != 1:
@@ -178,17 +152,17 @@ def _captures_of(
 
 
 def _found_below(folder: Path) -> Iterator[tuple[str, bool]]:
-    """The name of every file, and of every link to a folder: with it, whether it is one."""
+    """Yield the name of every file and of every link to a folder, and whether it is such a link."""
 
     def refuse(error: OSError) -> None:
         raise ProjectError(
             f"{error.filename}: cannot be read ({error.strerror})", hint="give read permission"
         )
 
-    found = []
+    names = []
     for parent, folders, files in os.walk(folder, onerror=refuse):
         folders[:] = sorted(f for f in folders if not f.startswith("."))
         below = Path(parent).relative_to(folder)
-        found += [((below / f).as_posix(), True) for f in folders if (Path(parent) / f).is_symlink()]
-        found += [((below / f).as_posix(), False) for f in files if not f.startswith(".")]
-    yield from sorted(found)
+        names += [((below / f).as_posix(), True) for f in folders if (Path(parent) / f).is_symlink()]
+        names += [((below / f).as_posix(), False) for f in files if not f.startswith(".")]
+    yield from sorted(names)

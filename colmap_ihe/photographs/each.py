@@ -1,4 +1,4 @@
-"""What is done to one photograph at a time, and what happens to those that cannot be used."""
+"""Work on one photograph at a time; those that cannot be used are left out."""
 
 from __future__ import annotations
 
@@ -38,13 +38,13 @@ def each_usable(
     strict: bool,
     left_out: LeftOut,
 ) -> Iterable[_Result]:
-    """`function` of every capture, or what has one, that can be used; the others go to `left_out`, or end the run
-    if strict.
+    """Yield `function` of every capture, or what has one, that can be used; the others go to `left_out`, or end the
+    run if strict.
 
     As many at a time as there are workers, or fewer if memory has no room for so many of the largest; on other
     machines as many as they have workers, for their memory is theirs to know.
     """
-    captures = [one if isinstance(one, Capture) else one.capture for one in photographs]
+    captures = [item if isinstance(item, Capture) else item.capture for item in photographs]
     progress.start(len(captures))
     usable = 0
     most = at_once(captures, executor)
@@ -63,8 +63,8 @@ def each_usable(
 
 
 def at_once(captures: Sequence[Capture], executor: Executor) -> int | None:
-    """As many photographs at a time as memory has room for, None if that is as many as there are workers; on other
-    machines None, for their memory is theirs to know."""
+    """Return how many photographs at a time memory has room for, None if that is as many as there are workers; on
+    other machines None, for their memory is theirs to know."""
     if not shares_memory(executor):
         return None
     count = memory.at_once(captures, local_workers())
@@ -73,7 +73,7 @@ def at_once(captures: Sequence[Capture], executor: Executor) -> int | None:
 
 
 def leave_out(capture: Capture, error: PhotographError, strict: bool, left_out: LeftOut) -> None:
-    """Notes a photograph that cannot be used; raises the error if strict, and `ProjectError` where it is not broken but
+    """Note a photograph that cannot be used; raise the error if strict, and `ProjectError` where it is not broken but
     gone: a disk that goes half-way must not come to a smaller set."""
     try:
         capture.path.lstat()  # a link to nowhere was none before
@@ -95,7 +95,7 @@ class _Refusing(Protocol):
 
 
 def refused(found: _Refusing, strict: bool) -> LeftOut:
-    """What is left out before anything is read; raises `PhotographError` for the first if strict."""
+    """Return what is left out before anything is read; raise `PhotographError` for the first if strict."""
     for reason in found.refused.values() if strict else ():
         message, _, hint = reason.partition("; ")
         raise PhotographError(message, hint=hint)
@@ -110,8 +110,8 @@ def none_usable(captures: Sequence[Capture], left_out: LeftOut) -> ProjectError:
     )
 
 
-def _guarded(function: Callable[[_One], _Result], one: _One) -> _Result | PhotographError:
+def _guarded(function: Callable[[_One], _Result], item: _One) -> _Result | PhotographError:
     try:
-        return function(one)
+        return function(item)
     except PhotographError as error:
         return error

@@ -20,7 +20,7 @@ _JPEG_EXIF_LIMIT = 65_000  # a JPEG segment; a maker note may be larger
 
 
 def encode_image(pixels: NDArray[np.uint8], exif: bytes, file_format: Format, profile: bytes = b"") -> bytes:
-    """The bytes of an image file: pixels (H, W) grey or (H, W, 3) RGB uint8; `exif` a TIFF structure or empty;
+    """Return the bytes of an image file: pixels (H, W) grey or (H, W, 3) RGB uint8; `exif` a TIFF structure or empty;
     `profile` the ICC profile of RGB pixels or empty.
 
     Pixel dimensions in EXIF become those of the image. TIFF is not compressed, JPEG is of quality 95. A maker
@@ -29,17 +29,11 @@ def encode_image(pixels: NDArray[np.uint8], exif: bytes, file_format: Format, pr
     exif = with_size(exif, pixels.shape[1], pixels.shape[0])
     if file_format == "png":
         return encode_png(pixels, exif, profile)
-    buffer = BytesIO()
-    image = Image.fromarray(pixels)
+    buffer, image, icc = BytesIO(), Image.fromarray(pixels), profile or None
     if file_format == "tiff":
-        image.save(buffer, "TIFF", exif=for_tiff(exif), icc_profile=profile or None)
+        image.save(buffer, "TIFF", exif=for_tiff(exif), icc_profile=icc)
     else:
-        kept = slimmed(exif, _JPEG_EXIF_LIMIT)
-        image.save(
-            buffer,
-            "JPEG",
-            quality=_JPEG_QUALITY,
-            exif=PREFIX + kept if kept else b"",
-            icc_profile=profile or None,
-        )
+        slim = slimmed(exif, _JPEG_EXIF_LIMIT)
+        slim = PREFIX + slim if slim else b""
+        image.save(buffer, "JPEG", quality=_JPEG_QUALITY, exif=slim, icc_profile=icc)
     return buffer.getvalue()

@@ -12,7 +12,7 @@ _NAMED = 5
 
 
 def exposure_gains(metadata_by_name: Mapping[str, Metadata]) -> tuple[dict[str, float], list[str]]:
-    """A linear factor for each photograph, in (0, 1], and warnings in sentences.
+    """Return a linear factor for each photograph, in (0, 1], and warnings in sentences.
 
     The signal of a surface goes with exposure time x ISO / f-number^2 (ISO 12232), so each photograph gets the
     least of these over its own: all come to the exposure of the least exposed one, no value grows and nothing
@@ -34,9 +34,9 @@ def exposure_gains(metadata_by_name: Mapping[str, Metadata]) -> tuple[dict[str, 
     if not exposures:
         return dict.fromkeys(metadata_by_name, 1.0), _unknown(unknown, "none of them is changed")
     least, most = min(exposures.values()), max(exposures.values())
-    known = {name: least / exposure for name, exposure in exposures.items()}
-    usual = median(known.values())
-    gains = {name: known.get(name, usual) for name in metadata_by_name}
+    factors = {name: least / exposure for name, exposure in exposures.items()}
+    usual = median(factors.values())
+    gains = {name: factors.get(name, usual) for name in metadata_by_name}
     warnings = _unknown(unknown, f"they get the factor of the median, {usual:.3g}")
     if most > _APART * least:
         name = min(exposures, key=exposures.__getitem__)
@@ -47,8 +47,8 @@ def exposure_gains(metadata_by_name: Mapping[str, Metadata]) -> tuple[dict[str, 
     return gains, warnings
 
 
-def _is_known(one: Metadata) -> bool:
-    return min(one.exposure_s, one.f_number, one.iso) > 0
+def _is_known(metadata: Metadata) -> bool:
+    return min(metadata.exposure_s, metadata.f_number, metadata.iso) > 0
 
 
 def _unknown(names: list[str], what: str) -> list[str]:

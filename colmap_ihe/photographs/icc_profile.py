@@ -16,13 +16,13 @@ _DCF_OPTION = "R03"  # DCF 2.0: cameras say Adobe RGB by this and the file's nam
 
 
 def rgb_profile(image: Image.Image) -> bytes:
-    """The ICC profile of an opened photograph if it is of RGB, else empty."""
+    """Return the ICC profile of an opened photograph if it is of RGB, else empty."""
     profile = image.info.get("icc_profile")
     return profile if isinstance(profile, bytes) and profile[_COLOUR_SPACE] == b"RGB " else b""
 
 
 def name_of_profile(image: Image.Image, interoperability: str = "") -> str:
-    """Of what an opened photograph's RGB numbers are: "sRGB", also where it does not say, or a profile's name.
+    """Return what an opened photograph's RGB numbers are: "sRGB", also where it does not say, or a profile's name.
     `interoperability` is the index that EXIF has for it."""
     profile = rgb_profile(image)
     if not profile:
@@ -38,7 +38,7 @@ def name_of_profile(image: Image.Image, interoperability: str = "") -> str:
 
 
 def cmyk_to_srgb(image: Image.Image, name: str) -> Image.Image:
-    """A CMYK photograph in sRGB, through its own profile, or by Pillow's plain inks if it has none. Raises
+    """Return a CMYK photograph in sRGB, through its own profile, or by Pillow's plain inks if it has none. Raises
     `PhotographError` for a profile that cannot be used."""
     profile = image.info.get("icc_profile")
     if not profile:

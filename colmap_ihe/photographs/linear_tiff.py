@@ -15,18 +15,18 @@ _HEADER = b"II*\0\x08\0\0\0"  # little-endian, the first directory follows at on
 
 
 def encode_linear_tiff(linear_rgb: NDArray[np.uint16], exif: bytes) -> bytes:
-    """The bytes of the file: linear_rgb (H, W, 3) uint16, not compressed, in one strip; `exif` a TIFF structure or
-    empty. Pixel dimensions in EXIF become those of the image. Raises ValueError for another shape or dtype."""
+    """Return the bytes of the file: linear_rgb (H, W, 3) uint16, not compressed, in one strip; `exif` a TIFF structure
+    or empty. Pixel dimensions in EXIF become those of the image. Raises ValueError for another shape or dtype."""
     if linear_rgb.ndim != 3 or linear_rgb.shape[2] != 3 or linear_rgb.dtype != np.uint16:
         raise ValueError(f"{linear_rgb.shape=} {linear_rgb.dtype=}, expected (H, W, 3) uint16")
     height, width = linear_rgb.shape[:2]
-    found = for_tiff(with_size(exif, width, height))
+    tags = for_tiff(with_size(exif, width, height))
     directory = ImageFileDirectory_v2()
-    for tag, value in found.items():
+    for tag, value in tags.items():
         if tag not in (EXIF_IFD, GPS_IFD):
             directory[tag] = value
     for tag in (EXIF_IFD, GPS_IFD):
-        if inner := dict(found.get_ifd(tag)):
+        if inner := dict(tags.get_ifd(tag)):
             directory[tag] = inner
     for tag, kind, value in _layout(width, height, linear_rgb.nbytes):
         directory.tagtype[tag] = kind
@@ -36,7 +36,7 @@ def encode_linear_tiff(linear_rgb: NDArray[np.uint16], exif: bytes) -> bytes:
 
 
 def _layout(width: int, height: int, size: int) -> list[tuple[int, int, Any]]:
-    """(tag, TIFF type, value) of what says how the pixels lie in the file."""
+    """Return (tag, TIFF type, value) of what describes how the pixels lie in the file."""
     return [
         (256, TiffTags.LONG, width),
         (257, TiffTags.LONG, height),

@@ -19,7 +19,7 @@ _FILTER_UP = 2
 
 
 def encode_png(pixels: NDArray[np.uint8], exif: bytes = b"", profile: bytes = b"") -> bytes:
-    """An 8-bit PNG file: pixels (H, W) grey, (H, W, 3) RGB or (H, W, 4) with alpha; `exif` is a TIFF structure,
+    """Return an 8-bit PNG file: pixels (H, W) grey, (H, W, 3) RGB or (H, W, 4) with alpha; `exif` is a TIFF structure,
     `profile` an ICC profile, either may be empty.
 
     After the PNG specification (third edition): rows filtered by "up", EXIF in an eXIf chunk. Raises

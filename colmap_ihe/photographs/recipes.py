@@ -1,4 +1,4 @@
-"""How each photograph of the set is developed, from the options, the calibration frames and what EXIF says."""
+"""Recipes to develop each photograph of the set, from the options, the calibration frames and what EXIF says."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ from colmap_ihe.project.recipe import Recipe
 
 @dataclass
 class Recipes:
-    """`surveyed`: the photographs with their recipes. `steps`: what is done to those of each kind of camera, in
+    """Hold `surveyed`: the photographs with their recipes. `steps`: what is done to those of each kind of camera, in
     words, for the record; `warnings` what its owner should know; `left_out` those that cannot be used."""
 
     surveyed: list[Surveyed]
@@ -54,53 +54,58 @@ def with_recipes(
     *,
     strict: bool,
 ) -> Recipes:
-    """Gives every photograph its recipe. `calibration`: the user's folder of frames, if there is one; what is
-    made of them is kept in `store`. Raises `ProjectError` for a folder that cannot be used, `PhotographError`
-    for a broken frame if strict."""
-    told: dict[str, list[str]] = defaultdict(list)
+    """Give every photograph its recipe. `calibration`: the user's folder of frames, if there is one; what is made of
+    them is kept in `store`. Raises `ProjectError` for a folder that cannot be used, `PhotographError` for a broken
+    frame if strict."""
+    names_by_warning: dict[str, list[str]] = defaultdict(list)
     masters: list[Master] = []
     listed = ""
     if calibration is not None and calibration.is_dir():
         with threads_of(executor) as threads:  # frames are summed here
             masters = masters_of(
-                calibration, store, threads, progress, strict, lambda text: told[text].append("")
+                calibration, store, threads, progress, strict, lambda text: names_by_warning[text].append("")
             )
         if (calibration / BAD_PIXELS).is_file():
             listed = save_bad_pixels(store, read_bad_pixels(calibration / BAD_PIXELS))
     plain = Recipe(
         demosaic=options.demosaic, green_equilibrium=options.green_equilibrium, denoise=options.denoise
     )
-    found = bad_pixels_of_set(surveyed, store, executor, progress, told) if options.find_bad_pixels else {}
+    bad_pixels = (
+        bad_pixels_of_set(surveyed, store, executor, progress, names_by_warning)
+        if options.find_bad_pixels
+        else {}
+    )
     result = []
-    for one in surveyed:
-        recipe = plain if one.capture.kind == "raw" else Recipe(denoise=options.denoise)
-        if one.sensor in ("bayer", "x-trans", "mosaic", "monochrome"):
-            shot = shot_of(one.metadata, one.width, one.height)
-            said: list[str] = []
-            recipe, shown = matched(shot, masters, recipe, said.append)
-            for text in said:
-                told[text].append(one.capture.name)
+    for photograph in surveyed:
+        recipe = plain if photograph.capture.kind == "raw" else Recipe(denoise=options.denoise)
+        if photograph.sensor in ("bayer", "x-trans", "mosaic", "monochrome"):
+            shot = shot_of(photograph.metadata, photograph.width, photograph.height)
+            messages: list[str] = []
+            recipe, shown = matched(shot, masters, recipe, messages.append)
+            for text in messages:
+                names_by_warning[text].append(photograph.capture.name)
             recipe = replace(
-                recipe, bad_pixels=union_of([*shown, listed, found.get(camera_of(one), "")], store)
+                recipe,
+                bad_pixels=union_of([*shown, listed, bad_pixels.get(camera_of(photograph), "")], store),
             )
-        result.append(_with(one, recipe))
+        result.append(_with(photograph, recipe))
     if options.exposure == "normalise":
-        result, said = _normalised(result)
-        for text in said:
-            told[text].append("")
+        result, messages = _normalised(result)
+        for text in messages:
+            names_by_warning[text].append("")
     if options.balance:
         gains = balance_gains([s.capture for s in result], executor, progress)
         result = [_with(s, _scaled(s.capture.recipe, gains[s.capture.name])) for s in result]
-    warnings = [f"{text}: {_some(names)}" if any(names) else text for text, names in told.items()]
+    warnings = [f"{text}: {_some(names)}" if any(names) else text for text, names in names_by_warning.items()]
     return Recipes(result, _steps(result), warnings)
 
 
-def _with(one: Surveyed, recipe: Recipe) -> Surveyed:
-    return replace(one, capture=replace(one.capture, recipe=recipe))
+def _with(photograph: Surveyed, recipe: Recipe) -> Surveyed:
+    return replace(photograph, capture=replace(photograph.capture, recipe=recipe))
 
 
 def _normalised(surveyed: list[Surveyed]) -> tuple[list[Surveyed], list[str]]:
-    """RAW as if all were exposed alike; of the others the exposure is in their tone curve, which nobody knows."""
+    """Return RAW as if all were exposed alike; the exposure of others is in their tone curve, which nobody knows."""
     raw = {s.capture.name: s.metadata for s in surveyed if s.capture.kind == "raw"}
     gains, warnings = exposure_gains(raw)
     if len(raw) < len(surveyed):
@@ -118,19 +123,19 @@ def _scaled(recipe: Recipe, gains: tuple[float, float, float]) -> Recipe:
 
 
 def _steps(surveyed: Sequence[Surveyed]) -> dict[str, list[str]]:
-    """What is done to the photographs of each kind of sensor and recipe, with what does not apply left out."""
+    """Return what is done to the photographs of each kind of sensor and recipe, with what does not apply left out."""
     kinds: dict[str, list[str]] = {}
-    for one in surveyed:
-        if one.capture.kind != "raw":
+    for photograph in surveyed:
+        if photograph.capture.kind != "raw":
             continue
-        said, recipe = one.metadata, one.capture.recipe
-        steps = list(_steps_of(recipe, one.sensor))
-        label = f"{said.make} {said.model}".strip() or "unknown camera"
-        name = f"{label}, {one.sensor}"
+        metadata, recipe = photograph.metadata, photograph.capture.recipe
+        steps = list(_steps_of(recipe, photograph.sensor))
+        label = f"{metadata.make} {metadata.model}".strip() or "unknown camera"
+        name = f"{label}, {photograph.sensor}"
         number = 1
         while kinds.setdefault(name, steps) != steps:
             number += 1
-            name = f"{label}, {one.sensor} ({number})"
+            name = f"{label}, {photograph.sensor} ({number})"
     return kinds
 
 
@@ -169,9 +174,8 @@ def prepared_set(
     strict: bool,
     cameras: CamerasOptions | None = None,
 ) -> Iterator[Recipes]:
-    """Photographs surveyed and with their recipes, for work outside of a project: the means of calibration
-    frames last as long as the context. Raises as `with_recipes`, and `ProjectError` for a `calibration` that is
-    no folder."""
+    """Give photographs surveyed and with their recipes, for work outside of a project: the means of calibration frames
+    last as long as the context. Raises as `with_recipes`, and `ProjectError` for a `calibration` that is no folder."""
     if calibration is not None and not calibration.is_dir():
         raise ProjectError(
             f"{calibration}: no such folder of calibration frames",
@@ -181,15 +185,15 @@ def prepared_set(
         with progress.stage("captures") as stage_progress:
             surveyed, left_out = survey(captures, executor, stage_progress, strict=strict, cameras=cameras)
             options = options or DevelopOptions()
-            found = with_recipes(
+            recipes = with_recipes(
                 surveyed, options, calibration, store, executor, stage_progress, strict=strict
             )
-        for text in found.warnings:
+        for text in recipes.warnings:
             progress.warn(text)
-        yield replace(found, left_out=left_out)
+        yield replace(recipes, left_out=left_out)
 
 
 def recipe_notes(surveyed: Sequence[Surveyed]) -> dict[str, Mapping[str, Any]]:
-    """By photograph, what its recipe has beyond the default one, its files by their names; for a record."""
+    """Return, by photograph, what its recipe has beyond the default one, its files by their names; for a record."""
     notes = {s.capture.name: s.capture.recipe.identity() for s in surveyed}
     return {name: recipe for name, recipe in notes.items() if recipe}

@@ -1,4 +1,4 @@
-"""What the headers of photographs say: sizes, EXIF, and what is known of their cameras."""
+"""Headers of photographs: sizes, EXIF, and what is known of their cameras."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ from colmap_ihe.project.options import CamerasOptions
 
 @dataclass(frozen=True)
 class Surveyed:
-    """A capture with what its header says, its number of pixels among it; sizes in pixels. `sensor`: the kind of a
-    RAW file's, else empty."""
+    """Hold a capture with what its header says, its number of pixels among it; sizes in pixels. `sensor`: the kind of
+    a RAW file's, else empty."""
 
     capture: Capture
     width: int
@@ -36,15 +36,15 @@ def survey(
     strict: bool,
     cameras: CamerasOptions | None = None,
 ) -> tuple[list[Surveyed], LeftOut]:
-    """Sizes and EXIF of all captures, with what is known of their cameras. Raises `PhotographError` if strict,
+    """Return sizes and EXIF of all captures, with what is known of their cameras. Raises `PhotographError` if strict,
     `ProjectError` if none is usable."""
     left_out: LeftOut = {}
     look = partial(_survey_one, cameras or CamerasOptions())
     return list(each_usable(look, captures, executor, progress, strict, left_out)), left_out
 
 
-def _survey_one(known: CamerasOptions, capture: Capture) -> Surveyed:
+def _survey_one(cameras: CamerasOptions, capture: Capture) -> Surveyed:
     width, height, sensor = read_size(capture)
     seen = replace(capture, pixels=width * height)
     metadata = sized(read_metadata(capture.path, capture.kind), width, height)
-    return Surveyed(seen, width, height, filled_in(metadata, known, capture.name, width, height), sensor)
+    return Surveyed(seen, width, height, filled_in(metadata, cameras, capture.name, width, height), sensor)

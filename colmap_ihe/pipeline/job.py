@@ -1,5 +1,5 @@
-"""One whole project, run in a process of its own, and what came of it: whatever its photographs do to a native library,
-they do to that process and to nothing else.
+"""One whole project, run in a process of its own: whatever its photographs do to a native library, they do to that
+process and to nothing else.
 
 `run_job` takes and returns plain values, so it may be handed to any `concurrent.futures.Executor`, here or on another
 machine that sees the same folders.
@@ -11,17 +11,15 @@ import json
 import os
 import select
 import signal
-import subprocess
-import sys
 import time
 from collections.abc import Callable
-from contextlib import suppress
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any, Literal
 
 from colmap_ihe.errors import KnownError
 from colmap_ihe.machine import memory
+from colmap_ihe.machine.child_process import ChildProcess, signal_name
 from colmap_ihe.machine.files import room_on_disk
 from colmap_ihe.project.folder import Project
 
@@ -30,15 +28,13 @@ Ending = Literal["done", "failed", "crashed", "out_of_memory", "timed_out", "bus
 GRACE_SECONDS = 30.0
 """For a run that was asked to stop; most take a second, and fusion in COLMAP some more."""
 _TICK_SECONDS = 0.25
-_LAST_WORDS = 1 << 16  # bytes of the log
-_START = "import sys; sys.path[:] = sys.argv[2:]; from colmap_ihe.pipeline.job_main import main; main()"
 GOES_ON = "the same command goes on from there"
 LESS_MEMORY = f"{GOES_ON}: close other programs, or lower features.max_image_size and dense.max_image_size"
 
 
 @dataclass(frozen=True)
 class ProjectJob:
-    """What is to be run. `root` of the project; `assignments` go over its project.yaml, as those of `--set`.
+    """Describe a run. `root` of the project; `assignments` go over its project.yaml, as those of `--set`.
 
     `images`, `until` and `developed` as of `reconstruct`, empty for none. `memory_bytes`: its share, 0 for all there
     is. `stop_file`: the run ends soon after a file of this name appears.
@@ -56,8 +52,8 @@ class ProjectJob:
 
 @dataclass(frozen=True)
 class Outcome:
-    """How a run ended, and after how long. `stage` is where, unless it is done; `reason` and `hint` say why, and what
-    to do. `peak_bytes` of memory, 0 if unknown; `busy`: another run works on the project."""
+    """Tell how a run ended, and after how long. `stage` is where, unless it is done; `reason` and `hint` say why, and
+    what to do. `peak_bytes` of memory, 0 if unknown; `busy`: another run works on the project."""
 
     state: Ending
     seconds: float
@@ -69,7 +65,7 @@ class Outcome:
 
 @dataclass(frozen=True)
 class StageProgress:
-    """How far a run is: `done` of `total` units of a stage, 0 of 0 if it does not say. `bytes`: of memory, now."""
+    """Tell how far a run is: `done` of `total` units of a stage, 0 of 0 if it does not say. `bytes`: of memory, now."""
 
     stage: str = ""
     done: int = 0
@@ -78,7 +74,7 @@ class StageProgress:
 
 
 def run_job(job: ProjectJob, follow: Callable[[StageProgress], None] | None = None) -> Outcome:
-    """Reconstructs one project in a process of its own, and waits for it. `follow` is told how far it is, a few times a
+    """Reconstruct one project in a process of its own, and wait for it. `follow` is told how far it is, a few times a
     second. Whatever goes wrong with the project is in the outcome: nothing is raised for it."""
     began = time.monotonic()
     try:
@@ -95,19 +91,15 @@ def run_job(job: ProjectJob, follow: Callable[[StageProgress], None] | None = No
     try:
         return run.wait(follow or (lambda _progress: None))
     finally:
-        run.end()
+        run.process.end()
 
 
 class _ChildRun:
     def __init__(self, job: ProjectJob, log: Path) -> None:
         self.job, self.log, self.began = job, log, time.monotonic()
-        with log.open("wb") as words:
-            self.process = subprocess.Popen(
-                [sys.executable or "python3", "-c", _START, json.dumps(asdict(job)), *sys.path],
-                stdin=subprocess.PIPE,  # which closes with us, however we end: it is then to stop
-                stdout=subprocess.PIPE,
-                stderr=words,
-                start_new_session=True,  # Ctrl-C in the terminal is for us
+        with log.open("w+b") as errors:
+            self.process = ChildProcess(
+                "colmap_ihe.pipeline.job_main", json.dumps(asdict(job)), errors=errors.fileno(), piped=True
             )
         self.progress = StageProgress()
         self.ended: dict[str, Any] = {}
@@ -116,11 +108,10 @@ class _ChildRun:
         self.killed = False
 
     def wait(self, follow: Callable[[StageProgress], None]) -> Outcome:
-        assert self.process.stdout is not None
         rest, until = b"", float("inf")
         while True:
-            if select.select([self.process.stdout], [], [], _TICK_SECONDS)[0]:
-                chunk = os.read(self.process.stdout.fileno(), 1 << 16)
+            if select.select([self.process.output], [], [], _TICK_SECONDS)[0]:
+                chunk = os.read(self.process.output.fileno(), 1 << 16)
                 if not chunk:
                     break
                 *lines, rest = (rest + chunk).split(b"\n")
@@ -128,48 +119,28 @@ class _ChildRun:
                     self._hear(json.loads(line))
             now, peak = memory.taken(self.process.pid)
             self.peak = max(self.peak, peak)
-            self.progress = StageProgress(self.progress.stage, self.progress.done, self.progress.total, now)
+            self.progress = replace(self.progress, bytes=now)
             follow(self.progress)
             if self.asked is None and (asked := self._to_stop()):
                 self.asked, until = asked, time.monotonic() + GRACE_SECONDS
-                self._ask_to_stop()
+                self.process.close_lifeline()
             if time.monotonic() > until:
-                self._kill()
-        with suppress(subprocess.TimeoutExpired):
-            self.process.wait(GRACE_SECONDS)
+                self.killed = True
+                self.process.kill()
+        self.process.status(GRACE_SECONDS)
         return self._outcome()
 
-    def end(self) -> None:
-        """Leaves nothing of it behind."""
-        if self.process.poll() is None:
-            self._kill()
-        self.process.wait()
-        for pipe in (self.process.stdin, self.process.stdout):
-            assert pipe is not None
-            with suppress(OSError):
-                pipe.close()
-
-    def _hear(self, said: dict[str, Any]) -> None:
-        if "ended" in said:
-            self.ended = said["ended"]
+    def _hear(self, message: dict[str, Any]) -> None:
+        if "ended" in message:
+            self.ended = message["ended"]
         else:
-            self.progress = StageProgress(**said)
+            self.progress = StageProgress(**message)
 
     def _to_stop(self) -> Ending | None:
         if self.job.stop_file and Path(self.job.stop_file).exists():
             return "stopped"
         limit = self.job.time_limit_s
         return "timed_out" if limit is not None and time.monotonic() - self.began > limit else None
-
-    def _ask_to_stop(self) -> None:
-        assert self.process.stdin is not None
-        with suppress(OSError):
-            self.process.stdin.close()
-
-    def _kill(self) -> None:
-        self.killed = True
-        with suppress(ProcessLookupError):
-            os.killpg(self.process.pid, signal.SIGKILL)
 
     def _outcome(self) -> Outcome:
         state, reason, hint = self._ending()
@@ -178,19 +149,19 @@ class _ChildRun:
         return Outcome(state, seconds, stage, reason, hint, self.peak)
 
     def _ending(self) -> tuple[Ending, str, str]:
-        said = self.ended.get("state")
-        if self.asked and said in (None, "stopped"):
+        state = self.ended.get("state")
+        if self.asked and state in (None, "stopped"):
             if self.asked == "timed_out":
                 limit = self.job.time_limit_s or 0
                 reason = f"not done within the time limit of {limit / 60:.4g} min{self._where()}"
                 return "timed_out", reason, f"{GOES_ON}; give it a longer --time-limit"
             return "stopped", f"stopped{self._where()}", GOES_ON
-        if said is not None:
-            return said, self.ended["reason"], self.ended["hint"]
+        if state is not None:
+            return state, self.ended["reason"], self.ended["hint"]
         return self._crash()
 
     def _crash(self) -> tuple[Ending, str, str]:
-        status, words = self.process.poll(), self._words()
+        status, words = self.process.status(), self.process.words()
         if status == -signal.SIGKILL and not self.killed:
             reason = f"killed by the system{self._where()}, as it does when memory runs out"
             return "out_of_memory", reason, LESS_MEMORY
@@ -200,24 +171,9 @@ class _ChildRun:
             return "stopped", f"stopped from elsewhere{self._where()} (SIGTERM)", GOES_ON
         hint = f"{GOES_ON}; if it crashes again see {self.log} and records/colmap.log.*"
         if status is not None and status < 0:
-            return "crashed", f"crashed{self._where()} ({_signal_name(-status)})", hint
+            return "crashed", f"crashed{self._where()} ({signal_name(-status)})", hint
         last = words.strip().splitlines()[-1:] or ["it said nothing"]
         return "crashed", f"ended without a result{self._where()}, exit status {status}: {last[0]:.300}", hint
 
     def _where(self) -> str:
         return f" in {self.progress.stage}" if self.progress.stage else ""
-
-    def _words(self) -> str:
-        try:
-            with self.log.open("rb") as log:
-                log.seek(max(0, log.seek(0, os.SEEK_END) - _LAST_WORDS))
-                return log.read().decode("utf-8", "replace")
-        except OSError:
-            return ""
-
-
-def _signal_name(number: int) -> str:
-    try:
-        return signal.Signals(number).name
-    except ValueError:
-        return f"signal {number}"

@@ -1,4 +1,4 @@
-"""What runs in the process of a project: it tells `job`, which starts it, how far it is, a line of JSON at a time."""
+"""Program that reconstructs one project: it tells `job`, which starts it, how far it is, a line of JSON at a time."""
 
 from __future__ import annotations
 
@@ -25,14 +25,14 @@ from colmap_ihe.pipeline.reconstruct import reconstruct
 from colmap_ihe.project.options_file import project_options
 
 _GRACE_SECONDS = 20.0
-"""After which a run that nobody waits for any more ends itself; less than `job` waits."""
+"""Until a run that nobody waits for any more ends itself; less than `job` waits."""
 _TELL_SECONDS = 0.5
 _LIKELIER = "500"
 """Than other processes to be ended by the system when memory runs out; the batch itself should not be."""
 
 
 class _Teller(Silent):
-    """Follows the run, and tells it on."""
+    """Write the progress of the run to a pipe."""
 
     def __init__(self, descriptor: int) -> None:
         super().__init__()
@@ -67,13 +67,13 @@ class _Teller(Silent):
         self.say({"stage": self._stage, "done": self._done, "total": self._total})
 
     def say(self, values: dict[str, Any]) -> None:
-        with self._lock, suppress(OSError):  # nobody listens any more: the watch on stdin ends the run
+        with self._lock, suppress(OSError):  # nobody listens any more: the lifeline ends the run
             self._out.write(json.dumps(values) + "\n")
             self._out.flush()
 
 
 def main() -> None:
-    """Runs the job in the first argument. Never returns: a mapper that cannot be asked to stop may be on its thread."""
+    """Run the job in the first argument. Never returns: a mapper that cannot be asked to stop may be on its thread."""
     teller = _Teller(os.dup(1))
     os.dup2(2, 1)  # what a library prints goes to the log
     _listen(teller)
@@ -99,11 +99,11 @@ def _listen(teller: _Teller) -> None:
         os._exit(1)
 
     signal.signal(signal.SIGTERM, on_signal)
-    threading.Thread(target=until_closed, name="stdin", daemon=True).start()
+    threading.Thread(target=until_closed, name="lifeline", daemon=True).start()
 
 
 def _run(job: dict[str, Any], teller: _Teller) -> tuple[str, str, str]:
-    """How it ended, why, and what to do."""
+    """Reconstruct, and return how it ended, why, and what to do."""
     memory.keep_within(job["memory_bytes"])
     root = Path(job["root"])
     try:
@@ -126,8 +126,8 @@ def _run(job: dict[str, Any], teller: _Teller) -> tuple[str, str, str]:
             return "out_of_memory", f"memory ran out: {error}", LESS_MEMORY
         return "failed", str(error), error.hint
     except OSError as error:
-        place = f"{error.filename}: " if error.filename else ""
-        return "failed", f"{place}{error.strerror or error}", "see the log"
+        file = f"{error.filename}: " if error.filename else ""
+        return "failed", f"{file}{error.strerror or error}", "see the log"
     except Exception as error:  # noqa: BLE001  the batch goes on, and the log holds all of it
         traceback.print_exc()
         words = f"{type(error).__name__}: {error}"

@@ -40,7 +40,7 @@ class Recipe:
         """Return `as_dict`, files without the folder they lie in: their names tell their content. Without
         `cache_folder`, which changes nothing."""
         plain = {k: Path(v).name if k in FILES else v for k, v in self.as_dict().items()}
-        plain.pop("kept_in", None)
+        plain.pop("cache_folder", None)
         return plain
 
     def as_dict(self) -> dict[str, Any]:

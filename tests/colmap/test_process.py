@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from processes import is_gone, soon
 
 from colmap_ihe.colmap.native import logged_to, pycolmap
 from colmap_ihe.colmap.process import ColmapProcesses
@@ -80,17 +81,13 @@ class Until(Silent):
             raise Cancelled
 
 
-def alive(pid: int) -> bool:
-    return subprocess.run(["ps", "-p", str(pid)], capture_output=True, check=False).returncode == 0
-
-
 def test_a_process_is_kept_for_the_next_call_and_ends_with_the_last() -> None:
     with ColmapProcesses() as apart:
         first = apart.call(about, "pid", SILENT)
         assert first != os.getpid()
         assert apart.call(about, "pid", SILENT) == first
-        assert alive(first)
-    assert not alive(first)
+        assert not is_gone(first)
+    assert is_gone(first)
 
 
 def test_one_for_each_call_at_a_time() -> None:
@@ -140,7 +137,7 @@ def test_what_it_raises_is_raised_here() -> None:
 
 
 @pytest.mark.parametrize(
-    ("how", "words"), [("signal", "COLMAP died .SIGSEGV."), ("exit", "COLMAP failed: the last words")]
+    ("how", "words"), [("signal", "COLMAP died .SIGSEGV."), ("exit", "COLMAP died .the last words.")]
 )
 def test_one_that_dies_is_told_of_and_another_takes_its_place(how: str, words: str) -> None:
     with ColmapProcesses() as apart:
@@ -156,24 +153,21 @@ def test_what_cannot_be_sent_is_an_error_here() -> None:
 
 def test_ends_with_us(tmp_path: Path) -> None:
     script = (
-        "import os, sys; from pathlib import Path; import test_apart as t;"
-        " a = t.Apart(); print(a.call(t.about, 'pid', t.SILENT), flush=True);"
+        "import os, sys; from pathlib import Path; import test_process as t;"
+        " a = t.ColmapProcesses(); print(a.call(t.about, 'pid', t.SILENT), flush=True);"
         " a.call(t.never, Path(sys.argv[1]), t.Until(Path('/nowhere')))"
     )
     ours = subprocess.Popen(
         [sys.executable, "-c", script, str(tmp_path / "begun")],
         stdout=subprocess.PIPE,
-        env=os.environ | {"PYTHONPATH": os.pathsep.join(p for p in sys.path if p)},
+        env=os.environ
+        | {"PYTHONPATH": os.pathsep.join((str(Path(__file__).parent), *filter(None, sys.path)))},
     )
     assert ours.stdout is not None
     process = int(ours.stdout.readline())
-    end = time.monotonic() + 30
-    while not (tmp_path / "begun").exists() and time.monotonic() < end:
-        time.sleep(0.05)
-    assert alive(process)
+    assert soon((tmp_path / "begun").exists, 30)
+    assert not is_gone(process)
     ours.kill()
     ours.wait()
     ours.stdout.close()
-    while alive(process) and time.monotonic() < end:
-        time.sleep(0.05)
-    assert not alive(process)
+    assert soon(lambda: is_gone(process))

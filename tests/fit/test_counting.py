@@ -27,8 +27,8 @@ from colmap_ihe.grey.sums import Weighting
 from colmap_ihe.machine import decoder_pool as decoders
 from colmap_ihe.machine.decoder_pool import LentDecoder
 from colmap_ihe.machine.progress import SILENT, Silent
-from colmap_ihe.photographs.colour_counts import ColourCounter
-from colmap_ihe.photographs.decode import message_of, read_photograph
+from colmap_ihe.photographs.colour_counts import ColourCounter, count_photograph, hand_over_counts
+from colmap_ihe.photographs.decode import read_photograph
 from colmap_ihe.photographs.discover import Capture
 
 
@@ -198,8 +198,8 @@ def test_a_decoder_counts_one_chunk_after_another(tmp_path: Path, weighting: Wei
     for some in (captures, captures[:1], captures[1:]):
         assert as_expected(some, how)
     with decoders.one_decoder() as decoder:
-        asked: dict[str, Any] = {"capture": message_of(captures[0]), "contrast": False, "returned": False}
-        decoder.ask("count", "0", first=True, encoding="coded", weighting=weighting, sample=1.0, **asked)
+        asked = (True, False, False, ("coded", weighting, 1.0))
+        decoder.run(count_photograph, captures[0], *asked, pixels=0)
     assert as_expected(captures[1:], how)
     assert as_expected(captures[1:], sampled)
     assert read_photograph(captures[0]).rgb.size
@@ -211,14 +211,14 @@ def test_a_decoder_counts_one_chunk_after_another(tmp_path: Path, weighting: Wei
 )
 def test_what_a_decoder_says_is_checked(tmp_path: Path, lie: dict[str, Any]) -> None:
     capture = photograph(tmp_path, 1)
-    real = LentDecoder.ask
+    real = LentDecoder.run
 
-    def lies(self: LentDecoder, task: str, *more: Any, **named: Any) -> tuple[Any, Any]:
-        answer, array = real(self, task, *more, **named)
-        return (answer | lie if task == "tally" else answer), array
+    def lies(self: LentDecoder, function: Any, *more: Any, **named: Any) -> tuple[Any, Any]:
+        answer, array = real(self, function, *more, **named)
+        return (answer | lie if function is hand_over_counts else answer), array
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(LentDecoder, "ask", lies)
+        patch.setattr(LentDecoder, "run", lies)
         found = counted([capture], counting())
     assert not found.sums
     assert "the decoder lost its way on it" in str(found.errors[capture.name])

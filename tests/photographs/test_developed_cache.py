@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from colmap_ihe.photographs import developed_cache as keep
-from colmap_ihe.photographs.decode import read_photograph, read_photograph_here
+from colmap_ihe.photographs.decode import decode_photograph, read_photograph
 from colmap_ihe.photographs.discover import Capture, discover
 from colmap_ihe.project.recipe import Recipe
 
@@ -31,7 +31,7 @@ def test_the_second_reading_is_of_what_was_kept(capture: Capture, tmp_path: Path
     np.testing.assert_array_equal(again.rgb, first.rgb)
     np.testing.assert_array_equal(np.asarray(again.srgb_from_camera), np.asarray(first.srgb_from_camera))
     assert again.encoding == "linear"
-    keep.store(file, replace(first, rgb=np.asarray(first.rgb // 2, np.uint16)))
+    keep.store(file, first.rgb // 2, first.srgb_from_camera)
     np.testing.assert_array_equal(read_photograph(capture).rgb, first.rgb // 2)
 
 
@@ -66,5 +66,5 @@ def test_nothing_is_kept_where_there_is_little_room(
     monkeypatch.setattr("shutil.disk_usage", lambda _: SimpleNamespace(free=10**5))
     file = keep.kept_file(capture)
     assert file is not None
-    keep.store(file, read_photograph_here(capture))
+    decode_photograph(capture)
     assert not list((tmp_path / "kept").iterdir())

@@ -72,52 +72,29 @@ PLANE = SIZE[0] / 36
 BY_35 = DIAGONAL / DIAGONAL_35MM
 
 
-@pytest.mark.parametrize(
-    ("said", "known", "expected_px"),
-    [
-        pytest.param({}, {"focal_length_35mm": 28}, 28 * BY_35, id="only the equivalent"),
-        pytest.param({}, {"focal_length": 24, "focal_length_35mm": 36}, 36 * BY_35, id="both"),
-        pytest.param({}, FULL_FRAME | {"focal_length_35mm": 25}, 24 * PLANE, id="the sensor is more exact"),
-        pytest.param({"focal": 50}, {"sensor_width": 36}, 50 * PLANE, id="the sensor only"),
-        pytest.param({"focal": 50}, FULL_FRAME, 50 * PLANE, id="EXIF knows the focal length"),
-        pytest.param(
-            {"plane": PLANE}, FULL_FRAME | {"sensor_width": 9}, 24 * PLANE, id="EXIF knows the plane"
-        ),
-        pytest.param(
-            {"focal": 50}, {"focal_length": 24, "focal_length_35mm": 36}, 75 * BY_35, id="a zoom lens, whole"
-        ),
-        pytest.param(
-            {"focal": 51}, {"focal_length": 24, "focal_length_35mm": 36}, 76.5 * BY_35, id="a zoom lens"
-        ),
-        pytest.param({"plane": PLANE}, {"focal_length_35mm": 28}, 28 * BY_35, id="plane and equivalent"),
-        pytest.param(
-            {"focal": 50, "plane": PLANE}, {"focal_length_35mm": 9}, 50 * PLANE, id="EXIF knows all"
-        ),
-        pytest.param({"f35": 30}, FULL_FRAME, 30 * BY_35, id="EXIF knows the equivalent"),
-        pytest.param({"f35": 30}, FULL_FRAME | {"override": True}, 24 * PLANE, id="override"),
-        pytest.param(
-            {"focal": 50, "f35": 75},
-            {"focal_length": 10, "override": True},
-            15 * BY_35,
-            id="override the lens",
-        ),
-        pytest.param(
-            {"focal": 50, "plane": 9},
-            {"sensor_width": 36, "override": True},
-            50 * PLANE,
-            id="override sensor",
-        ),
-        pytest.param(
-            {"focal": 8.8, "f35": 99},
-            {"focal_length_35mm": 24, "override": True},
-            24 * BY_35,
-            id="override 35",
-        ),
-        pytest.param(
-            {"focal": 50, "f35": 75}, {"model": "other", "override": True}, 75 * BY_35, id="override the name"
-        ),
-    ],
-)
+ZOOM = {"focal_length": 24, "focal_length_35mm": 36}
+OVERRIDE = {"override": True}
+FILLED_IN: dict[str, tuple[dict[str, Any], dict[str, Any], float]] = {
+    "only the equivalent": ({}, {"focal_length_35mm": 28}, 28 * BY_35),
+    "both": ({}, {"focal_length": 24, "focal_length_35mm": 36}, 36 * BY_35),
+    "the sensor is more exact": ({}, FULL_FRAME | {"focal_length_35mm": 25}, 24 * PLANE),
+    "the sensor only": ({"focal": 50}, {"sensor_width": 36}, 50 * PLANE),
+    "EXIF knows the focal length": ({"focal": 50}, FULL_FRAME, 50 * PLANE),
+    "EXIF knows the plane": ({"plane": PLANE}, FULL_FRAME | {"sensor_width": 9}, 24 * PLANE),
+    "a zoom lens, whole": ({"focal": 50}, ZOOM, 75 * BY_35),
+    "a zoom lens": ({"focal": 51}, ZOOM, 76.5 * BY_35),
+    "plane and equivalent": ({"plane": PLANE}, {"focal_length_35mm": 28}, 28 * BY_35),
+    "EXIF knows all": ({"focal": 50, "plane": PLANE}, {"focal_length_35mm": 9}, 50 * PLANE),
+    "EXIF knows the equivalent": ({"f35": 30}, FULL_FRAME, 30 * BY_35),
+    "override": ({"f35": 30}, FULL_FRAME | {"override": True}, 24 * PLANE),
+    "override the lens": ({"focal": 50, "f35": 75}, {"focal_length": 10, "override": True}, 15 * BY_35),
+    "override sensor": ({"focal": 50, "plane": 9}, {"sensor_width": 36, "override": True}, 50 * PLANE),
+    "override 35": ({"focal": 8.8, "f35": 99}, {"focal_length_35mm": 24, "override": True}, 24 * BY_35),
+    "override the name": ({"focal": 50, "f35": 75}, {"model": "other", "override": True}, 75 * BY_35),
+}
+
+
+@pytest.mark.parametrize(("said", "known", "expected_px"), FILLED_IN.values(), ids=FILLED_IN)
 def test_it_fills_in_what_exif_does_not_say(
     tmp_path: Path, said: dict[str, Any], known: dict[str, Any], expected_px: float
 ) -> None:

@@ -7,14 +7,15 @@ import os
 import pickle
 import signal
 import sys
-import time
 from collections.abc import Callable
 from dataclasses import asdict
 from pathlib import Path
 
 import pytest
+from processes import is_gone, soon
 
 from colmap_ihe.errors import BusyError, Cancelled, KnownError, MappingError, NativeError
+from colmap_ihe.machine import child_process
 from colmap_ihe.pipeline import job, job_main
 from colmap_ihe.pipeline.job import Outcome, ProjectJob, StageProgress, run_job
 from colmap_ihe.project.folder import Project
@@ -35,7 +36,7 @@ def child(monkeypatch: pytest.MonkeyPatch) -> Callable[[str], None]:
     """What runs in place of a reconstruction."""
 
     def set_to(source: str) -> None:
-        monkeypatch.setattr(job, "_START", source)
+        monkeypatch.setattr(child_process, "code_of", lambda _module: source)
 
     return set_to
 
@@ -116,20 +117,7 @@ def test_one_that_does_not_listen_is_killed_with_all_it_started(
     outcome = ending(project, time_limit_s=1.0)
     assert outcome.state == "timed_out"
     assert outcome.seconds < 20
-    assert ended(int(note.read_text()))
-
-
-def ended(process: int) -> bool:
-    """Whether it ends within a few seconds; one that nobody has waited for counts."""
-    end = time.monotonic() + 10
-    while time.monotonic() < end:
-        try:
-            if Path(f"/proc/{process}/stat").read_text().rsplit(")", 1)[1].split()[0] == "Z":
-                return True
-        except OSError:
-            return True
-        time.sleep(0.05)
-    return False
+    assert soon(lambda: is_gone(int(note.read_text())))
 
 
 def test_a_file_stops_it(project: Path, child: Callable[[str], None], tmp_path: Path) -> None:
@@ -200,6 +188,6 @@ def test_without_its_parent_it_stops(new_project: Callable[..., Path]) -> None:
 
 
 def test_signals_have_names() -> None:
-    assert job._signal_name(signal.SIGBUS) == "SIGBUS"
-    assert job._signal_name(99) == "signal 99"
-    assert sys.platform != "linux" or job._signal_name(11) == "SIGSEGV"
+    assert child_process.signal_name(signal.SIGBUS) == "SIGBUS"
+    assert child_process.signal_name(99) == "signal 99"
+    assert sys.platform != "linux" or child_process.signal_name(11) == "SIGSEGV"

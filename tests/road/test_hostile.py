@@ -221,5 +221,5 @@ def test_pixels_are_counted_before_they_are_decoded(tmp_path: Path) -> None:
 
 
 def test_a_calibration_frame_of_too_many_pixels_is_refused_by_its_header() -> None:
-    with pytest.raises(PhotographError, match="wanted at most 500 megapixels"):
+    with pytest.raises(PhotographError, match="expected at most 500 megapixels"):
         refuse_too_large("dark.dng", 60_000, 60_000)

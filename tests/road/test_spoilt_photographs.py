@@ -25,7 +25,7 @@ from PIL import Image, ImageCms
 from spoilt import BYTES, JSON, parser
 
 from colmap_ihe.errors import PhotographError
-from colmap_ihe.machine import decoder_pool as decoders
+from colmap_ihe.machine.decoder_process import Decoder
 from colmap_ihe.machine.decoder_wire import SharedArrayReader, receive
 from colmap_ihe.photographs.coded import read_coded
 from colmap_ihe.photographs.decode import read_photograph, read_size
@@ -33,7 +33,7 @@ from colmap_ihe.photographs.discover import Capture
 from colmap_ihe.photographs.encode import encode_image
 from colmap_ihe.photographs.exif import cr3
 from colmap_ihe.photographs.exif.blocks import PREFIX, for_tiff, put_together
-from colmap_ihe.photographs.exif.metadata import Metadata, read_metadata, read_metadata_here, sized
+from colmap_ihe.photographs.exif.metadata import Metadata, decode_metadata, read_metadata, sized
 from colmap_ihe.photographs.known_cameras import filled_in
 from colmap_ihe.photographs.linear_tiff import encode_linear_tiff
 from colmap_ihe.photographs.preview import small_picture
@@ -75,7 +75,7 @@ _KNOWN = CamerasOptions({"*": KnownCamera(focal_length=24.0, sensor_width=36.0, 
 
 def _carried_over(path: Path, kind: str) -> object:
     """EXIF of a photograph, into grey images and linear TIFFs. Nothing is refused: what is broken in it is left out."""
-    found = read_metadata_here(path, kind)
+    found = decode_metadata(path, kind)
     for metadata in (sized(found, 640, 480), filled_in(sized(found, 96, 64), _KNOWN, "a.jpg", 96, 64)):
         for how in ("png", "tiff", "jpeg"):
             Image.open(BytesIO(encode_image(np.zeros((4, 6), np.uint8), metadata.exif, how))).load()
@@ -121,7 +121,7 @@ def test_cr3(data: bytes, folder: Path) -> object:
     (folder / "a.cr3").write_bytes(data or b"\0")
     with (folder / "a.cr3").open("rb") as handle, mmap(handle.fileno(), 0, access=ACCESS_COPY) as file:
         blocks = cr3.blocks_of(file)
-    return blocks, read_metadata_here(folder / "a.cr3", "raw")
+    return blocks, decode_metadata(folder / "a.cr3", "raw")
 
 
 def dngs(folder: Path) -> list[bytes]:
@@ -152,20 +152,21 @@ def test_icc_profiles(data: bytes, folder: Path) -> object:
     """Of RGB, where nothing is refused for its profile, and of CMYK, where it is needed."""
     for mode in ("RGB", "CMYK"):
         (folder / f"{mode}.jpg").write_bytes(_jpeg_with(profile=data, mode=mode))
-        read_metadata_here(folder / f"{mode}.jpg", "coded")
+        decode_metadata(folder / f"{mode}.jpg", "coded")
     with contextlib.suppress(PhotographError):
         read_coded(folder / "CMYK.jpg", lambda *_: None)
     return read_coded(folder / "RGB.jpg", lambda *_: None)
 
 
-_ARRAY = {"shape": [2, 3, 3], "dtype": "uint8", "is_new": False}
+_ARRAY = {"shape": [2, 3, 3], "dtype": "uint8"}
+_PHOTOGRAPH = {"rgb": 0, "encoding": "coded", "srgb_from_camera": None, "profile": "aGk="}
 
 
 def answers(_: Path) -> list[bytes]:
     """What a decoder answers; the length in front is put there by `framed`."""
     answers: list[Any] = [
         {"value": [96, 64, ""]},
-        {"value": {"encoding": "coded", "matrix": None, "profile": {"base64": "aGk="}}, "array": _ARRAY},
+        {"value": _PHOTOGRAPH, "arrays": [_ARRAY], "is_new": False},
         {"value": asdict(Metadata(make="Canon")) | {"exif": ""}},
         {"error": "PhotographError", "message": "a.jpg: broken", "hint": "x"},
     ]  # fmt: skip
@@ -180,11 +181,11 @@ def framed(data: bytes, rng: Random) -> bytes:
 def answering(answer: Any) -> Iterator[None]:
     """Within, whatever is asked of a decoder has this answer: one that a photograph took over says anything."""
 
-    def ask(_task: str, name: str, *_args: object, **_more: object) -> Any:
-        return decoders.value_of(answer, name), np.zeros((2, 3, 3), np.uint8)
+    def ask(*_: object) -> Any:
+        return answer, [np.zeros((2, 3, 3), np.uint8)]
 
     with pytest.MonkeyPatch.context() as patched:
-        patched.setattr(decoders, "ask", ask)
+        patched.setattr(Decoder, "ask", ask)
         yield
 
 
@@ -203,9 +204,8 @@ def test_answers_of_a_decoder(data: bytes, folder: Path) -> object:
     if received is None:
         return None
     answer, window = received[0], SharedArrayReader()
-    if "array" in answer:
-        with contextlib.suppress(ValueError, LookupError, TypeError, OverflowError):
-            window.array(answer["array"], None)
+    with contextlib.suppress(ValueError, LookupError, TypeError, OverflowError):
+        window.arrays(answer, None)
     capture = Capture("a.jpg", folder / "a.jpg", "coded", "a")
     with answering(answer):
         for ask in (

@@ -116,7 +116,7 @@ def test_one_black_photograph_in_a_set(capsys: Captured, photos: Path, tmp_path:
 def test_one_pixel(capsys: Captured, photos: Path, tmp_path: Path) -> None:
     Image.new("RGB", (1, 1)).save(photos / "pixel.png")
     for command in (("fit", photos), ("convert", photos, tmp_path / "grey")):
-        assert "pixel.png: 1x1 pixels, wanted at least 64 on each side" in failure(capsys, *command)
+        assert "pixel.png: 1x1 pixels, expected at least 64 on each side" in failure(capsys, *command)
     colour(photos / "a.png")
     found, _ = run(capsys, "convert", photos, tmp_path / "grey", "--method", "red")
     assert list(found["left_out"]) == ["pixel.png"]

@@ -54,7 +54,7 @@ _SAME = 0.03  # of a side: a RAW file has a few rows and columns more than the c
 
 @dataclass(frozen=True)
 class Directories:
-    """What is in a block; `lost` tags could not be read; `interoperability` is its index, as "R98"."""
+    """Hold what is in a block; `lost` tags could not be read; `interoperability` is its index, as "R98"."""
 
     image: Tags = field(default_factory=dict)
     shot: Tags = field(default_factory=dict)
@@ -64,7 +64,7 @@ class Directories:
 
 
 class _Text(str):
-    """Pillow reads text as Latin-1, byte for byte, and would write it as ASCII: this goes back to the same bytes."""
+    """Hold text that Pillow read as Latin-1, byte for byte, and would write as ASCII, and write the same bytes."""
 
     __slots__ = ()
 
@@ -73,35 +73,35 @@ class _Text(str):
 
 
 def text(value: str) -> str:
-    """Text as EXIF holds it: in UTF-8, seen byte for byte."""
+    """Return text as EXIF holds it: in UTF-8, seen byte for byte."""
     return value.encode().decode("latin-1")
 
 
 def take_apart(block: bytearray | mmap) -> Directories:
-    """The directories of a block, or of a file of TIFF's kind, which is mended in place. Raises one of
+    """Return the directories of a block, or of a file of TIFF's kind, which is mended in place. Raises one of
     `UNREADABLE` where it has no such structure at all."""
     lost = mend(block)
-    found = Image.Exif()
-    found.load_from_fp(BytesIO(block) if isinstance(block, bytearray) else block)  # type: ignore[arg-type]
-    return contents(found, lost)
+    exif = Image.Exif()
+    exif.load_from_fp(BytesIO(block) if isinstance(block, bytearray) else block)  # type: ignore[arg-type]
+    return contents(exif, lost)
 
 
-def contents(found: Image.Exif, lost: int = 0) -> Directories:
-    """What Pillow found; `lost` are those that it did not."""
-    image, image_lost = _read(found)
-    shot, shot_lost = _read(found, EXIF_IFD)
-    gps, gps_lost = _read(found, GPS_IFD)
-    index = _read(found, INTEROPERABILITY_IFD)[0].get(1) if INTEROPERABILITY_IFD in shot else ""
+def contents(exif: Image.Exif, lost: int = 0) -> Directories:
+    """Return the directories that Pillow found, with the number of tags that it could not read added to `lost`."""
+    image, image_lost = _read(exif)
+    shot, shot_lost = _read(exif, EXIF_IFD)
+    gps, gps_lost = _read(exif, GPS_IFD)
+    index = _read(exif, INTEROPERABILITY_IFD)[0].get(1) if INTEROPERABILITY_IFD in shot else ""
     lost += image_lost + shot_lost + gps_lost
     return Directories(image, shot, gps, lost, index.strip("\x00") if isinstance(index, str) else "")
 
 
-def _read(found: Image.Exif, directory: int | None = None) -> tuple[Tags, int]:
-    """The tags of one directory, and how many could not be read."""
+def _read(exif: Image.Exif, directory: int | None = None) -> tuple[Tags, int]:
+    """Return the tags of one directory, and how many could not be read."""
     tags: Tags = {}
     lost = 0
     try:
-        inner = found if directory is None else found.get_ifd(directory)
+        inner = exif if directory is None else exif.get_ifd(directory)
     except UNREADABLE:
         return {}, 1
     for tag in list(inner):
@@ -113,7 +113,7 @@ def _read(found: Image.Exif, directory: int | None = None) -> tuple[Tags, int]:
 
 
 def put_together(image: Mapping[int, Any], shot: Mapping[int, Any], gps: Mapping[int, Any]) -> bytes:
-    """A block of these tags, without those that cannot be written, empty if none can; without maker note and
+    """Return a block of these tags, without those that cannot be written, empty if none can; without maker note and
     the directory of interoperability, which hold offsets."""
     target = Image.Exif()
     for number, tags in ((None, image), (EXIF_IFD, shot), (GPS_IFD, gps)):
@@ -142,9 +142,11 @@ def _writable(directory: int | None, tag: int, value: Any) -> bool:
 
 
 def changed(block: bytes, image: Mapping[int, Any], shot: Mapping[int, Any]) -> bytes:
-    """The block with these tags in place of what it has; None takes one out."""
-    found = take_apart(bytearray(block)) if block else Directories()
-    return put_together(_present(found.image | dict(image)), _present(found.shot | dict(shot)), found.gps)
+    """Return the block with these tags in place of what it has; None takes one out."""
+    directories = take_apart(bytearray(block)) if block else Directories()
+    return put_together(
+        _present(directories.image | dict(image)), _present(directories.shot | dict(shot)), directories.gps
+    )
 
 
 def _present(tags: Tags) -> Tags:
@@ -152,32 +154,35 @@ def _present(tags: Tags) -> Tags:
 
 
 def for_tiff(block: bytes) -> Image.Exif:
-    """The block for Pillow to write into a TIFF file, whose first directory has tags of its own for size and
+    """Return the block for Pillow to write into a TIFF file, whose first directory has tags of its own for size and
     layout."""
     target = Image.Exif()
     if block:
-        found = take_apart(bytearray(block))
-        target.load(put_together(photographic(found.image), found.shot, found.gps))
+        directories = take_apart(bytearray(block))
+        target.load(put_together(photographic(directories.image), directories.shot, directories.gps))
         for tags in (target, target.get_ifd(EXIF_IFD), target.get_ifd(GPS_IFD)):
             tags.update({tag: _as_written(tags[tag]) for tag in list(tags)})
     return target
 
 
 def photographic(image: Mapping[int, Any]) -> Tags:
-    """Of a first directory, what describes the photograph and not the file."""
+    """Return the tags of a first directory that describe the photograph and not the file."""
     return {tag: value for tag, value in image.items() if tag in IMAGE_TAGS and value != ""}
 
 
 def slimmed(block: bytes, limit: int) -> bytes:
-    """The same EXIF in fewer than `limit` bytes, where there is no room for more: without maker note and, if
+    """Return the same EXIF in fewer than `limit` bytes, where there is no room for more: without maker note and, if
     that is not enough, without values of more than 1 kB. Small EXIF stays as it is to the letter."""
     if len(block) < limit:
         return block
-    found = take_apart(bytearray(block))
-    slim = put_together(found.image, found.shot, found.gps)
+    directories = take_apart(bytearray(block))
+    slim = put_together(directories.image, directories.shot, directories.gps)
     if len(slim) < limit:
         return slim
-    short = ({t: v for t, v in d.items() if _is_short(v)} for d in (found.image, found.shot, found.gps))
+    short = (
+        {t: v for t, v in d.items() if _is_short(v)}
+        for d in (directories.image, directories.shot, directories.gps)
+    )
     return put_together(*short)
 
 
@@ -186,7 +191,7 @@ def _is_short(value: Any) -> bool:
 
 
 def with_size(block: bytes, width: int, height: int) -> bytes:
-    """The block for an image of this size in pixels: with its dimensions, and with the focal-plane resolution
+    """Return the block for an image of this size in pixels: with its dimensions, and with the focal-plane resolution
     of its pixels where the dimensions were others. Empty stays empty.
 
     The resolution stays as it is where one side is as it was (something was cut off the other), goes with the
@@ -210,7 +215,7 @@ def with_size(block: bytes, width: int, height: int) -> bytes:
 
 
 def _scaled(plane: Tags, x: float, y: float) -> Tags:
-    """Focal-plane resolution after the sides became `x` and `y` times as long."""
+    """Return focal-plane resolution after the sides became `x` and `y` times as long."""
     if min(abs(x - 1), abs(y - 1)) <= _SAME:
         return plane
     if abs(x / y - 1) > _SAME:
@@ -222,31 +227,32 @@ def _scaled(plane: Tags, x: float, y: float) -> Tags:
 
 
 def pixels_per_mm(shot: Mapping[int, Any]) -> float:
-    """On the sensor, across the image, by focal-plane resolution as COLMAP reads it; 0 where it does not say."""
+    """Return pixels per mm on the sensor, across the image, by focal-plane resolution as COLMAP reads it; 0 if
+    unknown."""
     unit = shot.get(PLANE_UNIT)
     mm = _MM_PER_UNIT.get(unit, 0.0) if isinstance(unit, int) else 0.0
     return number(shot.get(PLANE_X)) / mm if mm else 0.0
 
 
 def plane_tags(pixels_per_mm: float) -> Tags:
-    """Focal-plane resolution of square pixels, per centimetre: of the units in Exif, COLMAP has this one most
-    exactly."""
+    """Return the focal-plane resolution of square pixels, per centimetre: of the units in Exif, COLMAP has this one
+    most exactly."""
     resolution = rational(pixels_per_mm * 10)
     return {PLANE_X: resolution, PLANE_Y: resolution, PLANE_UNIT: 3}
 
 
 def rational(value: float) -> IFDRational:
-    """A positive number as two of 32 bits."""
+    """Return a positive number as two of 32 bits."""
     exact = Fraction(value).limit_denominator(max(1, min(1_000_000, int(2**31 / value))))
     return IFDRational(max(1, exact.numerator), exact.denominator)
 
 
 def number(value: Any) -> float:
-    """A positive number below a million, the first of several; else 0."""
+    """Return a positive number below a million, the first of several; else 0."""
     if isinstance(value, tuple) and value:
         value = value[0]
     try:
-        found = float(value)
+        result = float(value)
     except (TypeError, ValueError, ZeroDivisionError, OverflowError):
         return 0.0
-    return found if math.isfinite(found) and 0 < found < 1e6 else 0.0
+    return result if math.isfinite(result) and 0 < result < 1e6 else 0.0

@@ -18,8 +18,8 @@ _BLOCKS = (b"CMT1", b"CMT2", b"CMT4")
 
 
 def blocks_of(file: mmap) -> list[bytes]:
-    """The TIFF structures of image, shot and GPS, empty for one that is not there."""
-    found = dict.fromkeys(_BLOCKS, b"")
+    """Return the TIFF structures of image, shot and GPS, empty for one that is not there."""
+    blocks = dict.fromkeys(_BLOCKS, b"")
     for kind, start, end in _boxes(file, 0, len(file)):
         if kind != b"moov":
             continue
@@ -27,13 +27,13 @@ def blocks_of(file: mmap) -> list[bytes]:
             if inner != b"uuid" or file[inner_start : inner_start + 16] != _CANON:
                 continue
             for name, first, last in _boxes(file, inner_start + 16, inner_end):
-                if name in found:
-                    found[name] = file[first:last]
-    return list(found.values())
+                if name in blocks:
+                    blocks[name] = file[first:last]
+    return list(blocks.values())
 
 
 def _boxes(file: mmap, start: int, end: int) -> Iterator[tuple[bytes, int, int]]:
-    """Kind of each box, and where its content starts and ends (ISO/IEC 14496-12, 4.2)."""
+    """Yield the kind of each box, and where its content starts and ends (ISO/IEC 14496-12, 4.2)."""
     while start + 8 <= end:
         size, kind = struct.unpack_from(">L4s", file, start)
         header = 8

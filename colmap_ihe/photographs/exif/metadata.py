@@ -1,4 +1,4 @@
-"""What photographs of every kind say of themselves in EXIF.
+"""EXIF of photographs of every kind.
 
 COLMAP decides from EXIF which photographs share a camera and what its focal length is about, so what a
 photograph says has to arrive. Broken EXIF loses the tag, not the photograph.
@@ -7,9 +7,8 @@ photograph says has to arrive. Broken EXIF loses the tag, not the photograph.
 from __future__ import annotations
 
 from contextlib import suppress
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from io import BytesIO
-from math import isfinite
 from mmap import ACCESS_COPY, mmap
 from pathlib import Path
 from typing import Any
@@ -17,7 +16,7 @@ from typing import Any
 from PIL import Image, UnidentifiedImageError
 
 from colmap_ihe.errors import PhotographError
-from colmap_ihe.machine import decoder_pool as decoders
+from colmap_ihe.machine.decoder_pool import in_decoder, understood
 from colmap_ihe.photographs.coded import FORMATS
 from colmap_ihe.photographs.exif import cr3
 from colmap_ihe.photographs.exif.blocks import (
@@ -52,7 +51,7 @@ from colmap_ihe.photographs.exif.blocks import (
     with_size,
 )
 from colmap_ihe.photographs.icc_profile import name_of_profile
-from colmap_ihe.photographs.raw.develop import DevelopmentLog, noted_by_libraw, preview_of
+from colmap_ihe.photographs.raw.develop import LibrawMetadata, libraw_metadata, preview_of
 
 _UNREADABLE = (PhotographError, UnidentifiedImageError, Image.DecompressionBombError, *UNREADABLE)
 # Of the shot, where makers write it into the first directory, as TIFF/EP allows.
@@ -68,10 +67,10 @@ _TIFF, _BIG_TIFF = (b"II*\x00", b"MM\x00*"), (b"II+\x00", b"MM\x00+")
 
 @dataclass(frozen=True)
 class Metadata:
-    """What a photograph says of itself. `exif` is a TIFF structure to write into another file, or empty;
-    lengths are in millimetres, `exposure_s` in seconds, 0 where unknown; `pixels_per_mm` is the resolution on
-    the sensor; `serial` is the camera's; `profile` names the colours of its RGB numbers; `problem` says in a
-    few words what could not be read."""
+    """Hold what a photograph says of itself. `exif` is a TIFF structure to write into another file, or empty; lengths
+    are in millimetres, `exposure_s` in seconds, 0 where unknown; `pixels_per_mm` is the resolution on the sensor;
+    `serial` is the camera's; `profile` names the colours of its RGB numbers; `problem` says in a few words what could
+    not be read."""
 
     exif: bytes = b""
     make: str = ""
@@ -92,46 +91,33 @@ class Metadata:
 
 
 def read_metadata(path: Path, kind: str) -> Metadata:
-    """Reads the EXIF of a capture; `kind` is "raw" or "coded". Never raises for what EXIF holds. A decoder does
-    it, in a process of its own: profiles and previews are native libraries' work."""
+    """Return what the EXIF of a capture says; `kind` is "raw" or "coded". Never raises for what EXIF holds. A decoder
+    reads it, in a process of its own: profiles and previews are native libraries' work."""
     try:
-        found, _ = decoders.ask("metadata", path.name, path=str(path.absolute()), kind=kind)
-        with decoders.understood(path.name):
-            return _as_answered(found)
+        metadata = in_decoder(decode_metadata, path, kind)
+        with understood(path.name):
+            if metadata.exif:
+                take_apart(bytearray(metadata.exif))
+        return metadata
     except PhotographError as error:
         return Metadata(problem=f"EXIF not readable: {error}")
 
 
-def _as_answered(values: dict[str, Any]) -> Metadata:
-    """Raises ValueError for values of other kinds than ours, or EXIF that does not say them."""
-    found = Metadata(**values)
-    for one in fields(Metadata):
-        value, kinds = (
-            getattr(found, one.name),
-            (int, float) if isinstance(one.default, float) else type(one.default),
-        )
-        if not isinstance(value, kinds) or (isinstance(value, float) and not isfinite(value)):
-            raise ValueError(f"{one.name} is {value!r:.40}")
-    if found.exif:
-        take_apart(bytearray(found.exif))
-    return found
-
-
-def read_metadata_here(path: Path, kind: str) -> Metadata:
-    """As `read_metadata`, in this process."""
+def decode_metadata(path: Path, kind: str) -> Metadata:
+    """Return what `read_metadata` does, in this process."""
     try:
         return _read_coded(path) if kind == "coded" else _read_raw(path)
     except _UNREADABLE as error:
         return Metadata(problem=_unreadable(error))
 
 
-def describe(block: bytes, known: Metadata | None = None) -> Metadata:
-    """What a block of EXIF says; what is not of EXIF (profile, pages, problem) is as in `known`."""
-    found = take_apart(bytearray(block)) if block else Directories()
-    image, shot = found.image, found.shot
+def describe(block: bytes, other: Metadata | None = None) -> Metadata:
+    """Return what a block of EXIF says; what is not of EXIF (profile, pages, problem) as in `other`."""
+    directories = take_apart(bytearray(block)) if block else Directories()
+    image, shot = directories.image, directories.shot
     orientation = image.get(ORIENTATION, 1)
     return replace(
-        known or Metadata(),
+        other or Metadata(),
         exif=block,
         make=_text(image.get(MAKE)),
         model=_text(image.get(MODEL)),
@@ -144,12 +130,12 @@ def describe(block: bytes, known: Metadata | None = None) -> Metadata:
         lens=_text(shot.get(LENS)),
         serial=_text(shot.get(SERIAL)),
         orientation=orientation if orientation in range(1, 9) else 1,
-        has_gps={2, 4, 6} <= set(found.gps),  # COLMAP wants latitude, longitude and altitude
+        has_gps={2, 4, 6} <= set(directories.gps),  # COLMAP wants latitude, longitude and altitude
     )
 
 
 def sized(metadata: Metadata, width: int, height: int) -> Metadata:
-    """The same for an image of this size in pixels, which its EXIF may not be about."""
+    """Return the metadata for an image of this size in pixels, which its EXIF may not be about."""
     block = with_size(metadata.exif, width, height)
     return metadata if block == metadata.exif else describe(block, metadata)
 
@@ -157,31 +143,31 @@ def sized(metadata: Metadata, width: int, height: int) -> Metadata:
 def _read_coded(source: Path | BytesIO) -> Metadata:
     with Image.open(source, formats=FORMATS) as image:
         try:
-            block, found = _block_of(image, source)
-            problem = _problem(found.lost)
+            block, directories = _block_of(image, source)
+            problem = _problem(directories.lost)
         except UNREADABLE as error:
-            block, found, problem = b"", Directories(), _unreadable(error)
-        profile = name_of_profile(image, found.interoperability)
+            block, directories, problem = b"", Directories(), _unreadable(error)
+        profile = name_of_profile(image, directories.interoperability)
         return describe(block, Metadata(profile=profile, pages=_pages(image), problem=problem))
 
 
 def _block_of(image: Image.Image, source: Path | BytesIO) -> tuple[bytes, Directories]:
-    """The EXIF of an opened photograph, mended, and what is in it. Raises one of `UNREADABLE`."""
+    """Return the EXIF of an opened photograph, mended, and what is in it. Raises one of `UNREADABLE`."""
     if image.format == "TIFF" and isinstance(source, Path):
-        found = _of_file(source) or _of_image(image)
-        return put_together(photographic(found.image), found.shot, found.gps), found
+        directories = _of_file(source) or _of_image(image)
+        return put_together(photographic(directories.image), directories.shot, directories.gps), directories
     if "exif" not in image.info and image.format == "PNG":
         image.getexif()  # it may come behind the pixels
     block = bytearray(image.info.get("exif", b""))
     while block.startswith(PREFIX):
         del block[: len(PREFIX)]
     if block:
-        found = take_apart(block)
-        return bytes(block), found
+        directories = take_apart(block)
+        return bytes(block), directories
     if not image.getexif():
         return b"", Directories()
-    found = _of_image(image)
-    return put_together(found.image, found.shot, found.gps), found
+    directories = _of_image(image)
+    return put_together(directories.image, directories.shot, directories.gps), directories
 
 
 def _problem(lost: int) -> str:
@@ -193,12 +179,12 @@ def _unreadable(error: BaseException) -> str:
 
 
 def _of_image(image: Image.Image) -> Directories:
-    """As Pillow finds it, where it is in no block of its own: a TIFF of 64 bits, the text of a PNG."""
+    """Return EXIF as Pillow finds it, where it is in no block of its own: a TIFF of 64 bits, the text of a PNG."""
     return contents(image.getexif())
 
 
 def _pages(image: Image.Image) -> int:
-    """Of a TIFF; the second picture of a JPEG is its preview. A page that is broken is none."""
+    """Return the number of pages of a TIFF, without broken ones; 1 for a JPEG, whose second picture is its preview."""
     try:
         return int(getattr(image, "n_frames", 1)) if image.format == "TIFF" else 1
     except _UNREADABLE:
@@ -206,20 +192,20 @@ def _pages(image: Image.Image) -> int:
 
 
 def _read_raw(path: Path) -> Metadata:
-    """From its own directories; else from the preview, where Fujifilm's RAF keeps them; and from LibRaw, which
-    knows makers' older formats, what is still missing."""
+    """Read a RAW file's own directories; else its preview, where Fujifilm's RAF keeps them; and by LibRaw, which knows
+    makers' older formats, what is still missing."""
     metadata = Metadata(problem=_NO_EXIF)
     try:
-        found = _of_file(path)
-        if found is not None:
-            metadata = describe(_raw_block(found), Metadata(problem=_problem(found.lost)))
+        directories = _of_file(path)
+        if directories is not None:
+            metadata = describe(_raw_block(directories), Metadata(problem=_problem(directories.lost)))
     except UNREADABLE as error:
         metadata = Metadata(problem=_unreadable(error))
     with suppress(PhotographError):  # whoever develops it will say so
         if not metadata.make and not metadata.focal_mm:
             metadata = _of_preview(preview_of(path)) or metadata
         if not metadata.focal_mm:
-            metadata = _with_noted(metadata, noted_by_libraw(path))
+            metadata = _with_noted(metadata, libraw_metadata(path))
     return metadata
 
 
@@ -231,7 +217,7 @@ def _of_preview(preview: bytes) -> Metadata | None:
 
 
 def _of_file(path: Path) -> Directories | None:
-    """Of a file of TIFF's kind, as most RAW files are, or a CR3; None of another."""
+    """Return the directories of a file of TIFF's kind, as most RAW files are, or a CR3; None for another."""
     with path.open("rb") as handle, mmap(handle.fileno(), 0, access=ACCESS_COPY) as file:
         if file[4:12] == cr3.BRAND:
             image, shot, gps = (take_apart(bytearray(b)) if b else Directories() for b in cr3.blocks_of(file))
@@ -243,39 +229,43 @@ def _of_file(path: Path) -> Directories | None:
         return take_apart(file)
 
 
-def _raw_block(found: Directories) -> bytes:
-    elsewhere = {ours: found.image[theirs] for theirs, ours in _OF_DNG.items() if theirs in found.image}
-    early = {t: v for t, v in found.image.items() if t in _OF_THE_SHOT}
-    shot = {t: v for t, v in (elsewhere | early | found.shot).items() if v != ""}
+def _raw_block(directories: Directories) -> bytes:
+    elsewhere = {
+        ours: directories.image[theirs] for theirs, ours in _OF_DNG.items() if theirs in directories.image
+    }
+    early = {t: v for t, v in directories.image.items() if t in _OF_THE_SHOT}
+    shot = {t: v for t, v in (elsewhere | early | directories.shot).items() if v != ""}
     # An adapted lens says 0 mm: no information, and COLMAP would take it for some.
     shot = {t: v for t, v in shot.items() if t not in _NEVER_ZERO or number(v)}
-    return put_together(photographic(found.image), shot, found.gps)
+    return put_together(photographic(directories.image), shot, directories.gps)
 
 
-def _with_noted(metadata: Metadata, noted: DevelopmentLog) -> Metadata:
-    """With what LibRaw found, where the photograph's EXIF does not say it."""
+def _with_noted(metadata: Metadata, noted: LibrawMetadata) -> Metadata:
+    """Return the metadata with what LibRaw found, where the photograph's EXIF does not say it."""
     lengths = {
         EXPOSURE_TIME: noted.exposure_s,
         F_NUMBER: noted.f_number,
         ISO: noted.iso,
         FOCAL_LENGTH: noted.focal_mm,
     }
-    found = take_apart(bytearray(metadata.exif)) if metadata.exif else Directories()
-    new: Tags = {t: rational(v) for t, v in lengths.items() if v > 0 and t not in found.shot}
+    directories = take_apart(bytearray(metadata.exif)) if metadata.exif else Directories()
+    new: Tags = {t: rational(v) for t, v in lengths.items() if v > 0 and t not in directories.shot}
     if ISO in new:
         new[ISO] = round(noted.iso)
     new |= {
-        t: text(v) for t, v in ((LENS, noted.lens), (LENS_MAKE, noted.lens_make)) if v and t not in found.shot
+        t: text(v)
+        for t, v in ((LENS, noted.lens), (LENS_MAKE, noted.lens_make))
+        if v and t not in directories.shot
     }
     if FOCAL_LENGTH not in new:
         return metadata
-    block = put_together(found.image, found.shot | new, found.gps)
+    block = put_together(directories.image, directories.shot | new, directories.gps)
     problem = "" if metadata.problem == _NO_EXIF else metadata.problem
     return describe(block, replace(metadata, problem=problem))
 
 
 def _text(value: Any) -> str:
-    """UTF-8 where it is, and cut at its end, as cameras fill up fields of fixed length."""
+    """Return text, as UTF-8 where it is, and cut at its end, as cameras fill up fields of fixed length."""
     if not isinstance(value, str):
         return ""
     plain = value.partition("\x00")[0].strip()

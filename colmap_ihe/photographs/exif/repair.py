@@ -19,8 +19,8 @@ _PASSES = 8  # directories that overlap can spoil each other as they are mended
 
 
 def mend(block: bytearray | mmap) -> int:
-    """Takes out, in place, the entries of a TIFF structure that are of no known type, lie outside it, are many
-    where there is one, or share their places; and a thumbnail that is broken or follows a broken directory.
+    """Take out, in place, the entries of a TIFF structure that are of no known type, lie outside it, are many where
+    there is one, or share their places; and a thumbnail that is broken or follows a broken directory.
 
     Whatever else is there stays where it was, since maker notes hold offsets. Returns how many were taken out.
     Raises ValueError where there is no such structure.
@@ -53,7 +53,7 @@ def _mend_all(block: bytearray | mmap, order: str) -> int:
 def _mend_directory(
     block: bytearray | mmap, order: str, start: int, group: int, seen: set[int]
 ) -> int | None:
-    """How many entries were taken out of the directory at `start`; None where there is none."""
+    """Return how many entries were taken out of the directory at `start`; None where there is none."""
     if start in seen or start < 8 or start + 2 > len(block):
         return None
     seen.add(start)
@@ -62,15 +62,15 @@ def _mend_directory(
     lost: int = max(0, count - room)
     sound = []
     far = 0  # bytes outside the directory: where they are more than there can be, values share their places
-    for place in range(start + 2, start + 2 + _ENTRY * min(count, room), _ENTRY):
-        tag, kind, values, at = struct.unpack_from(f"{order}HHLL", block, place)
+    for entry in range(start + 2, start + 2 + _ENTRY * min(count, room), _ENTRY):
+        tag, kind, values, at = struct.unpack_from(f"{order}HHLL", block, entry)
         size = values * _BYTES.get(kind, 0)
         good = far + size <= len(block) and _is_sound(block, tag, kind, values, at, group)
         if good and tag in _DIRECTORIES:
             inner = _mend_directory(block, order, at, tag, seen)
             good, lost = inner is not None, lost + (inner or 0)
         if good:
-            sound.append(bytes(block[place : place + _ENTRY]))
+            sound.append(bytes(block[entry : entry + _ENTRY]))
             far += size if size > 4 else 0
         else:
             lost += 1

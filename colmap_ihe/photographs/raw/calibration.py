@@ -34,7 +34,7 @@ _LEAST_FLAT = 0.02  # of the mean: where less light came through, a flat field i
 
 @dataclass(frozen=True)
 class Shot:
-    """What tells which frames belong to a photograph. Sizes in pixels of the mosaic; `exposure_s`, `iso`,
+    """Describe a shot, to tell which frames belong to it. Sizes in pixels of the mosaic; `exposure_s`, `iso`,
     `f_number` and `focal_mm` are 0 and the names empty where EXIF does not say them."""
 
     width: int
@@ -50,8 +50,8 @@ class Shot:
 
     def same_camera(self, other: Shot) -> bool:
         names = (self.make, self.model, self.serial), (other.make, other.model, other.serial)
-        known = all(a == b for a, b in zip(*names, strict=True) if a and b)
-        return known and (self.width, self.height) == (other.width, other.height)
+        same = all(a == b for a, b in zip(*names, strict=True) if a and b)
+        return same and (self.width, self.height) == (other.width, other.height)
 
 
 def shot_of(metadata: Metadata, width: int, height: int) -> Shot:
@@ -61,7 +61,7 @@ def shot_of(metadata: Metadata, width: int, height: int) -> Shot:
 
 @dataclass(frozen=True)
 class Master:
-    """The mean of some frames of one kind, in `file`; `bad`: the file of the bad pixels that they show."""
+    """Describe the mean of some frames of one kind, in `file`; `bad`: the file of the bad pixels that they show."""
 
     kind: Kind
     shot: Shot
@@ -71,8 +71,8 @@ class Master:
 
 
 def groups_of(shots: Iterable[tuple[str, Shot]], kind: Kind) -> list[tuple[Shot, list[str]]]:
-    """Frames that are averaged together, by name: those of one camera, sensitivity and exposure; flat fields
-    besides of one lens, focal length and aperture."""
+    """Return the frames that are averaged together, by name: those of one camera, sensitivity and exposure; flat
+    fields besides of one lens, focal length and aperture."""
     groups: dict[Shot, list[str]] = defaultdict(list)
     for name, shot in shots:
         key = shot if kind == "flats" else replace(shot, lens="", focal_mm=0.0, f_number=0.0)
@@ -83,7 +83,7 @@ def groups_of(shots: Iterable[tuple[str, Shot]], kind: Kind) -> list[tuple[Shot,
 
 
 def mean_of(mosaics: Iterable[Mosaic]) -> tuple[NDArray[np.float32], Mosaic]:
-    """The mean of frames of one size, (H, W) float32 in the sensor's units, and the last of them. Raises
+    """Return the mean of frames of one size, (H, W) float32 in the sensor's units, and the last of them. Raises
     `ProjectError` for none, or for frames of several sizes."""
     total: NDArray[np.float64] | None = None
     last, count = None, 0
@@ -102,8 +102,9 @@ def mean_of(mosaics: Iterable[Mosaic]) -> tuple[NDArray[np.float32], Mosaic]:
 def flat_gain(
     mean: NDArray[np.float32], like: Mosaic, dark: NDArray[np.float32] | None
 ) -> tuple[NDArray[np.float32], NDArray[np.intp]]:
-    """What evens the response out, (H, W) float32, and the bad pixels (N, 2). Normalised to a mean of 1 in each
-    channel by itself, so that it changes no balance between them. `dark` as in `Frames`, of the flat's own."""
+    """Return the factors that even the response out, (H, W) float32, and the bad pixels (N, 2). Normalised to a mean
+    of 1 in each channel by itself, so that it changes no balance between them. `dark` as in `Frames`, of the flat's
+    own."""
     light = mean - (_plane(like.black, mean.shape) if dark is None else dark)
     gain: NDArray[np.float32] = np.ones_like(light)
     bad = []
@@ -118,9 +119,9 @@ def flat_gain(
     for (y, x), cells, around in _phases(light, like):
         odd = (cells < _DEAD * around) | (cells > _GLARING * around)
         bad.append(np.argwhere(odd) * _n(like) + (y, x))
-    found = np.concatenate(bad)
-    gain[found[:, 0], found[:, 1]] = 1
-    return gain, found
+    pixels = np.concatenate(bad)
+    gain[pixels[:, 0], pixels[:, 1]] = 1
+    return gain, pixels
 
 
 def _plane(cell: NDArray[np.float32], shape: tuple[int, ...]) -> NDArray[np.float32]:
@@ -129,7 +130,7 @@ def _plane(cell: NDArray[np.float32], shape: tuple[int, ...]) -> NDArray[np.floa
 
 
 def hot_pixels(dark: NDArray[np.float32], like: Mosaic) -> NDArray[np.intp]:
-    """(N, 2): pixels of a dark frame far above those of their colour around them."""
+    """Return pixels, (N, 2), of a dark frame far above those of their colour around them."""
     bad = []
     for (y, x), cells, around in _phases(dark, like):
         excess = cells - around
@@ -146,16 +147,16 @@ def _n(like: Mosaic) -> int:
 def _phases(
     plane: NDArray[np.float32], like: Mosaic
 ) -> Iterable[tuple[tuple[int, int], NDArray[np.float32], NDArray[np.float32]]]:
-    """Each place of the pattern, its pixels, and the median of those around each of them."""
+    """Yield each place of the pattern, its pixels, and the median of those around each of them."""
     for y, x in np.ndindex(*like.pattern.shape):
         cells = np.ascontiguousarray(plane[y :: _n(like), x :: _n(like)])
         yield (y, x), cells, np.asarray(cv2.medianBlur(cells, 5), np.float32)
 
 
 def read_bad_pixels(file: Path) -> NDArray[np.intp]:
-    """(N, 2), row and column, of a list in dcraw's format: column and row of the picture on each line, what
+    """Return (N, 2), row and column, of a list in dcraw's format: column and row of the picture on each line, what
     follows is passed over, as is what follows a #. Raises `ProjectError`."""
-    found = []
+    pixels = []
     try:
         lines = read_at_most(file, _MOST_LISTED).decode("utf-8").splitlines()
     except (OSError, UnicodeDecodeError) as error:
@@ -166,17 +167,17 @@ def read_bad_pixels(file: Path) -> NDArray[np.intp]:
             continue
         if len(words) < 2 or not all(w.isdecimal() and len(w) < 7 for w in words[:2]):
             raise ProjectError(
-                f"{file}, line {number}: {line.strip()!r:.60}, wanted a column and a row, as 1204 377",
+                f"{file}, line {number}: {line.strip()!r:.60}, expected a column and a row, as 1204 377",
                 hint="correct or remove the line",
             )
-        found.append((int(words[1]), int(words[0])))
-    return np.array(found, np.intp).reshape(-1, 2)
+        pixels.append((int(words[1]), int(words[0])))
+    return np.array(pixels, np.intp).reshape(-1, 2)
 
 
 def matched(
     shot: Shot, masters: Sequence[Master], plain: Recipe, say: Callable[[str], None]
 ) -> tuple[Recipe, tuple[str, ...]]:
-    """The recipe of a shot with the frames that belong to it, and the files of the bad pixels that they show.
+    """Return the recipe of a shot with the frames that belong to it, and the files of the bad pixels that they show.
 
     A dark frame has to be of the shot's sensitivity and exposure; with bias frames of that sensitivity one of
     another exposure is scaled to it. Where EXIF does not say, frames of the same camera are taken to belong. A
@@ -215,9 +216,9 @@ def matched(
     return recipe, tuple(sorted(bad))
 
 
-def _apart(one: float, other: float) -> float:
-    """The factor between two amounts, 1 where one is not known."""
-    return max(one, other) / min(one, other) if one > 0 and other > 0 else 1.0
+def _apart(amount: float, other: float) -> float:
+    """Return the factor between two amounts, 1 where one is not known."""
+    return max(amount, other) / min(amount, other) if amount > 0 and other > 0 else 1.0
 
 
 def _all_of_iso(shot: Shot, masters: Sequence[Master]) -> list[Master]:
@@ -228,15 +229,15 @@ def _of_iso(shot: Shot, masters: Sequence[Master]) -> Master | None:
     return min(_all_of_iso(shot, masters), key=lambda m: _apart(m.shot.iso, shot.iso), default=None)
 
 
-def _shared(one: Shot, other: Shot) -> int:
+def _shared(shot: Shot, other: Shot) -> int:
     return (
-        (one.lens == other.lens)
-        + (_apart(one.focal_mm, other.focal_mm) <= _SAME)
-        + (_apart(one.f_number, other.f_number) <= _SAME)
+        (shot.lens == other.lens)
+        + (_apart(shot.focal_mm, other.focal_mm) <= _SAME)
+        + (_apart(shot.f_number, other.f_number) <= _SAME)
     )
 
 
 def _way(shot: Shot) -> str:
     focal = f"{shot.focal_mm:g} mm" if shot.focal_mm else ""
     aperture = f"f/{shot.f_number:g}" if shot.f_number else ""
-    return ", ".join(known for known in (shot.lens, focal, aperture) if known) or "not known"
+    return ", ".join(part for part in (shot.lens, focal, aperture) if part) or "not known"

@@ -1,37 +1,27 @@
-"""What calibration frames, and the photographs themselves, show of a sensor: means and bad pixels, kept in files."""
+"""Means of calibration frames, and bad pixels that they or the photographs themselves show, kept in files."""
 
 from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import Executor
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from colmap_ihe.errors import PhotographError
+from colmap_ihe.machine.decoder_pool import in_decoder
 from colmap_ihe.machine.executor import in_order
 from colmap_ihe.machine.files import digest_file, fingerprint_of, leads_out, write_array
 from colmap_ihe.machine.libraries import library_versions
 from colmap_ihe.machine.progress import Progress
+from colmap_ihe.photographs.decode import refuse_too_large
 from colmap_ihe.photographs.discover import RAW_SUFFIXES
 from colmap_ihe.photographs.exif.metadata import read_metadata
-from colmap_ihe.photographs.raw.calibration import (
-    BAD_PIXELS,
-    KINDS,
-    Kind,
-    Master,
-    Shot,
-    flat_gain,
-    groups_of,
-    hot_pixels,
-    matched,
-    mean_of,
-    shot_of,
-)
-from colmap_ihe.photographs.raw.calibration_frames import bad_pixel_candidates, read_header, read_mosaic
-from colmap_ihe.photographs.raw.develop import frames_of
+from colmap_ihe.photographs.raw import calibration
+from colmap_ihe.photographs.raw.develop import bad_pixel_candidates, frames_of, read_header, read_mosaic
 from colmap_ihe.photographs.raw.mosaic import Mosaic
 from colmap_ihe.photographs.survey import Surveyed
 from colmap_ihe.project.recipe import Recipe
@@ -48,10 +38,10 @@ def masters_of(
     progress: Progress,
     strict: bool,
     say: Callable[[str], None],
-) -> list[Master]:
-    """The means of the frames below `folder`, flats last, since their own dark frames are taken from them."""
-    masters: list[Master] = []
-    for kind in KINDS:
+) -> list[calibration.Master]:
+    """Return the means of the frames below `folder`, flats last, since their own dark frames are taken from them."""
+    masters: list[calibration.Master] = []
+    for kind in calibration.KINDS:
         files = [
             p for p in sorted((folder / kind).rglob("*")) if p.suffix.lower() in RAW_SUFFIXES and p.is_file()
         ]
@@ -60,13 +50,16 @@ def masters_of(
         for file in files:
             try:
                 _refuse_elsewhere(file, folder / kind)
-                header = read_header(file)
-                shots.append((str(file), shot_of(read_metadata(file, "raw"), header.width, header.height)))
+                header = in_decoder(read_header, file)
+                refuse_too_large(file.name, header.width, header.height)
+                shots.append(
+                    (str(file), calibration.shot_of(read_metadata(file, "raw"), header.width, header.height))
+                )
             except PhotographError as error:
                 if strict:
                     raise
                 say(f"calibration frame left out: {error}")
-        for shot, group in groups_of(shots, kind):
+        for shot, group in calibration.groups_of(shots, kind):
             names = list(group)
             while names:
                 try:
@@ -88,7 +81,7 @@ def _refuse_elsewhere(file: Path, folder: Path) -> None:
 
 
 class _BrokenFrame(Exception):
-    """A frame whose pixels cannot be read, by its name."""
+    """Name a frame whose pixels cannot be read."""
 
     def __init__(self, name: str, error: PhotographError) -> None:
         super().__init__(name)
@@ -96,17 +89,19 @@ class _BrokenFrame(Exception):
 
 
 def _master(
-    kind: Kind,
-    shot: Shot,
+    kind: calibration.Kind,
+    shot: calibration.Shot,
     names: Sequence[str],
-    before: Sequence[Master],
+    before: Sequence[calibration.Master],
     store: Path,
     executor: Executor,
     progress: Progress,
-) -> Master:
+) -> calibration.Master:
     dark_of_flat = Recipe()
     if kind == "flats":
-        dark_of_flat, _ = matched(shot, [m for m in before if m.kind != "flats"], Recipe(), lambda _: None)
+        dark_of_flat, _ = calibration.matched(
+            shot, [m for m in before if m.kind != "flats"], Recipe(), lambda _: None
+        )
     content = [digest_file(Path(n)) for n in names]
     key = fingerprint_of(kind, sorted(content), dark_of_flat.as_dict(), library_versions("rawpy", "libraw"))
     file, bad = store / f"{kind}-{key}.npy", store / f"bad-{kind}-{key}.npy"
@@ -114,21 +109,21 @@ def _master(
 
         def read(name: str) -> Mosaic:
             try:
-                return read_mosaic(Path(name))
+                return in_decoder(read_mosaic, Path(name), pixels=0)
             except PhotographError as error:
                 raise _BrokenFrame(name, error) from error
 
-        mean, like = mean_of(_watched(in_order(executor, read, names), progress))
+        mean, like = calibration.mean_of(_watched(in_order(executor, read, names), progress))
         pixels: NDArray[np.intp] = np.empty((0, 2), np.intp)
         if kind == "flats":
-            mean, pixels = flat_gain(mean, like, frames_of(dark_of_flat).dark)
+            mean, pixels = calibration.flat_gain(mean, like, frames_of(dark_of_flat).dark)
         elif kind == "darks":
-            pixels = hot_pixels(mean, like)
+            pixels = calibration.hot_pixels(mean, like)
         write_array(bad, pixels)
         write_array(file, mean)
     else:
         progress.advance(len(names))
-    return Master(kind, shot, len(names), str(file), str(bad))
+    return calibration.Master(kind, shot, len(names), str(file), str(bad))
 
 
 def _watched(mosaics: Iterable[Mosaic], progress: Progress) -> Iterator[Mosaic]:
@@ -142,39 +137,43 @@ def bad_pixels_of_set(
     store: Path,
     executor: Executor,
     progress: Progress,
-    told: dict[str, list[str]],
+    warnings: dict[str, list[str]],
 ) -> dict[tuple[str, ...], str]:
-    """By camera, the file of the pixels that stand out in nearly all of its photographs."""
+    """Return, by camera, the file of the pixels that stand out in nearly all of its photographs."""
     cameras: dict[tuple[str, ...], list[Path]] = defaultdict(list)
-    for one in surveyed:
-        if one.sensor == "bayer":
-            cameras[camera_of(one)].append(one.capture.path)
-        elif one.sensor in ("x-trans", "mosaic", "monochrome"):
-            text = f"bad pixels are looked for on Bayer sensors only; list them in {BAD_PIXELS}"
-            told[text].append(one.capture.name)
-    found = {}
+    for photograph in surveyed:
+        if photograph.sensor == "bayer":
+            cameras[camera_of(photograph)].append(photograph.capture.path)
+        elif photograph.sensor in ("x-trans", "mosaic", "monochrome"):
+            text = f"bad pixels are looked for on Bayer sensors only; list them in {calibration.BAD_PIXELS}"
+            warnings[text].append(photograph.capture.name)
+    files = {}
     for camera, paths in cameras.items():
         if len(paths) < _FEWEST:
-            told[f"{len(paths)} photographs of one camera are too few to find its bad pixels in"].append("")
+            warnings[f"{len(paths)} photographs of one camera are too few to find its bad pixels in"].append(
+                ""
+            )
             continue
-        some = paths[:: -(-len(paths) // _LOOKED_AT)]
-        progress.start(len(some), "images, for bad pixels")
+        sample = paths[:: -(-len(paths) // _LOOKED_AT)]
+        progress.start(len(sample), "images, for bad pixels")
         candidates = []
-        for pixels in in_order(executor, bad_pixel_candidates, some, progress=progress):
+        for pixels in in_order(
+            executor, partial(in_decoder, bad_pixel_candidates, pixels=0), sample, progress=progress
+        ):
             candidates.append(pixels)
             progress.advance()
         places, counts = np.unique(np.concatenate(candidates), axis=0, return_counts=True)
-        found[camera] = save_bad_pixels(store, places[counts >= _CONFIRMED * len(some)])
-    return found
+        files[camera] = save_bad_pixels(store, places[counts >= _CONFIRMED * len(sample)])
+    return files
 
 
-def camera_of(one: Surveyed) -> tuple[str, ...]:
-    said = one.metadata
-    return (said.make, said.model, said.serial, str(one.width), str(one.height))
+def camera_of(photograph: Surveyed) -> tuple[str, ...]:
+    metadata = photograph.metadata
+    return (metadata.make, metadata.model, metadata.serial, str(photograph.width), str(photograph.height))
 
 
 def save_bad_pixels(store: Path, pixels: NDArray[np.intp]) -> str:
-    """The file of these bad pixels, named after them."""
+    """Return the file of these bad pixels, named after them."""
     file = store / f"bad-{fingerprint_of(pixels.tolist())}.npy"
     if not file.exists():
         write_array(file, pixels)
@@ -182,7 +181,7 @@ def save_bad_pixels(store: Path, pixels: NDArray[np.intp]) -> str:
 
 
 def union_of(files: Sequence[str], store: Path) -> str:
-    """The file of all pixels in `files`, empty if there are none."""
+    """Return the file of all pixels in `files`, empty if there are none."""
     lists = [np.load(f, allow_pickle=False) for f in sorted({f for f in files if f})]
     lists = [pixels for pixels in lists if len(pixels)]
     return save_bad_pixels(store, np.unique(np.concatenate(lists), axis=0)) if lists else ""

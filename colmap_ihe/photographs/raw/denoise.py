@@ -33,7 +33,7 @@ _STRIDE = 2  # demosaicing and halved chroma tie neighbours together; every seco
 
 
 def require_wavelets() -> Any:
-    """PyWavelets. Raises `CapabilityError` where it is not installed."""
+    """Return PyWavelets. Raises `CapabilityError` where it is not installed."""
     try:
         import pywt
     except ImportError as error:
@@ -45,7 +45,7 @@ def require_wavelets() -> Any:
 
 
 def denoised(rgb: _Pixels, strength: float) -> _Pixels:
-    """The photograph with less noise, (H, W, 3) in its own dtype.
+    """Return the photograph with less noise, (H, W, 3) in its own dtype.
 
     rgb: (H, W, 3), uint8 gamma-coded or uint16 linear. `strength` multiplies the standard deviation of the noise
     that is found, each channel's own: 1 is BayesShrink as it was meant, 0 gives the same array, and so does a
@@ -73,7 +73,7 @@ def denoised(rgb: _Pixels, strength: float) -> _Pixels:
 
 
 def _shrunk(wavelets: Any, noisy: NDArray[np.float32], sigma: float) -> NDArray[np.float32]:
-    """(H, W) without its noise of this standard deviation."""
+    """Return (H, W) without its noise of this standard deviation."""
     coarse, *details = wavelets.wavedec2(noisy, _WAVELET, mode="symmetric", level=_LEVELS)
     kept = [tuple(_thresholded(band, sigma**2) for band in bands) for bands in details]
     smooth = wavelets.waverec2([coarse, *kept], _WAVELET, mode="symmetric")
@@ -89,7 +89,7 @@ def _thresholded(band: NDArray[np.float32], variance: float) -> NDArray[np.float
 
 
 def noise_of(even: NDArray[np.uint16]) -> NDArray[np.float64]:
-    """Standard deviation of the noise of each channel, (3,), of (H, W, 3) uint16 whose noise is even over
+    """Return the standard deviation of the noise of each channel, (3,), of (H, W, 3) uint16 whose noise is even over
     brightness; 0 where nothing can be told.
 
     By the second difference that a plane or a straight edge leaves at 0 (Immerkaer, CVIU 64, 1996), in the
@@ -97,12 +97,12 @@ def noise_of(even: NDArray[np.uint16]) -> NDArray[np.float64]:
     picture by itself: demosaicing leaves some of them with more noise than others.
     """
     phases = [(y, x) for y in range(_STRIDE) for x in range(_STRIDE)]
-    found = [_flattest(_squares(even[y::_STRIDE, x::_STRIDE])) for y, x in phases]
-    return np.asarray(np.sqrt(np.mean(found, axis=0) / _LAPLACIAN_POWER))
+    squares = [_flattest(_squares(even[y::_STRIDE, x::_STRIDE])) for y, x in phases]
+    return np.asarray(np.sqrt(np.mean(squares, axis=0) / _LAPLACIAN_POWER))
 
 
 def _flattest(square: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The mean of (n, 3) over the flattest blocks that show anything, (3,)."""
+    """Return the mean of (n, 3) over the flattest blocks that show anything, (3,)."""
     shows = square[(square > 0).all(axis=1)]
     if not len(shows):
         return np.zeros(3)
@@ -112,7 +112,7 @@ def _flattest(square: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _squares(even: NDArray[np.uint16]) -> NDArray[np.float64]:
-    """The mean square of the second difference in each unclipped block, (n, 3)."""
+    """Return the mean square of the second difference in each unclipped block, (n, 3)."""
     height, width = (n // _BLOCK * _BLOCK for n in even.shape[:2])
     if not height or not width:
         return np.zeros((0, 3))
@@ -127,15 +127,15 @@ def _squares(even: NDArray[np.uint16]) -> NDArray[np.float64]:
 
 
 def _even(rgb: _Pixels) -> NDArray[np.uint16]:
-    """Values over which noise is even, 16 bit."""
+    """Return values over which noise is even, 16 bit."""
     if rgb.dtype == np.uint8:
         return np.asarray(rgb, np.uint16) * np.uint16(_OF_8_BIT)
     return np.asarray(_ROOT[rgb], np.uint16)
 
 
 def _linear(noisy: NDArray[np.float32], smooth: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Linear values of square roots: the mean of a square is the square of the mean, and the variance that was
-    taken out."""
+    """Return the linear values of square roots: the mean of a square is the square of the mean, and the variance that
+    was taken out."""
     removed = np.asarray(cv2.blur((noisy - smooth) ** 2, (_REMOVED, _REMOVED)))
     root = np.maximum(smooth, 0)
     return np.asarray((root * root + removed) * np.float32(1 / _DEPTH), np.float32)

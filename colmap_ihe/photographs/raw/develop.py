@@ -8,7 +8,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal
 
@@ -24,7 +24,7 @@ with warnings.catch_warnings():  # of scikit-image missing, which it does not ne
 from colmap_ihe.errors import PhotographError
 from colmap_ihe.photographs.raw.dng_black import black_plane
 from colmap_ihe.photographs.raw.mosaic import FULL, Frames, Mosaic, calibrated
-from colmap_ihe.photographs.raw.undecoded import unpack
+from colmap_ihe.photographs.raw.undecoded import refuse_damaged, unpack
 from colmap_ihe.project.recipe import Demosaic, Recipe
 
 Sensor = Literal["bayer", "x-trans", "mosaic", "monochrome", "demosaiced"]
@@ -33,9 +33,9 @@ Sensor = Literal["bayer", "x-trans", "mosaic", "monochrome", "demosaiced"]
 
 @dataclass(frozen=True)
 class Development:
-    """`linear_rgb`: (H, W, 3) uint16, linear, 65535 at sensor saturation, the sensor's own colours.
-    `srgb_from_camera`: (3, 3) float64, as-shot white balance and colour matrix in one, for the colour twin
-    only; camera white becomes (1, 1, 1)."""
+    """Hold `linear_rgb`: (H, W, 3) uint16, linear, 65535 at sensor saturation, the sensor's own colours.
+    `srgb_from_camera`: (3, 3) float64, as-shot white balance and colour matrix in one, for the colour twin only;
+    camera white becomes (1, 1, 1)."""
 
     linear_rgb: NDArray[np.uint16]
     srgb_from_camera: NDArray[np.float64]
@@ -43,7 +43,7 @@ class Development:
 
 @dataclass(frozen=True)
 class RawHeader:
-    """Width and height of what `develop` gives, in pixels, and the kind of sensor."""
+    """Hold width and height of what `develop` gives, in pixels, and the kind of sensor."""
 
     width: int
     height: int
@@ -51,7 +51,7 @@ class RawHeader:
 
 
 def develop(path: Path, recipe: Recipe | None = None) -> Development:
-    """Develops one RAW file. Raises `PhotographError` if LibRaw refuses it, or its frames do not fit."""
+    """Develop one RAW file. Raises `PhotographError` if LibRaw refuses it, or its frames do not fit."""
     recipe = recipe or Recipe()
     with _opened(path) as raw:
         unpack(raw, path)
@@ -73,38 +73,39 @@ def develop(path: Path, recipe: Recipe | None = None) -> Development:
 
 
 def read_mosaic(path: Path) -> Mosaic:
-    """What the sensor saw. Raises `PhotographError`, also for a file that is demosaiced already."""
+    """Return what the sensor saw. Raises `PhotographError`, also for a file that is demosaiced already."""
     with _opened(path) as raw:
         unpack(raw, path)
         if raw.raw_type != rawpy.RawType.Flat:
             raise PhotographError(
                 f"{path.name}: is demosaiced already, and has no mosaic", hint="use the camera's full RAW"
             )
-        found = _mosaic(raw, path)
-        return Mosaic(found.values.copy(), found.pattern, found.black, found.white)
+        mosaic = _mosaic(raw, path)
+        refuse_damaged(path.name)
+        return replace(mosaic, values=mosaic.values.copy())
 
 
 def bad_pixel_candidates(path: Path) -> NDArray[np.intp]:
-    """(N, 2), row and column of the pixels that stand out from those of their colour around them, of a Bayer
+    """Return (N, 2), row and column of the pixels that stand out from those of their colour around them, of a Bayer
     sensor: bad ones, and fine detail. Raises `PhotographError`."""
     with _opened(path):  # for the words of what is wrong with it
         return np.asarray(find_bad_pixels([str(path)]), np.intp)
 
 
 def half_size(path: Path) -> NDArray[np.uint16]:
-    """One pixel a Bayer cell, black subtracted: (H, W, 3) uint16, linear. Raises `PhotographError`."""
+    """Return one pixel a Bayer cell, black subtracted: (H, W, 3) uint16, linear. Raises `PhotographError`."""
     with _opened(path) as raw:
         return _postprocessed(raw, "linear", half_size=True)
 
 
 def read_header(path: Path) -> RawHeader:
-    """What is known before the pixels are decoded. Raises `PhotographError`."""
+    """Return what is known before the pixels are decoded. Raises `PhotographError`."""
     with _opened(path) as raw:
         return RawHeader(int(raw.sizes.width), int(raw.sizes.height), _sensor(raw))
 
 
 def preview_of(path: Path) -> bytes:
-    """The JPEG preview inside a RAW file, empty if there is none. Raises `PhotographError`."""
+    """Return the JPEG preview inside a RAW file, empty if there is none. Raises `PhotographError`."""
     with _opened(path) as raw:
         try:
             thumb = raw.extract_thumb()
@@ -114,7 +115,7 @@ def preview_of(path: Path) -> bytes:
 
 
 def frames_of(recipe: Recipe) -> Frames:
-    """The calibration frames that a recipe names. Frames are mapped, not read: workers share their pages."""
+    """Return the calibration frames that a recipe names. Frames are mapped, not read: workers share their pages."""
 
     def load(name: str) -> NDArray[np.float32] | None:
         return np.load(name, mmap_mode="r", allow_pickle=False) if name else None
@@ -128,8 +129,8 @@ def frames_of(recipe: Recipe) -> Frames:
 
 
 @dataclass(frozen=True)
-class DevelopmentLog:
-    """What LibRaw knows of a shot, whatever its maker's format: millimetres, seconds; 0 or empty if nothing."""
+class LibrawMetadata:
+    """Hold what LibRaw knows of a shot, whatever its maker's format: millimetres, seconds; 0 or empty if nothing."""
 
     focal_mm: float = 0.0
     exposure_s: float = 0.0
@@ -139,13 +140,13 @@ class DevelopmentLog:
     lens_make: str = ""
 
 
-def noted_by_libraw(path: Path) -> DevelopmentLog:
-    """Raises `PhotographError` if LibRaw refuses the file."""
+def libraw_metadata(path: Path) -> LibrawMetadata:
+    """Return what LibRaw knows of a shot. Raises `PhotographError` if it refuses the file."""
     with _opened(path) as raw:
         if not hasattr(raw, "other"):  # rawpy before 0.26
-            return DevelopmentLog()
+            return LibrawMetadata()
         shot, lens = raw.other, raw.lens
-        return DevelopmentLog(
+        return LibrawMetadata(
             shot.focal_length, shot.shutter_speed, shot.aperture, shot.iso_speed, lens.model, lens.make
         )
 
@@ -156,7 +157,7 @@ def _opened(path: Path) -> Iterator[rawpy.RawPy]:
         with rawpy.imread(str(path)) as raw:
             if raw.num_colors not in (1, 3):
                 raise PhotographError(
-                    f"{path.name}: a sensor of {raw.num_colors} colours; wanted red, green and blue",
+                    f"{path.name}: a sensor of {raw.num_colors} colours; expected red, green and blue",
                     hint="convert it to TIFF with the maker's program",
                 )
             yield raw
@@ -178,7 +179,7 @@ def _sensor(raw: rawpy.RawPy) -> Sensor:
 
 
 def _mosaic(raw: rawpy.RawPy, path: Path) -> Mosaic:
-    """`values` is LibRaw's own memory, for as long as the file is open."""
+    """Return the mosaic; `values` is LibRaw's own memory, for as long as the file is open."""
     values = raw.raw_image_visible
     pattern = _pattern(raw)
     levels = np.array(raw.black_level_per_channel or [0] * 4, np.float32)
@@ -190,12 +191,13 @@ def _mosaic(raw: rawpy.RawPy, path: Path) -> Mosaic:
 
 
 def _pattern(raw: rawpy.RawPy) -> NDArray[np.uint8]:
-    """Of the visible picture; rawpy's counts from the corner of the sensor, and knows no monochrome ones."""
-    found = None if raw.num_colors == 1 else raw.raw_pattern
-    if found is None:
+    """Return the pattern of the visible picture; rawpy's counts from the corner of the sensor, and knows no monochrome
+    ones."""
+    pattern = None if raw.num_colors == 1 else raw.raw_pattern
+    if pattern is None:
         return np.zeros((1, 1), np.uint8)
     margins = (-raw.sizes.top_margin, -raw.sizes.left_margin)
-    return np.asarray(np.roll(np.asarray(found), margins, axis=(0, 1)), np.uint8)
+    return np.asarray(np.roll(np.asarray(pattern), margins, axis=(0, 1)), np.uint8)
 
 
 def _white(raw: rawpy.RawPy, black: float, path: Path) -> float:
@@ -209,7 +211,7 @@ def _white(raw: rawpy.RawPy, black: float, path: Path) -> float:
 
 
 def _scale_layers(raw: rawpy.RawPy, path: Path) -> None:
-    """Black to 0 and white to 65535, of a file that has all its colours in every pixel; in place."""
+    """Scale black to 0 and white to 65535, of a file that has all its colours in every pixel; in place."""
     layers = raw.raw_image_visible
     levels = (raw.black_level_per_channel or [0] * 4)[: raw.num_colors]
     span = _white(raw, min(levels), path) - min(levels)
@@ -219,7 +221,7 @@ def _scale_layers(raw: rawpy.RawPy, path: Path) -> None:
 
 
 def _demosaiced(raw: rawpy.RawPy, demosaic: Demosaic) -> NDArray[np.uint16]:
-    """Of values that are between black 0 and white 65535 already."""
+    """Return (H, W, 3) uint16 of values that are between black 0 and white 65535 already."""
     return _postprocessed(raw, demosaic, user_black=0, user_cblack=[0, 0, 0, 0], user_sat=FULL)
 
 
@@ -242,11 +244,11 @@ def _postprocessed(raw: rawpy.RawPy, demosaic: Demosaic, **options: Any) -> NDAr
 
 
 def _srgb_from_camera(raw: rawpy.RawPy) -> NDArray[np.float64]:
-    """As-shot white balance, then LibRaw's matrix to sRGB, whose rows sum to 1 so that white stays white."""
+    """Return as-shot white balance, then LibRaw's matrix to sRGB, whose rows sum to 1 so that white stays white."""
     balance = np.ones(3)
-    for found in (raw.camera_whitebalance, raw.daylight_whitebalance):
-        if found and np.isfinite(found[:3]).all() and min(found[:3]) > 0:
-            balance = np.array(found[:3], np.float64) / found[1]
+    for factors in (raw.camera_whitebalance, raw.daylight_whitebalance):
+        if factors and np.isfinite(factors[:3]).all() and min(factors[:3]) > 0:
+            balance = np.array(factors[:3], np.float64) / factors[1]
             break
     matrix = np.array(raw.color_matrix, np.float64)[:, :3]
     if not np.isfinite(matrix).all() or abs(np.linalg.det(matrix)) < 1e-6:

@@ -20,8 +20,8 @@ _REPEAT, _LEVEL, _DELTA_H, _DELTA_V = 50713, 50714, 50715, 50716
 
 
 def black_plane(path: Path, shape: tuple[int, ...]) -> NDArray[np.float32] | None:
-    """(H, W) float32, in the sensor's units, of the visible picture; None where black does not vary by row or
-    column, where the file is no DNG, or where what it says does not fit `shape`."""
+    """Return the black level, (H, W) float32, in the sensor's units, of the visible picture; None where black does not
+    vary by row or column, where the file is no DNG, or where what it says does not fit `shape`."""
     if path.suffix.lower() != ".dng":
         return None
     try:
@@ -48,10 +48,8 @@ def _plane(page: Any, shape: tuple[int, ...]) -> NDArray[np.float32] | None:
     levels = _numbers(page, _LEVEL, [0])
     if levels.size != rows * columns:
         return None
-    horizontal, vertical = (
-        _numbers(page, _DELTA_H, np.zeros(width)),
-        _numbers(page, _DELTA_V, np.zeros(height)),
-    )
+    horizontal = _numbers(page, _DELTA_H, np.zeros(width))
+    vertical = _numbers(page, _DELTA_V, np.zeros(height))
     if horizontal.size != width or vertical.size != height:
         return None
     cell = levels.reshape(rows, columns)
@@ -60,11 +58,11 @@ def _plane(page: Any, shape: tuple[int, ...]) -> NDArray[np.float32] | None:
 
 
 def _numbers(page: Any, tag: int, default: Any) -> NDArray[np.float64]:
-    """The values of a tag; tifffile gives rationals as numerator and denominator in turn."""
+    """Return the values of a tag; tifffile gives rationals as numerator and denominator in turn."""
     if tag not in page.tags:
         return np.asarray(default, np.float64)
-    found = page.tags[tag]
-    values = np.atleast_1d(np.asarray(found.value, np.float64)).ravel()
-    if found.dtype.name in ("RATIONAL", "SRATIONAL"):
+    entry = page.tags[tag]
+    values = np.atleast_1d(np.asarray(entry.value, np.float64)).ravel()
+    if entry.dtype.name in ("RATIONAL", "SRATIONAL"):
         return np.asarray(values[0::2] / values[1::2])
     return values

@@ -28,26 +28,33 @@ _FEWEST_NEIGHBOURS = 2
 
 @dataclass(frozen=True, eq=False)
 class Mosaic:
-    """What a sensor saw. `values`: (H, W) uint16, in the sensor's units. `pattern`: (n, n) uint8, the colour of
-    each pixel of a cell: red 0, green 1, blue 2, the second green of a Bayer cell 3. `black`: (H, W) float32 or
-    (n, n) float32 as `pattern`; `white`: the value of saturation."""
+    """Hold what a sensor saw. `values`: (H, W) uint16, in the sensor's units. `pattern`: (n, n) uint8, the colour of
+    each pixel of a cell: red 0, green 1, blue 2, the second green of a Bayer cell 3. `black`: (H, W) float32 or (n, n)
+    float32 as `pattern`; `white`: the value of saturation."""
 
     values: NDArray[np.uint16]
     pattern: NDArray[np.uint8]
     black: NDArray[np.float32]
     white: float
 
+    def __post_init__(self) -> None:
+        """Raise ValueError for arrays of another shape."""
+        if not self.values.ndim == self.pattern.ndim == self.black.ndim == 2:
+            raise ValueError(
+                f"{self.values.shape=} {self.pattern.shape=} {self.black.shape=}, expected planes"
+            )
+
     @property
     def span(self) -> float:
-        """From black to white, of the channel that has the longest way."""
+        """Return the range from black to white, of the channel with the largest."""
         return self.white - float(self.black.min())
 
 
 @dataclass(frozen=True, eq=False)
 class Frames:
-    """What is known of the sensor besides. `dark`: (H, W) float32, what the shot would be without light, in the
-    sensor's units; `flat`: (H, W) float32, what to multiply by for an even response, of mean 1 in each
-    channel; `bad`: (N, 2) integers, row and column of bad pixels."""
+    """Hold what is known of the sensor besides. `dark`: (H, W) float32, what the shot would be without light, in the
+    sensor's units; `flat`: (H, W) float32, what to multiply by for an even response, of mean 1 in each channel; `bad`:
+    (N, 2) integers, row and column of bad pixels."""
 
     dark: NDArray[np.float32] | None = None
     flat: NDArray[np.float32] | None = None
@@ -57,7 +64,7 @@ class Frames:
 def calibrated(
     mosaic: Mosaic, frames: Frames, *, green_equilibrium: bool, out: NDArray[np.uint16] | None = None
 ) -> NDArray[np.uint16]:
-    """(H, W) uint16, linear, 1 for no light and 65535 at saturation; written into `out` if given, which may be
+    """Return (H, W) uint16, linear, 1 for no light and 65535 at saturation; written into `out` if given, which may be
     `mosaic.values`. Raises ValueError for frames of another size."""
     shape = mosaic.values.shape
     for name, frame in (("dark", frames.dark), ("flat", frames.flat)):
@@ -90,7 +97,7 @@ def calibrated(
 
 
 def _repeated(cell: NDArray[np.float32], shape: tuple[int, int]) -> NDArray[np.float32]:
-    """A cell of a pattern over the strip that `shape` is, or one number where all are the same."""
+    """Return a cell of a pattern over the strip that `shape` is, or one number where all are the same."""
     if (cell == cell.flat[0]).all():
         return np.full((1, 1), cell.flat[0], np.float32)
     if cell.shape[1] == shape[1]:
@@ -100,7 +107,7 @@ def _repeated(cell: NDArray[np.float32], shape: tuple[int, int]) -> NDArray[np.f
 
 
 def repair(values: NDArray[np.uint16], pattern: NDArray[np.uint8], bad: NDArray[np.intp]) -> None:
-    """Gives each bad pixel the median of the good ones of its colour around it, in place.
+    """Give each bad pixel the median of the good ones of its colour around it, in place.
 
     values: (H, W) uint16. bad: (N, 2), row and column; those outside are passed over. A pixel with no good
     neighbour of its colour within four pixels stays as it is.
@@ -113,13 +120,13 @@ def repair(values: NDArray[np.uint16], pattern: NDArray[np.uint8], bad: NDArray[
     for reach in (_REACH, 2 * _REACH):
         steps = np.array([(y, x) for y in range(-reach, reach + 1) for x in range(-reach, reach + 1)])
         rows, columns = (left[:, None, axis] + steps[:, axis] for axis in (0, 1))
-        known = (rows >= 0) & (rows < height) & (columns >= 0) & (columns < width)
+        usable = (rows >= 0) & (rows < height) & (columns >= 0) & (columns < width)
         rows, columns = rows.clip(0, height - 1), columns.clip(0, width - 1)
         n = pattern.shape[0]
         colour = pattern[rows % n, columns % n]
-        known &= (colour == pattern[left[:, 0] % n, left[:, 1] % n][:, None]) & ~is_bad[rows, columns]
-        enough = known.sum(axis=1) >= _FEWEST_NEIGHBOURS
-        around = np.where(known, values[rows, columns].astype(np.float32), np.float32(np.nan))[enough]
+        usable &= (colour == pattern[left[:, 0] % n, left[:, 1] % n][:, None]) & ~is_bad[rows, columns]
+        enough = usable.sum(axis=1) >= _FEWEST_NEIGHBOURS
+        around = np.where(usable, values[rows, columns].astype(np.float32), np.float32(np.nan))[enough]
         if len(around):
             values[left[enough, 0], left[enough, 1]] = np.rint(np.nanmedian(around, axis=1))
         left = left[~enough]
@@ -128,7 +135,7 @@ def repair(values: NDArray[np.uint16], pattern: NDArray[np.uint8], bad: NDArray[
 
 
 def green_gains(mosaic: Mosaic, frames: Frames) -> NDArray[np.float32]:
-    """(n, n) float32: what to multiply by, so that the two greens of a Bayer cell have one mean; 1 for the other
+    """Return the factors, (n, n) float32, so that the two greens of a Bayer cell have one mean; 1 for the other
     colours and for any other pattern.
 
     Each of some second greens is compared with the four first ones around it, so that a slope of the light
@@ -139,9 +146,9 @@ def green_gains(mosaic: Mosaic, frames: Frames) -> NDArray[np.float32]:
     places = [np.argwhere(mosaic.pattern == g) for g in _GREENS]
     if mosaic.pattern.shape != (2, 2) or any(len(p) != 1 for p in places):
         return gains
-    one, other = (tuple(p[0]) for p in places)
+    first_green, second_green = (tuple(p[0]) for p in places)
     step = 2 * max(1, min(mosaic.values.shape) // 1024)  # a quarter of a million cells are enough
-    corner = (other[0] + 2, other[1] + 2)
+    corner = (second_green[0] + 2, second_green[1] + 2)
     around = [_light(mosaic, frames, (corner[0] + y, corner[1] + x), step) for y in (-1, 1) for x in (-1, 1)]
     second = _light(mosaic, frames, corner, step)
     rows, columns = (min(part.shape[axis] for part in (*around, second)) for axis in (0, 1))
@@ -157,15 +164,15 @@ def green_gains(mosaic: Mosaic, frames: Frames) -> NDArray[np.float32]:
                 ratios.append(float(second[tile][ok].sum() / first[tile][ok].sum()))
     ratio = median(ratios) if ratios else 1.0
     if abs(ratio - 1) <= _MOST_UNEQUAL:
-        gains[one], gains[other] = (1 + ratio) / 2, (1 + ratio) / (2 * ratio)
+        gains[first_green], gains[second_green] = (1 + ratio) / 2, (1 + ratio) / (2 * ratio)
     return gains
 
 
 def _light(mosaic: Mosaic, frames: Frames, corner: tuple[int, int], step: int) -> NDArray[np.float32]:
-    """Every `step`th pixel from `corner` on, above black, float32, in the sensor's units."""
-    some = (slice(corner[0], None, step), slice(corner[1], None, step))
+    """Return every `step`th pixel from `corner` on, above black, float32, in the sensor's units."""
+    every = (slice(corner[0], None, step), slice(corner[1], None, step))
     dark = mosaic.black if frames.dark is None else frames.dark
     n = dark.shape[0]
-    level = dark[some] if dark.shape == mosaic.values.shape else dark[corner[0] % n, corner[1] % n]
-    light = mosaic.values[some] - level
-    return np.asarray(light if frames.flat is None else light * frames.flat[some], np.float32)
+    level = dark[every] if dark.shape == mosaic.values.shape else dark[corner[0] % n, corner[1] % n]
+    light = mosaic.values[every] - level
+    return np.asarray(light if frames.flat is None else light * frames.flat[every], np.float32)

@@ -7,6 +7,8 @@ memory before. So that memory is given a pattern first: what still shows it was 
 from __future__ import annotations
 
 import ctypes
+import os
+import re
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -15,7 +17,10 @@ import numpy as np
 import rawpy
 
 from colmap_ihe.errors import PhotographError
+from colmap_ihe.machine import decoder_wire
 
+_STDERR = 2
+_DAMAGED = re.compile(r"data corrupted at|unexpected end of file", re.IGNORECASE)
 _BYTE = 0xE7
 _PATTERN = _BYTE << 8 | _BYTE  # no sensor's white level
 _M_PERTURB = -6  # of glibc's malloc.h: new memory is filled with the complement of this byte
@@ -24,7 +29,7 @@ _MOST = 0.001
 
 
 def unpack(raw: rawpy.RawPy, path: Path) -> None:
-    """Has LibRaw decode the pixels of an opened file. Raises `PhotographError` if some are missing, where the
+    """Have LibRaw decode the pixels of an opened file. Raises `PhotographError` if some are missing, where the
     system's malloc lets us see that: glibc's does."""
     with _patterned_memory():
         raw.unpack()
@@ -32,6 +37,18 @@ def unpack(raw: rawpy.RawPy, path: Path) -> None:
     if missing > _MOST:
         raise PhotographError(
             f"{path.name}: {missing:.1%} of its pixels cannot be decoded",
+            hint="copy it from the card again, or take it out of the folder",
+        )
+
+
+def refuse_damaged(name: str) -> None:
+    """Raise `PhotographError` in a decoder whose stderr says that data of the photograph `name` are damaged, of which
+    LibRaw does not always raise an error."""
+    if decoder_wire.answer_memory is None:  # no decoder
+        return
+    if _DAMAGED.search(os.pread(_STDERR, 1 << 16, 0).decode("utf-8", "replace")):
+        raise PhotographError(
+            f"{name}: LibRaw found damaged data in it",
             hint="copy it from the card again, or take it out of the folder",
         )
 

@@ -24,7 +24,7 @@ from colmap_ihe.photographs.exif.blocks import (
     take_apart,
     with_size,
 )
-from colmap_ihe.photographs.exif.metadata import Metadata, read_metadata, read_metadata_here, sized
+from colmap_ihe.photographs.exif.metadata import Metadata, decode_metadata, read_metadata, sized
 from colmap_ihe.photographs.exif.repair import mend
 from colmap_ihe.photographs.png import encode_png
 
@@ -185,7 +185,7 @@ def test_hundreds_of_broken_blocks_lose_tags_and_never_the_photograph(tmp_path: 
     kept = 0
     for number in range(120):
         (tmp_path / "a.png").write_bytes(encode_png(COLOUR, spoiled(whole, rng)))
-        found = sized(read_metadata_here(tmp_path / "a.png", "coded"), *SIZE)
+        found = sized(decode_metadata(tmp_path / "a.png", "coded"), *SIZE)
         kept += bool(found.exif)
         assert found.exif or found.problem
         file_format = FORMATS[number % 3]
@@ -216,7 +216,7 @@ def test_broken_files_of_every_kind_are_read_for_what_is_left(tmp_path: Path, na
     for _ in range(150):
         header = spoiled(whole[place : place + 1500], rng).ljust(1500, b"\xff")
         (tmp_path / name).write_bytes(whole[:place] + header[:1500] + whole[place + 1500 :])
-        found = read_metadata_here(tmp_path / name, kind)
+        found = decode_metadata(tmp_path / name, kind)
         makes += found.make == "Canon"
         take_apart(bytearray(found.exif or blob({})))
     assert 60 < makes < 150

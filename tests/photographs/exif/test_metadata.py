@@ -18,8 +18,8 @@ from colmap_ihe.evaluation.demo.exif import PhotoExif, jpeg_exif
 from colmap_ihe.photographs.coded import stored_size
 from colmap_ihe.photographs.encode import SUFFIXES, Format, encode_image
 from colmap_ihe.photographs.exif import metadata as captures_metadata
-from colmap_ihe.photographs.exif.metadata import Metadata, read_metadata, read_metadata_here, sized
-from colmap_ihe.photographs.raw.develop import DevelopmentLog, noted_by_libraw
+from colmap_ihe.photographs.exif.metadata import Metadata, decode_metadata, read_metadata, sized
+from colmap_ihe.photographs.raw.develop import LibrawMetadata, libraw_metadata
 
 FORMATS: tuple[Format, ...] = get_args(Format)
 SIZE = (96, 64)
@@ -199,7 +199,7 @@ def test_exif_of_a_preview_counts_where_the_raw_file_holds_none(
     Image.new("RGB", SIZE).save(preview, "JPEG", exif=exif)
     (tmp_path / "a.raf").write_bytes(b"FUJIFILMCCD-RAW " + bytes(100))
     monkeypatch.setattr(captures_metadata, "preview_of", lambda _: preview.getvalue())
-    found = sized(read_metadata_here(tmp_path / "a.raf", "raw"), 2 * SIZE[0], 2 * SIZE[1])
+    found = sized(decode_metadata(tmp_path / "a.raf", "raw"), 2 * SIZE[0], 2 * SIZE[1])
     assert (found.focal_mm, found.problem) == (30, "")
     assert found.pixels_per_mm == pytest.approx(2 * SIZE[0] / 36, rel=1e-5)
 
@@ -207,23 +207,23 @@ def test_exif_of_a_preview_counts_where_the_raw_file_holds_none(
 def test_what_libraw_knows_fills_in_a_raw_file_without_exif(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    noted = DevelopmentLog(
+    noted = LibrawMetadata(
         focal_mm=35.0, exposure_s=0.004, f_number=5.6, iso=200.0, lens="Rokkor 35", lens_make="Minolta"
     )
     (tmp_path / "a.mrw").write_bytes(b"\0MRM" + bytes(100))
     monkeypatch.setattr(captures_metadata, "preview_of", lambda _: b"")
-    monkeypatch.setattr(captures_metadata, "noted_by_libraw", lambda _: noted)
-    found = read_metadata_here(tmp_path / "a.mrw", "raw")
+    monkeypatch.setattr(captures_metadata, "libraw_metadata", lambda _: noted)
+    found = decode_metadata(tmp_path / "a.mrw", "raw")
     assert (found.focal_mm, found.exposure_s, found.f_number, found.iso) == (35, 0.004, 5.6, 200)
     assert (found.lens, found.problem) == ("Rokkor 35", "")
-    monkeypatch.setattr(captures_metadata, "noted_by_libraw", lambda _: DevelopmentLog())
-    assert read_metadata_here(tmp_path / "a.mrw", "raw").problem == "no EXIF found"
+    monkeypatch.setattr(captures_metadata, "libraw_metadata", lambda _: LibrawMetadata())
+    assert decode_metadata(tmp_path / "a.mrw", "raw").problem == "no EXIF found"
 
 
 @pytest.mark.data
 def test_libraw_and_exif_agree_on_a_real_raw_file(photographs: Path) -> None:
     file = photographs / "raw/kodak_dc50.kdc"
-    found, noted = read_metadata(file, "raw"), noted_by_libraw(file)
+    found, noted = read_metadata(file, "raw"), libraw_metadata(file)
     assert (found.make, found.problem) == ("Eastman Kodak Company", "")
     assert noted.focal_mm == pytest.approx(found.focal_mm)
     assert noted.exposure_s == pytest.approx(found.exposure_s)
