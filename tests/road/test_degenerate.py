@@ -59,7 +59,7 @@ def warnings(done: Reconstruction) -> str:
         ("two_from_one_place", "show the same view from the same place", "step sideways", "matches"),
         (
             "pure_rotation",
-            "none of the 6 photographs could be placed.*the camera only turned on the spot",
+            "none of the 6 photographs could be registered.*the camera only turned on the spot",
             "step sideways",
             "matches",
         ),
@@ -114,7 +114,7 @@ def test_a_sound_set_has_no_warning(run: Callable[..., Reconstruction]) -> None:
     ("name", "models", "words"),
     [
         ("sound_with_copies", [9], ["shot_02.jpg of copies/copy_2.jpg"]),
-        ("one_black", [7], ["hardly any features", "cap.jpg (0)", "1 of 8 photographs have no place"]),
+        ("one_black", [7], ["hardly any features", "cap.jpg (0)", "1 of 8 photographs are not registered"]),
         ("lone_shot", [7], ["elsewhere.jpg: no verified matches with any that has one"]),
         ("two_halves", [4, 4], ["fell into 2 models", "workspace/sparse/1 has 4 images"]),
         ("partly_rotation", [10], []),
@@ -194,7 +194,7 @@ def test_no_false_alarm_on_real_photographs(photographs: Path, tmp_path: Path, n
         tmp_path, load_options(None, [*QUICK, "features.max_image_size=1400"]), images=photographs / name
     )
     said = warnings(done)
-    for words in ("like parts", "no camera has", "of one plane", "came out", "have no place"):
+    for words in ("like parts", "no camera has", "of one plane", "came out", "are not registered"):
         assert words not in said
 
 
