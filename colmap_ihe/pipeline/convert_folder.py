@@ -3,48 +3,29 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from concurrent.futures import Executor
-from contextlib import ExitStack, suppress
-from dataclasses import asdict, dataclass, replace
-from itertools import pairwise
+from contextlib import suppress
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
-from colmap_ihe.errors import KnownError, ProjectError, WeightsError
+from colmap_ihe.errors import KnownError, WeightsError
 from colmap_ihe.fit.fit_set import Fit, Trial, fit_captures
-from colmap_ihe.grey.convert import check_tone
+from colmap_ihe.grey.convert import Tone, check_tone
 from colmap_ihe.grey.weights import Grey, grey_from_dict
-from colmap_ihe.machine.executor import in_order, local_executor
-from colmap_ihe.machine.files import digest_file, fingerprint_of
+from colmap_ihe.machine.files import fingerprint_of
 from colmap_ihe.machine.libraries import __version__, library_versions
 from colmap_ihe.machine.progress import SILENT, RunProgress
 from colmap_ihe.photographs.decode import encoding_of
-from colmap_ihe.photographs.discover import discover
-from colmap_ihe.photographs.each import LeftOut, refused
+from colmap_ihe.photographs.each import LeftOut
 from colmap_ihe.photographs.encode import SUFFIXES
-from colmap_ihe.photographs.recipes import prepared_set
 from colmap_ihe.photographs.survey import Surveyed
-from colmap_ihe.pipeline.output_folder import Ledger, opened
+from colmap_ihe.pipeline.output_folder import FolderRun, Ledger, folder_run
 from colmap_ihe.pipeline.run_stages import warn_of
 from colmap_ihe.pipeline.stages.convert import convert_captures, weights_for
 from colmap_ihe.pipeline.warnings import photographs as set_warnings
 from colmap_ihe.project.options import CamerasOptions, ConvertOptions, DevelopOptions, FitOptions
 
 _OF_THE_FIT = ("score", "tones", "images", "pixels")  # which tell of the fit, and no pixel depends on
-
-
-@dataclass(frozen=True)
-class _FolderRun:
-    """Hold what the steps of one conversion share: `digests` of the photographs by name, and the ledgers of the folder
-    of grey images and, if there is one, of colour twins."""
-
-    surveyed: Sequence[Surveyed]
-    digests: dict[str, str]
-    ledgers: Sequence[Ledger]
-    options: ConvertOptions
-    executor: Executor
-    progress: RunProgress
-    strict: bool
 
 
 def convert_folder(
@@ -69,48 +50,40 @@ def convert_folder(
     images by photograph, and what was left out. Of an earlier run, finished or not, everything is kept that would
     come out the same. Raises `KnownError`s; `ProjectError` rather than write over anything that we did not write.
     """
-    folders = [folder.resolve() for folder in (out, colour) if folder is not None]
-    require_apart(images.resolve(), folders)
     options, cameras = options or ConvertOptions(), cameras or CamerasOptions()
-    discovery = discover(images.absolute())
-    left_out = refused(discovery, strict)
-    with ExitStack() as stack:
-        executor = stack.enter_context(local_executor())
-        how = (discovery.captures, develop, calibration, executor, progress)
-        prepared = stack.enter_context(prepared_set(*how, strict=strict, cameras=cameras))
-        surveyed, left_out = prepared.surveyed, left_out | prepared.left_out
-        digests = digests_of(surveyed, executor, progress)
-        warn_of(set_warnings.warnings_of(surveyed, discovery.ignored), progress)
-        warn_of(set_warnings.camera_warnings(cameras, surveyed, left_out), progress)
-        ledgers = [stack.enter_context(opened(folder)) for folder in folders]
-        for ledger in ledgers:
-            ledger.refuse({s.capture.grey_stem + SUFFIXES[options.format]: s.capture.name for s in surveyed})
-        run = _FolderRun(surveyed, digests, ledgers, options, executor, progress, strict)
+    folders = [folder for folder in (out, colour) if folder is not None]
+    with folder_run(images, folders, develop, calibration, strict, progress, cameras=cameras) as run:
+        for ledger in run.ledgers:
+            ledger.refuse({_grey_name(s, options): s.capture.name for s in run.surveyed})
         if weights is not None:
-            set_fit = _given_fit(run, weights)
+            set_fit = _given_fit(run, weights, options.tone)
         else:
-            set_fit = _fitted(run, fit or FitOptions(), ledgers[0])
-            _warn_of_the_fit(set_fit, surveyed, progress)
-        left_out |= set_fit.left_out
+            set_fit = _fitted(run, fit or FitOptions(), run.ledgers[0], options.tone)
+            _warn_of_the_fit(set_fit, run.surveyed, progress)
+        run.left_out |= set_fit.left_out
         warn_of(set_warnings.wallis_warnings(options.wallis), progress)
-        names, failed = _convert(run, set_fit, [s for s in surveyed if s.capture.name not in left_out])
-        left_out |= failed
-    warn_of([f"left out: {reason}" for reason in left_out.values()], progress)
-    return set_fit.main, names, left_out
+        names, failed = _convert(run, set_fit, options)
+        run.left_out |= failed
+    return set_fit.main, names, run.left_out
 
 
-def _convert(run: _FolderRun, fit: Fit, usable: Sequence[Surveyed]) -> tuple[dict[str, str], LeftOut]:
+def _grey_name(photograph: Surveyed, options: ConvertOptions) -> str:
+    return photograph.capture.grey_stem + SUFFIXES[options.format]
+
+
+def _convert(run: FolderRun, fit: Fit, options: ConvertOptions) -> tuple[dict[str, str], LeftOut]:
     """Write the files that are due; return the grey images of all by photograph, and what was left out. A kind without
     weights, and a tone that a grey cannot have, are refused before anything is written."""
     for grey in fit.weights.values():
-        check_tone(grey, run.options.tone)
+        check_tone(grey, options.tone)
+    usable = [s for s in run.surveyed if s.capture.name not in run.left_out]
     for photograph in usable:
         weights_for(photograph.capture, fit)
-    names = {s.capture.name: s.capture.grey_stem + SUFFIXES[run.options.format] for s in usable}
+    names = {s.capture.name: _grey_name(s, options) for s in usable}
     expected = {grey: name for name, grey in names.items()}
     due: set[str] = set()
     for ledger, is_colour in zip(run.ledgers, (False, True), strict=False):
-        prints = {names[s.capture.name]: _fingerprint(run, s, fit, is_colour) for s in usable}
+        prints = {names[s.capture.name]: _fingerprint(run, s, fit, options, is_colour) for s in usable}
         due |= {expected[name] for name in ledger.begin(expected, prints)}
         for name in sorted(ledger.changed):
             run.progress.warn(
@@ -126,7 +99,7 @@ def _convert(run: _FolderRun, fit: Fit, usable: Sequence[Surveyed]) -> tuple[dic
             _, left_out = convert_captures(
                 [s for s in usable if s.capture.name in due],
                 fit,
-                run.options,
+                options,
                 folders[0],
                 folders[1] if len(folders) > 1 else None,
                 run.executor,
@@ -147,24 +120,26 @@ def _end(ledgers: Sequence[Ledger]) -> None:
         ledger.end()
 
 
-def _fingerprint(run: _FolderRun, photograph: Surveyed, fit: Fit, is_colour: bool) -> str:
+def _fingerprint(
+    run: FolderRun, photograph: Surveyed, fit: Fit, options: ConvertOptions, is_colour: bool
+) -> str:
     """Return the fingerprint of everything that the bytes of a grey image, or of a colour twin, come from."""
     linear = encoding_of(photograph.capture) == "linear"
-    unused = _OF_THE_FIT if run.options.tone == "equalise" else (*_OF_THE_FIT, "curve")
+    unused = _OF_THE_FIT if options.tone == "equalise" else (*_OF_THE_FIT, "curve")
     weights = {k: v for k, v in weights_for(photograph.capture, fit).as_dict().items() if k not in unused}
     versions = library_versions("rawpy", "libraw") if linear else {}
     if is_colour:
         how: list[Any] = ["colour", fit.colour_white if linear else None]
     else:
-        how = ["grey", weights, run.options.tone if linear else None, run.options.wallis]
+        how = ["grey", weights, options.tone if linear else None, options.wallis]
     recipe = photograph.capture.recipe.identity()
     about = [run.digests[photograph.capture.name], recipe, photograph.metadata.exif.hex()]
-    return fingerprint_of(__version__, versions, about, run.options.format, how)
+    return fingerprint_of(__version__, versions, about, options.format, how)
 
 
-def _fitted(run: _FolderRun, options: FitOptions, ledger: Ledger) -> Fit:
+def _fitted(run: FolderRun, options: FitOptions, ledger: Ledger, tone: Tone) -> Fit:
     """Fit the set, or return the fit that the ledger holds of the same photographs and options."""
-    trial = Trial(run.options.tone) if options.method == "auto" else None
+    trial = Trial(tone) if options.method == "auto" else None
     versions = library_versions("rawpy", "libraw", *(["pycolmap"] if trial else []))
     captures = [s.capture for s in run.surveyed]
     content = sorted([c.name, run.digests[c.name], c.recipe.identity()] for c in captures)
@@ -196,12 +171,12 @@ def _kept_fit(note: Any, key: str) -> Fit | None:
         return None
 
 
-def _given_fit(run: _FolderRun, weights: Grey) -> Fit:
+def _given_fit(run: FolderRun, weights: Grey, tone: Tone) -> Fit:
     """Return given weights as a fit. Colour twins of RAW need the set's own white point besides."""
     if len(run.ledgers) < 2 or weights.encoding != "linear":
         return Fit({weights.encoding: weights})
-    white = _fitted(replace(run, strict=False), FitOptions(method="green"), run.ledgers[1]).colour_white
-    return Fit({weights.encoding: weights}, white)
+    green = _fitted(replace(run, strict=False), FitOptions(method="green"), run.ledgers[1], tone)
+    return Fit({weights.encoding: weights}, green.colour_white)
 
 
 def _warn_of_the_fit(fit: Fit, surveyed: Sequence[Surveyed], progress: RunProgress) -> None:
@@ -211,29 +186,3 @@ def _warn_of_the_fit(fit: Fit, surveyed: Sequence[Surveyed], progress: RunProgre
             " not the same grey in both"
         )
     warn_of(set_warnings.fit_warnings([s.capture for s in surveyed], fit.weights.values()), progress)
-
-
-def digests_of(surveyed: Sequence[Surveyed], executor: Executor, progress: RunProgress) -> dict[str, str]:
-    """Return the digest of each photograph's content, by name."""
-    digests = {}
-    with progress.stage("content") as stage_progress:
-        stage_progress.start(len(surveyed))
-        files = [s.capture.path for s in surveyed]
-        for photograph, digest in zip(surveyed, in_order(executor, digest_file, files), strict=True):
-            digests[photograph.capture.name] = digest
-            stage_progress.advance()
-    return digests
-
-
-def require_apart(images: Path, folders: Sequence[Path]) -> None:
-    """Raise `ProjectError` where one of the folders lies in another."""
-    for folder in folders:
-        if folder.is_relative_to(images) or images.is_relative_to(folder):
-            raise ProjectError(
-                f"{folder}: lies in the folder of photographs or holds it", hint="use a folder of its own"
-            )
-    for folder, other in pairwise(folders):
-        if folder.is_relative_to(other) or other.is_relative_to(folder):
-            raise ProjectError(
-                f"{other}: lies in the folder of grey images or holds it", hint="use a folder of its own"
-            )

@@ -2,28 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from concurrent.futures import Executor
-from contextlib import ExitStack
+from collections.abc import Mapping
 from functools import partial
 from pathlib import Path
 
 import numpy as np
 
-from colmap_ihe.errors import ProjectError
-from colmap_ihe.machine.executor import local_executor
 from colmap_ihe.machine.files import fingerprint_of, write_bytes
 from colmap_ihe.machine.libraries import __version__, library_versions
 from colmap_ihe.machine.progress import SILENT, RunProgress
 from colmap_ihe.photographs.decode import read_photograph
-from colmap_ihe.photographs.discover import discover
-from colmap_ihe.photographs.each import LeftOut, each_usable, refused
+from colmap_ihe.photographs.each import LeftOut, each_usable
 from colmap_ihe.photographs.linear_tiff import encode_linear_tiff
-from colmap_ihe.photographs.recipes import prepared_set
 from colmap_ihe.photographs.survey import Surveyed
-from colmap_ihe.pipeline.convert_folder import digests_of, require_apart
-from colmap_ihe.pipeline.output_folder import Ledger, opened
-from colmap_ihe.pipeline.warnings import photographs as set_warnings
+from colmap_ihe.pipeline.output_folder import FolderRun, folder_run
 from colmap_ihe.project.options import DevelopOptions
 
 
@@ -42,63 +34,32 @@ def develop_folder(
     `calibration`: a folder with calibration frames. Return the names of the TIFFs by photograph, the steps of
     development by camera, and what was left out. Raises as `convert_folder`.
     """
-    require_apart(images.resolve(), [out.resolve()])
-    discovery = discover(images.absolute())
-    not_read = refused(discovery, strict)
-    raw = [c for c in discovery.captures if c.kind == "raw"]
-    if not raw:
-        raise ProjectError(
-            f"{images}: none of its {len(discovery.captures)} photographs is a RAW file",
-            hint="others are developed already: use them as they are",
-        )
-    with ExitStack() as stack:
-        executor = stack.enter_context(local_executor())
-        prepared = stack.enter_context(
-            prepared_set(raw, options, calibration, executor, progress, strict=strict)
-        )
-        for text in set_warnings.warnings_of(prepared.surveyed, discovery.ignored):
-            progress.warn(text)
-        if len(raw) < len(discovery.captures):
-            progress.warn(f"{len(discovery.captures) - len(raw)} photographs are no RAW files: passed over")
-        digests = digests_of(prepared.surveyed, executor, progress)
-        ledger = stack.enter_context(opened(out.resolve()))
-        names, failed = _develop(prepared.surveyed, digests, ledger, executor, progress, strict)
-    left_out = not_read | prepared.left_out | failed
-    for reason in left_out.values():
-        progress.warn(f"left out: {reason}")
-    return {n: t for n, t in names.items() if n not in left_out}, prepared.steps, left_out
+    with folder_run(images, [out], options, calibration, strict, progress, raw_only=True) as run:
+        names = {s.capture.name: f"{s.capture.grey_stem}.tif" for s in run.surveyed}
+        due = _due(run, {tiff: name for name, tiff in names.items()})
+        if due:
+            with progress.stage("develop") as stage_progress:
+                develop = partial(_develop_one, run.ledgers[0].folder)
+                for _ in each_usable(develop, due, run.executor, stage_progress, strict, run.left_out):
+                    pass
+        else:
+            progress.kept("develop")
+        run.ledgers[0].end()
+    return {n: t for n, t in names.items() if n not in run.left_out}, run.steps, run.left_out
 
 
-def _develop(
-    surveyed: Sequence[Surveyed],
-    digests: Mapping[str, str],
-    ledger: Ledger,
-    executor: Executor,
-    progress: RunProgress,
-    strict: bool,
-) -> tuple[dict[str, str], LeftOut]:
-    """Write the TIFFs that are not up to date; return the names of all by photograph, and what was left out."""
-    names = {s.capture.name: f"{s.capture.grey_stem}.tif" for s in surveyed}
-    expected = {tiff: name for name, tiff in names.items()}
+def _due(run: FolderRun, expected: Mapping[str, str]) -> list[Surveyed]:
+    """Return the photographs whose TIFFs are not up to date. `expected`: the photograph of each TIFF."""
+    ledger = run.ledgers[0]
     ledger.refuse(expected)
+    recipes = {s.capture.name: s.capture.recipe.identity() for s in run.surveyed}
     versions = library_versions("rawpy", "libraw")
     prints = {
-        names[c.name]: fingerprint_of(__version__, versions, digests[c.name], c.recipe.identity())
-        for c in (s.capture for s in surveyed)
+        tiff: fingerprint_of(__version__, versions, run.digests[name], recipes[name])
+        for tiff, name in expected.items()
     }
     due = {expected[tiff] for tiff in ledger.begin(expected, prints)}
-    left_out: LeftOut = {}
-
-    if due:
-        with progress.stage("develop") as stage_progress:
-            stale = [s for s in surveyed if s.capture.name in due]
-            develop = partial(_develop_one, ledger.folder)
-            for _ in each_usable(develop, stale, executor, stage_progress, strict, left_out):
-                pass
-    else:
-        progress.kept("develop")
-    ledger.end()
-    return names, left_out
+    return [s for s in run.surveyed if s.capture.name in due]
 
 
 def _develop_one(folder: Path, photograph: Surveyed) -> None:

@@ -10,12 +10,15 @@ from __future__ import annotations
 import fcntl
 import os
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
+from concurrent.futures import Executor
+from contextlib import ExitStack, contextmanager, suppress
+from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
 from colmap_ihe.errors import ProjectError
-from colmap_ihe.machine.executor import local_executor
+from colmap_ihe.machine.executor import in_order, local_executor
 from colmap_ihe.machine.files import (
     digest_file,
     is_name_below,
@@ -25,6 +28,14 @@ from colmap_ihe.machine.files import (
     room_on_disk,
     write_json,
 )
+from colmap_ihe.machine.progress import RunProgress
+from colmap_ihe.photographs.discover import discover
+from colmap_ihe.photographs.each import LeftOut, refused
+from colmap_ihe.photographs.recipes import prepared_set
+from colmap_ihe.photographs.survey import Surveyed
+from colmap_ihe.pipeline.run_stages import warn_of
+from colmap_ihe.pipeline.warnings import photographs as set_warnings
+from colmap_ihe.project.options import CamerasOptions, DevelopOptions
 
 RECORD = ".colmap-ihe.json"
 
@@ -145,6 +156,91 @@ def opened(folder: Path) -> Iterator[Ledger]:
         os.close(handle)
 
 
+@dataclass
+class FolderRun:
+    """Hold what the steps of work on one folder share: the photographs with how they are developed (`steps`, by
+    camera), `digests` of their content by name, a ledger for each folder that is written into, and what was left
+    out so far."""
+
+    surveyed: Sequence[Surveyed]
+    steps: dict[str, list[str]]
+    digests: dict[str, str]
+    ledgers: Sequence[Ledger]
+    executor: Executor
+    progress: RunProgress
+    strict: bool
+    left_out: LeftOut
+
+
+@contextmanager
+def folder_run(
+    images: Path,
+    folders: Sequence[Path],
+    develop: DevelopOptions | None,
+    calibration: Path | None,
+    strict: bool,
+    progress: RunProgress,
+    *,
+    cameras: CamerasOptions | None = None,
+    raw_only: bool = False,
+) -> Iterator[FolderRun]:
+    """Survey the photographs in `images` and open the ledgers of `folders`; in the end tell what was left out. With
+    `raw_only` other photographs are passed over. Raises `KnownError`s."""
+    folders = [folder.resolve() for folder in folders]
+    _require_apart(images.resolve(), folders)
+    discovery = discover(images.absolute())
+    left_out = refused(discovery, strict)
+    captures = [c for c in discovery.captures if c.kind == "raw" or not raw_only]
+    others = len(discovery.captures) - len(captures)
+    if not captures:
+        raise ProjectError(
+            f"{images}: none of its {others} photographs is a RAW file",
+            hint="others are developed already: use them as they are",
+        )
+    with ExitStack() as stack:
+        executor = stack.enter_context(local_executor())
+        how = (captures, develop, calibration, executor, progress)
+        prepared = stack.enter_context(prepared_set(*how, strict=strict, cameras=cameras))
+        left_out |= prepared.left_out
+        warn_of(set_warnings.warnings_of(prepared.surveyed, discovery.ignored), progress)
+        warn_of(
+            set_warnings.camera_warnings(cameras or CamerasOptions(), prepared.surveyed, left_out), progress
+        )
+        warn_of([f"{others} photographs are no RAW files: passed over"] if others else [], progress)
+        digests = _digests_of(prepared.surveyed, executor, progress)
+        ledgers = [stack.enter_context(opened(folder)) for folder in folders]
+        yield FolderRun(
+            prepared.surveyed, prepared.steps, digests, ledgers, executor, progress, strict, left_out
+        )
+    warn_of([f"left out: {reason}" for reason in left_out.values()], progress)
+
+
 def _is_table(files: Mapping[Any, Any]) -> bool:
     keys = ("photograph", "fingerprint", "digest")
     return all(isinstance(f, dict) and all(isinstance(f.get(k), str) for k in keys) for f in files.values())
+
+
+def _digests_of(surveyed: Sequence[Surveyed], executor: Executor, progress: RunProgress) -> dict[str, str]:
+    """Return the digest of each photograph's content, by name."""
+    digests = {}
+    with progress.stage("content") as stage_progress:
+        stage_progress.start(len(surveyed))
+        files = [s.capture.path for s in surveyed]
+        for photograph, digest in zip(surveyed, in_order(executor, digest_file, files), strict=True):
+            digests[photograph.capture.name] = digest
+            stage_progress.advance()
+    return digests
+
+
+def _require_apart(images: Path, folders: Sequence[Path]) -> None:
+    """Raise `ProjectError` where one of the folders lies in another."""
+    for folder in folders:
+        if folder.is_relative_to(images) or images.is_relative_to(folder):
+            raise ProjectError(
+                f"{folder}: lies in the folder of photographs or holds it", hint="use a folder of its own"
+            )
+    for folder, other in pairwise(folders):
+        if folder.is_relative_to(other) or other.is_relative_to(folder):
+            raise ProjectError(
+                f"{other}: lies in the folder of grey images or holds it", hint="use a folder of its own"
+            )

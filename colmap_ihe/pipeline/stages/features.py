@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import asdict
-from pathlib import Path
 
 from colmap_ihe.colmap import features
 from colmap_ihe.colmap.database import database_is_sound, looks_whole, remove_database
@@ -14,11 +13,10 @@ from colmap_ihe.machine.remaining_time import Part
 from colmap_ihe.pipeline.input_digests import masks_in
 from colmap_ihe.pipeline.masks import make_masks
 from colmap_ihe.pipeline.resource_needs import BASE_BYTES, PhotoSetSize, StageNeeds
-from colmap_ihe.pipeline.run_context import Record, RunContext
+from colmap_ihe.pipeline.run_context import RunContext
 from colmap_ihe.pipeline.stage import Count, Stage, StageRecord
 from colmap_ihe.pipeline.time_estimate import Known
 from colmap_ihe.pipeline.warnings import photographs as set_warnings
-from colmap_ihe.project.folder import Project
 from colmap_ihe.project.options import Options
 
 _KEYPOINT = 160  # bytes on disk of a feature with its descriptor, of COLMAP's four floats, six or 128 bytes
@@ -77,10 +75,6 @@ def features_an_image(options: Options, size: PhotoSetSize) -> float:
     return min(_FEATURES * most, _FEATURES_A_PIXEL * size.pixels / max(1, size.images))
 
 
-def _files(project: Project, record: Record) -> list[Path]:
-    return [project.database]
-
-
 def _check(options: Options, images: int) -> None:
     model = features.choose_model(options.camera, images, images)
     features.native_options(options.camera, options.features, model)
@@ -105,7 +99,7 @@ STAGE = Stage(
     sections=("camera", "features"),
     libraries=("pycolmap",),
     inputs=lambda project, options, discovery, digests: {"masks": masks_in(project.masks)},
-    files=_files,
+    files=lambda project, record: [project.database],
     made=lambda project: [project.database],
     remove=lambda project: remove_database(project.database),
     is_sound=lambda project: looks_whole(project.database),
