@@ -18,7 +18,6 @@ from typing import Any
 import numpy as np
 import pytest
 import tifffile
-from colmap_ihe.pipeline.convert import write_masks
 from dngs import write_kind
 from exif_samples import GPS, IMAGE, SHOT
 from PIL import Image, ImageCms
@@ -38,6 +37,7 @@ from colmap_ihe.photographs.known_cameras import filled_in
 from colmap_ihe.photographs.linear_tiff import encode_linear_tiff
 from colmap_ihe.photographs.preview import small_picture
 from colmap_ihe.photographs.raw.dng_black import black_plane
+from colmap_ihe.pipeline.masks import write_masks
 from colmap_ihe.project.options import CamerasOptions, KnownCamera
 
 pytestmark = pytest.mark.filterwarnings("ignore")

@@ -39,26 +39,17 @@ def write_kind(
     packed = _packed(values.reshape(height, -1), bits)
     colours = 1 if pattern is None and samples == 1 else 3
     tags: list[tuple[int, int, Any]] = [
-        (254, TiffTags.LONG, 0),
-        (256, TiffTags.LONG, width),
-        (257, TiffTags.LONG, height),
-        (258, TiffTags.SHORT, (bits,) * samples),
-        (259, TiffTags.SHORT, 1),
+        (254, TiffTags.LONG, 0), (256, TiffTags.LONG, width), (257, TiffTags.LONG, height),
+        (258, TiffTags.SHORT, (bits,) * samples), (259, TiffTags.SHORT, 1),
         (262, TiffTags.SHORT, LINEAR_RAW if pattern is None else CFA),
-        (271, TiffTags.ASCII, "Test"),
-        (272, TiffTags.ASCII, model),
-        (273, TiffTags.LONG, 0),
-        (277, TiffTags.SHORT, samples),
-        (278, TiffTags.LONG, height),
-        (279, TiffTags.LONG, len(packed)),
-        (284, TiffTags.SHORT, 1),
-        (50706, TiffTags.BYTE, bytes((1, 4, 0, 0))),
-        (50707, TiffTags.BYTE, bytes((1, 1, 0, 0))),
-        (50708, TiffTags.ASCII, f"Test {model}"),
+        (271, TiffTags.ASCII, "Test"), (272, TiffTags.ASCII, model), (273, TiffTags.LONG, 0),
+        (277, TiffTags.SHORT, samples), (278, TiffTags.LONG, height), (279, TiffTags.LONG, len(packed)),
+        (284, TiffTags.SHORT, 1), (50706, TiffTags.BYTE, bytes((1, 4, 0, 0))),
+        (50707, TiffTags.BYTE, bytes((1, 1, 0, 0))), (50708, TiffTags.ASCII, f"Test {model}"),
         (50713, TiffTags.SHORT, repeat),
         (50714, TiffTags.RATIONAL, tuple(float(b) for b in black)),
         (50717, TiffTags.LONG, (1 << bits) - 1 if white is None else white),
-    ]
+    ]  # fmt: skip
     if colours == 3:
         tags.append((50721, TiffTags.SIGNED_RATIONAL, tuple(np.eye(3).ravel().tolist())))
         tags.append((50728, TiffTags.RATIONAL, (0.5, 1.0, 0.6)))
