@@ -29,6 +29,8 @@ from colmap_ihe.project.options import FitOptions
 from colmap_ihe.project.options_file import load_options
 
 PACKAGE = Path(colmap_ihe.__file__).parent
+SOLVER = """sparse: {mapper: global, colmap: {mapper: {bundle_adjustment: {ceres: {solver_options:
+ {trust_region_problem_dump_directory: /x}}}}}}"""
 
 
 # Paths in options
@@ -45,11 +47,7 @@ PACKAGE = Path(colmap_ihe.__file__).parent
         ("sparse: {colmap: {snapshot_path: snapshots}}", "sparse.colmap.snapshot_path"),
         ("matches: {strategy: vocabtree, pairing: {vocab_tree_path: /x}}", "matches.pairing.vocab_tree_path"),
         ("dense: {colmap: {mask_path: /x}}", "dense.colmap.mask_path"),
-        (
-            "sparse: {mapper: global, colmap: {mapper: {bundle_adjustment: {ceres: {solver_options:"
-            " {trust_region_problem_dump_directory: /x}}}}}}",
-            "trust_region_problem_dump_directory",
-        ),
+        (SOLVER, "trust_region_problem_dump_directory"),
     ],
 )
 def test_a_file_of_options_names_nothing_outside_of_the_project(tmp_path: Path, text: str, key: str) -> None:
@@ -85,12 +83,8 @@ def _paths_of(options: object, place: str = "") -> Iterator[str]:
 
 
 def test_every_path_among_colmaps_options_is_told_by_its_name() -> None:
-    found = {
-        path
-        for name in dir(pycolmap)
-        if name.endswith("Options")
-        for path in _paths_of(getattr(pycolmap, name)())
-    }
+    names = [name for name in dir(pycolmap) if name.endswith("Options")]
+    found = {path for name in names for path in _paths_of(getattr(pycolmap, name)())}
     assert len(found) > 4
     for path in found:
         assert [key for key, _ in named_paths({"sparse": {"colmap": {path.rpartition(".")[2]: "x"}}})]
