@@ -192,7 +192,7 @@ def _photographs(
             seen = model.seen(grey_of[name])
             found.append(PhotographEntry(name, thumbnail, seen.points, seen.error_px, seen.coverage))
         else:
-            why = summary["left_out"].get(name) or ("it has no place in the model" if model else "")
+            why = summary["left_out"].get(name) or ("it is not registered" if model else "")
             found.append(PhotographEntry(name, thumbnail, left_out=why))
     others = sorted(set(summary["left_out"]) - set(grey_of))
     return [*found, *(PhotographEntry(name, None, left_out=summary["left_out"][name]) for name in others)]

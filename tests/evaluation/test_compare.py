@@ -107,7 +107,7 @@ def test_a_method_without_a_model_is_told_and_does_not_end_the_others(
 ) -> None:
     def fails_in_green(database: Path, *rest: Any) -> Any:
         if "green" in database.parts:
-            raise MappingError("none of the photographs could be placed in a model")
+            raise MappingError("none of the photographs could be registered")
         return map_images(database, *rest)
 
     monkeypatch.setattr("colmap_ihe.evaluation.compare.map_images", fails_in_green)

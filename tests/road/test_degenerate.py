@@ -25,7 +25,7 @@ from colmap_ihe.project.options_file import load_options
 
 MakeOptions = Callable[..., Options]
 Run = Callable[..., Reconstruction]
-TURNED = "none of the 6 photographs could be placed.*the camera only turned on the spot"
+TURNED = "none of the 6 photographs could be registered.*the camera only turned on the spot"
 QUICK = ("fit.measure=false", "dense.enabled=false")
 
 
@@ -106,7 +106,7 @@ def test_two_photographs_make_a_model(run: Run) -> None:
     [
         ("sound", [7], []),
         ("sound_with_copies", [9], ["shot_02.jpg of copies/copy_2.jpg"]),
-        ("one_black", [7], ["hardly any features", "cap.jpg (0)", "1 of 8 photographs have no place"]),
+        ("one_black", [7], ["hardly any features", "cap.jpg (0)", "1 of 8 photographs are not registered"]),
         ("lone_shot", [7], ["elsewhere.jpg: no verified matches with any that has one"]),
         ("two_halves", [4, 4], ["fell into 2 models", "workspace/sparse/1 has 4 images"]),
         ("partly_rotation", [10], []),
@@ -174,7 +174,7 @@ def test_neighbours_only_unfolds_two_wings(run: Run) -> None:
 def test_no_false_alarm_on_real_photographs(photographs: Path, tmp_path: Path, name: str) -> None:
     options = load_options(None, [*QUICK, "features.max_image_size=1400"])
     said = warnings(reconstruct(tmp_path, options, images=photographs / name))
-    for words in ("like parts", "no camera has", "of one plane", "came out", "have no place"):
+    for words in ("like parts", "no camera has", "of one plane", "came out", "are not registered"):
         assert words not in said
 
 

@@ -49,7 +49,7 @@ def why_no_match(database: Path, by_grey: Mapping[str, str], images: int) -> Adv
 
 def why_no_model(database: Path, images: int) -> Advice:
     """Say why pairs were verified and no photograph was registered, and what to do."""
-    said = f"none of the {images} photographs could be placed in a model"
+    said = f"none of the {images} photographs could be registered"
     motions = motions_of(database)
     turned = [m for m in motions if m.only_turned]
     matching = "the only pair that matches" if len(motions) == 1 else f"the {len(motions)} pairs that match"
@@ -147,7 +147,7 @@ def _without_a_place(
         reasons.append(
             f"{named(weak)}: at most {count} verified matches with any that has one, or none that agree"
         )
-    return [f"{len(lost)} of {len(by_grey)} photographs have no place in the model. {'; '.join(reasons)}"]
+    return [f"{len(lost)} of {len(by_grey)} photographs are not registered. {'; '.join(reasons)}"]
 
 
 def fold_warnings(found: Conflicts, by_grey: Mapping[str, str]) -> list[str]:
