@@ -17,7 +17,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 import simplejpeg
-from command_line import ENVIRONMENT
+from command_line import ENVIRONMENT, failure_of
 from processes import children
 from same_results import contents
 from small_demo import SETTINGS
@@ -314,8 +314,7 @@ def test_the_second_on_one_project_says_so_and_leaves(
     finished: Path, capsys: pytest.CaptureFixture[str], command: str, held: str, more: Sequence[str]
 ) -> None:
     with Project.at(finished / held, finished / "images").locked():
-        assert main([command, str(finished), *more]) == 1
-    line = capsys.readouterr().err.strip().splitlines()[-1]
+        line = failure_of(capsys, command, finished, *more)
     assert "another run is working on this project" in line and "wait for it, or stop it" in line
 
 
@@ -327,6 +326,5 @@ def test_a_second_one_into_one_folder_says_so_and_leaves(
     images.mkdir()
     shutil.copy(small_demo / "images/portico_01.dng", images)
     with opened(tmp_path / "out"):
-        assert main([command, str(images), str(tmp_path / "out")]) == 1
-    line = capsys.readouterr().err.strip().splitlines()[-1]
+        line = failure_of(capsys, command, images, tmp_path / "out")
     assert "another run is writing into it" in line and "wait for it, or stop it" in line

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 import tifffile
+from command_line import Captured, failure_of
 from icc import rgb_profile
 from PIL import Image
 
@@ -21,7 +22,6 @@ from colmap_ihe.photographs.png import encode_png
 
 SIZE = (90, 70)
 Commands = tuple[tuple[str | Path, ...], ...]
-Captured = pytest.CaptureFixture[str]
 REC709 = [0.21, 0.72, 0.07]  # the tie goes to the triplet of the grid that is nearest to it
 
 
@@ -55,13 +55,6 @@ def run(capsys: Captured, *arguments: str | Path) -> tuple[Any, str]:
     return json.loads(captured.out), captured.err
 
 
-def failure(capsys: Captured, *arguments: str | Path) -> str:
-    assert main([*map(str, arguments), "-q"]) == 1
-    captured = capsys.readouterr()
-    assert captured.err.count("colmap-ihe: ") == 1
-    return captured.err
-
-
 @pytest.mark.parametrize("mode", ["L", "LA", "1", "RGB"])
 def test_greyscale_photographs_only(
     capsys: Captured, photos: Path, commands: Commands, tmp_path: Path, mode: str
@@ -83,6 +76,9 @@ def test_one_colour_photograph_or_fixed_weights_need_no_warning(
     assert run(capsys, "convert", photos, tmp_path / "grey", "--method", "mean")[1] == ""
     colour(photos / "b.png")
     assert run(capsys, "fit", photos, "--step", "0.1")[1] == ""
+    Image.new("RGB", SIZE).save(photos / "black.png")
+    found, warnings = run(capsys, "convert", photos, tmp_path / "grey")
+    assert (warnings, found["left_out"]) == ("", {})
 
 
 def test_all_photographs_are_black(
@@ -107,17 +103,12 @@ def test_all_raw_photographs_are_black(capsys: Captured, photos: Path, commands:
         assert "hold a single tone" in run(capsys, *command)[1]
 
 
-def test_one_black_photograph_in_a_set(capsys: Captured, photos: Path, tmp_path: Path) -> None:
-    colour(photos / "a.png")
-    Image.new("RGB", SIZE).save(photos / "b.png")
-    found, warnings = run(capsys, "convert", photos, tmp_path / "grey")
-    assert (warnings, found["left_out"]) == ("", {})
-
-
 def test_one_pixel(capsys: Captured, photos: Path, commands: Commands, tmp_path: Path) -> None:
     Image.new("RGB", (1, 1)).save(photos / "pixel.png")
     for command in commands:
-        assert "pixel.png: 1x1 pixels, expected at least 64 on each side" in failure(capsys, *command)
+        assert "pixel.png: 1x1 pixels, expected at least 64 on each side" in failure_of(
+            capsys, *command, "-q"
+        )
     assert not (tmp_path / "grey").exists()
     colour(photos / "a.png")
     found, _ = run(capsys, "convert", photos, tmp_path / "grey", "--method", "red")

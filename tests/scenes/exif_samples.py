@@ -7,9 +7,9 @@ from typing import Any
 
 import exifread
 import numpy as np
+from dngs import write_kind
 from PIL import Image
 from PIL.TiffImagePlugin import IFDRational as R
-from PIL.TiffImagePlugin import ImageFileDirectory_v2
 
 SIZE = (96, 64)
 IMAGE: dict[int, Any] = {
@@ -56,31 +56,15 @@ def full_photograph(path: Path) -> Path:
 
 
 def _write_raw(path: Path) -> None:
-    directory = ImageFileDirectory_v2()
-    directory.update(IMAGE)
-    directory[0x8769], directory[0x8825] = SHOT, GPS
-    width, height = SIZE
-    mosaic: list[tuple[int, int, Any]] = [
-        *((254, 4, 0), (256, 4, width), (257, 4, height), (258, 3, 16), (259, 3, 1), (262, 3, 32803)),
-        *((273, 4, 0), (277, 3, 1), (278, 4, height), (279, 4, 2 * width * height), (284, 3, 1)),
-        *((33421, 3, (2, 2)), (33422, 1, b"\x00\x01\x01\x02"), (50714, 4, 512), (50717, 4, 16383)),
-        *((50706, 1, b"\x01\x04\x00\x00"), (50708, 2, "X"), (50728, 5, (0.5, 1.0, 0.6)), (50778, 3, 21)),
-        (50721, 10, tuple(np.eye(3).ravel())),
-    ]
-    for tag, kind, value in mosaic:
-        directory.tagtype[tag] = kind
-        directory[tag] = value
-    mark = b"II*\0" if path.suffix == ".dng" else b"IIRO"
-    pixels = np.full((height, width), 700, "<u2").tobytes()
-    path.write_bytes(mark + b"\x08\0\0\0" + directory.tobytes(8) + pixels)
+    pixels, tags = np.full(SIZE[::-1], 700, np.uint16), {**IMAGE, 0x8769: SHOT, 0x8825: GPS}
+    write_kind(path, pixels, pattern=np.array([["R", "G"], ["G", "B"]]), black=(512,), white=16383, tags=tags)
+    if path.suffix == ".orf":
+        path.write_bytes(b"IIRO" + path.read_bytes()[4:])
 
 
 def tags_of(path: Path) -> dict[tuple[str, int], str]:
     """Values in words by directory and number, as exifread finds them."""
     with path.open("rb") as handle:
         found = exifread.process_file(handle, details=False)
-    return {
-        (name.partition(" ")[0], tag.tag): str(tag.values)
-        for name, tag in found.items()
-        if hasattr(tag, "tag")
-    }
+    tags = [(name, tag) for name, tag in found.items() if hasattr(tag, "tag")]
+    return {(name.partition(" ")[0], tag.tag): str(tag.values) for name, tag in tags}

@@ -28,6 +28,7 @@ F32 = NDArray[np.float32]
 F64 = NDArray[np.float64]
 
 SIZE = (384, 288)
+BLACK = np.zeros((*SIZE[::-1], 3), np.uint8)
 FOCAL_35MM = 28  # what COLMAP makes of it: over the diagonal of 36 x 24 mm
 FOCAL_PX = FOCAL_35MM / 43.27 * math.hypot(*SIZE)
 _TEXEL_M = 0.012
@@ -224,14 +225,13 @@ def crowd(images: Path, people: int) -> None:
 def all_black(images: Path) -> None:
     for number in range(3):
         taken = PhotoExif(taken=f"2016:06:21 10:0{number}:00")
-        save(np.zeros((*SIZE[::-1], 3), np.uint8), images / f"shot_{number + 1:02}.jpg", taken)
+        save(BLACK, images / f"shot_{number + 1:02}.jpg", taken)
 
 
 def one_black(images: Path) -> None:
     """A sound set, and one photograph with the lens cap on."""
     sound(images)
-    black = np.zeros((*SIZE[::-1], 3), np.uint8)
-    save(black, images / "cap.jpg", PhotoExif(model="Demo camera", focal_length_35mm=28))
+    save(BLACK, images / "cap.jpg", PhotoExif(model="Demo camera", focal_length_35mm=28))
 
 
 def one_colour(images: Path) -> None:
