@@ -16,22 +16,22 @@ from colmap_ihe.cli import main
 from colmap_ihe.commandline import commands
 
 
+def fail_with(monkeypatch: pytest.MonkeyPatch, error: BaseException) -> None:
+    def fail(*_: object) -> dict[str, Any]:
+        raise error
+
+    monkeypatch.setattr(commands, "doctor", fail)
+
+
 def test_an_unforeseen_error_keeps_its_traceback(monkeypatch: pytest.MonkeyPatch) -> None:
     """A bug is a bug: hiding it in one line would help nobody."""
-
-    def broken(*_: object) -> dict[str, Any]:
-        raise RuntimeError("a bug")
-
-    monkeypatch.setattr(commands, "doctor", broken)
+    fail_with(monkeypatch, RuntimeError("a bug"))
     with pytest.raises(RuntimeError, match="a bug"):
         main(["doctor"])
 
 
 def test_ctrl_c_exits_with_130(capsys: Captured, monkeypatch: pytest.MonkeyPatch) -> None:
-    def interrupted(*_: object) -> dict[str, Any]:
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr(commands, "doctor", interrupted)
+    fail_with(monkeypatch, KeyboardInterrupt())
     assert main(["doctor"]) == 130
     assert capsys.readouterr().err == "colmap-ihe: stopped; the same command goes on from here\n"
 

@@ -140,11 +140,6 @@ def option(line: str) -> Callable[[Path], None]:
     return change
 
 
-def commented(project: Path) -> None:
-    yaml = (project / "project.yaml").read_text()
-    (project / "project.yaml").write_text(f"# the north side, 12 May\n\n{yaml}")
-
-
 def written(name: str, text: str) -> Callable[[Path], object]:
     return lambda project: (project / name).write_text(text)
 
@@ -216,7 +211,7 @@ CASES: dict[str, tuple[Callable[[Path], object], tuple[str, ...], str]] = {
         for name, (line, change) in OPTIONS.items()
     },
     "strict": (option("captures.strict=true"), (), ""),
-    "comment": (commented, (), ""),
+    "comment": (written("project.yaml", "# the north side, 12 May\n\n"), (), ""),
     "no photograph": (written("images/notes.txt", "north side"), (), ""),
     "touched": (touched, (), ""),
     "database gone": (gone("workspace/database.db"), since("features"), "database.db is gone"),
