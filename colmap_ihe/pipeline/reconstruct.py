@@ -107,10 +107,9 @@ def reconstruct(
         warn_of(differences_from(noted, folder, options, run.digests) if noted else (), progress)
         run.inputs = inputs_of(folder, options, discovery, run.digests)
         prints = fingerprints(options, run.inputs)
-        number = STAGE_NAMES.index(until) + 1 if until else len(STAGES)
         forced = STAGE_NAMES[STAGE_NAMES.index(start) :] if start else ()
-        ran = _run(STAGES[:number], run, prints, forced, progress)
-        _add_records(STAGES[number:], run, prints)
+        ran = _run(run, prints, until or STAGE_NAMES[-1], forced, progress)
+        _add_records(run, prints)
         summary = summarise(run.records, options)
         if "fit" in run.records:
             write_weights_file(run)
@@ -122,29 +121,32 @@ def reconstruct(
 
 
 def _run(
-    stages: Sequence[Stage],
     run: RunContext,
     prints: Mapping[str, str],
+    until: str,
     forced: Sequence[str],
     progress: RunProgress,
 ) -> tuple[str, ...]:
-    """Run what is due of the stages, with the remaining time, and a look at memory and disk once the set is known."""
+    """Run the stages up to `until` that are due; tell the remaining time, and check memory and disk once the set is
+    known."""
 
     def stage_done(name: str) -> None:
-        parts = stage_parts(run.options, Known.from_records(run.records), stages[-1].name)
+        parts = stage_parts(run.options, Known.from_records(run.records), until)
         progress.expect([part for part in parts if part.stage not in run.records])
         if name == "captures":
             size = PhotoSetSize.of(run.records[name], run.captures())
             run.needs = {needs.stage: needs for needs in needs_of(run.options, size)}
-            due = _due(stages[1:], run, prints, forced)
+            due = _due(STAGES[1 : STAGE_NAMES.index(until) + 1], run, prints, forced)
             warn_of(disk_warnings(run.project, list(run.needs.values()), due), progress)
 
-    return run_stages(stages, run, prints, progress, forced=forced, stage_done=stage_done)
+    return run_stages(STAGES, run, prints, progress, until=until, forced=forced, stage_done=stage_done)
 
 
-def _add_records(stages: Sequence[Stage], run: RunContext, prints: Mapping[str, str]) -> None:
-    """Add the records of stages that were not asked for and are still up to date."""
-    for stage in stages:
+def _add_records(run: RunContext, prints: Mapping[str, str]) -> None:
+    """Add the records of stages after those that were asked for, as far as they are up to date."""
+    for stage in STAGES:
+        if stage.name in run.records:
+            continue
         record = None if stage.switched_off(run.options) else read_record(run.project, stage.name)
         if record is None or why_stale(run.project, stage, record, prints):
             return

@@ -25,17 +25,20 @@ def run_stages(
     prints: Mapping[str, str],
     progress: RunProgress,
     *,
+    until: str = "",
     forced: Sequence[str] = (),
     stage_done: Callable[[str], None] = lambda _: None,
 ) -> tuple[str, ...]:
     """Run the stages that are not up to date, in their order, and return the names of those that ran.
 
-    `prints`: the fingerprint that each is to have. `forced`: names of stages that run in any case. `stage_done` is
+    `prints`: the fingerprint that each is to have. `until`: the last one to run, else all; records of stages after it
+    are removed where one before them runs. `forced`: names of stages that run in any case. `stage_done` is
     called with the name of each stage whose record is in `run`. Raises `KnownError`s and `Cancelled`; the records then
     say how far it came.
     """
     ran = []
-    for stage in stages:
+    names = [stage.name for stage in stages]
+    for stage in stages[: names.index(until) + 1] if until else stages:
         if stage.switched_off(run.options):
             continue
         record = None if stage.name in forced else read_record(run.project, stage.name)
