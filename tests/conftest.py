@@ -72,8 +72,7 @@ def faulty(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     """New decoders do what the comment of a JPEG says."""
     (tmp_path / ".hook").mkdir()
     (tmp_path / ".hook/sitecustomize.py").write_text(FAULTS, encoding="utf-8")
-    root = str(ROOT)
-    monkeypatch.setenv("PYTHONPATH", os.pathsep.join((str(tmp_path / ".hook"), root)))
+    monkeypatch.setenv("PYTHONPATH", f"{tmp_path / '.hook'}{os.pathsep}{ROOT}")
     decoders.end_idle()
     yield
     decoders.end_idle()
@@ -124,9 +123,7 @@ def new_project(small_demo: Path, tmp_path: Path) -> Callable[..., Path]:
 @pytest.fixture(scope="session")
 def _finished(small_demo: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, Any]]:
     project = tmp_path_factory.mktemp("finished") / "project"
-    (project / "images").mkdir(parents=True)
-    for jpeg in sorted((small_demo / "images").glob("*.jpg")):
-        shutil.copy2(jpeg, project / "images" / jpeg.name)
+    shutil.copytree(small_demo / "images", project / "images", ignore=shutil.ignore_patterns("*.dng"))
     done = reconstruct(project, load_options(None, QUICK))
     return project, dict(done.summary)
 

@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import json
-import os
 import subprocess
-import sys
 from pathlib import Path
 from typing import Any
 
@@ -13,30 +11,27 @@ import numpy as np
 import pytest
 from command_line import Captured, run
 from PIL import Image
-from small_demo import ROOT
 
 from colmap_ihe.cli import main
 from colmap_ihe.commandline import commands
 
-DOCTOR = [sys.executable, "-m", "colmap_ihe.cli", "doctor", "--json"]
+
+def fail_with(monkeypatch: pytest.MonkeyPatch, error: BaseException) -> None:
+    def fail(*_: object) -> dict[str, Any]:
+        raise error
+
+    monkeypatch.setattr(commands, "doctor", fail)
 
 
 def test_an_unforeseen_error_keeps_its_traceback(monkeypatch: pytest.MonkeyPatch) -> None:
     """A bug is a bug: hiding it in one line would help nobody."""
-
-    def broken(*_: object) -> dict[str, Any]:
-        raise RuntimeError("a bug")
-
-    monkeypatch.setattr(commands, "doctor", broken)
+    fail_with(monkeypatch, RuntimeError("a bug"))
     with pytest.raises(RuntimeError, match="a bug"):
         main(["doctor"])
 
 
 def test_ctrl_c_exits_with_130(capsys: Captured, monkeypatch: pytest.MonkeyPatch) -> None:
-    def interrupted(*_: object) -> dict[str, Any]:
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr(commands, "doctor", interrupted)
+    fail_with(monkeypatch, KeyboardInterrupt())
     assert main(["doctor"]) == 130
     assert capsys.readouterr().err == "colmap-ihe: stopped; the same command goes on from here\n"
 
@@ -64,22 +59,14 @@ def test_a_broken_tiff_leaves_no_warnings_of_libraries(tmp_path: Path) -> None:
     assert "site-packages" not in done.stderr
 
 
-@pytest.mark.parametrize("unbuffered", ["1", pytest.param("")])
+@pytest.mark.parametrize("unbuffered", ["1", ""])
 def test_a_pipe_that_closes_early_is_no_error(unbuffered: str) -> None:
     """As `colmap-ihe doctor | head`. Python writes at once where it is told to, else as it ends."""
     reader = subprocess.Popen(["true"], stdin=subprocess.PIPE)
     assert reader.stdin is not None
     try:
         reader.wait(60)
-        done = subprocess.run(
-            DOCTOR,
-            stdout=reader.stdin,
-            stderr=subprocess.PIPE,
-            text=True,
-            env=os.environ | {"PYTHONPATH": str(ROOT), "PYTHONUNBUFFERED": unbuffered},
-            timeout=60,
-            check=False,
-        )
+        done = run("doctor", "--json", stdout=reader.stdin, PYTHONUNBUFFERED=unbuffered)
     finally:
         reader.stdin.close()
     assert done.stderr == ""
@@ -89,14 +76,6 @@ def test_a_pipe_that_closes_early_is_no_error(unbuffered: str) -> None:
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="there is no /dev/full to write to")
 def test_results_that_find_no_room_are_one_line() -> None:
     with Path("/dev/full").open("w") as full:
-        done = subprocess.run(
-            DOCTOR,
-            stdout=full,
-            stderr=subprocess.PIPE,
-            text=True,
-            env=os.environ | {"PYTHONPATH": str(ROOT)},
-            timeout=60,
-            check=False,
-        )
+        done = run("doctor", "--json", stdout=full)
     assert done.returncode == 1
     assert len(done.stderr.splitlines()) == 1

@@ -70,31 +70,17 @@ def test_every_dependency_has_a_line_installed_or_not(licences: Any) -> None:
     assert [licence for licence in told.values() if not licences.goes_with_ours(licence)] == []
 
 
-@pytest.mark.parametrize(
-    ("expression", "wanted"),
-    [
-        ("MIT", True),
-        ("BSD-3-Clause AND MIT", True),
-        ("Apache-2.0 OR GPL-3.0-only", True),
-        ("(MIT OR GPL-2.0-only)", True),
-        ("MIT AND GPL-3.0-or-later", False),
-        ("GPL-3.0-or-later", False),
-        ("unknown", False),
-    ],
-)
-def test_which_licences_go_with_ours(licences: Any, expression: str, wanted: bool) -> None:
-    assert licences.goes_with_ours(expression) is wanted
+def test_which_licences_go_with_ours(licences: Any) -> None:
+    good = ["MIT", "BSD-3-Clause AND MIT", "Apache-2.0 OR GPL-3.0-only", "(MIT OR GPL-2.0-only)"]
+    others = ["MIT AND GPL-3.0-or-later", "GPL-3.0-or-later", "unknown"]
+    assert [one for one in (*good, *others) if licences.goes_with_ours(one)] == good
 
 
 def test_a_licence_is_read_from_words_of_all_kinds(licences: Any) -> None:
     read = [licences.spdx(words) for words in ("mit", "BSD License", "Apache-2.0 OR MIT", "my own", "")]
     assert read == ["MIT", "BSD-3-Clause", "Apache-2.0 OR MIT", None, None]
-    own = (ROOT / "LICENSE").read_text(encoding="utf-8")
-    texts = (
-        own,
-        "Redistribution and use in source and binary forms ...\n Neither the\n name",
-        "All rights reserved",
-    )
+    bsd = "Redistribution and use in source and binary forms ...\n Neither the\n name"
+    texts = ((ROOT / "LICENSE").read_text(encoding="utf-8"), bsd, "All rights reserved")
     assert [licences.spdx_of_text(text) for text in texts] == ["Apache-2.0", "BSD-3-Clause", None]
 
 
@@ -115,8 +101,8 @@ def test_every_python_has_one_lower_bound_of_every_dependency(packaging_script: 
 def test_a_wheel_with_what_does_not_belong_there_is_refused(
     packaging_script: Any, tmp_path: Path, more: str
 ) -> None:
-    good = [*packaging_script.WHEEL_HOLDS, "colmap_ihe-1.dist-info/METADATA"]
-    good.append("colmap_ihe-1.dist-info/licenses/LICENSE")
+    about = "colmap_ihe-1.dist-info"
+    good = [*packaging_script.WHEEL_HOLDS, f"{about}/METADATA", f"{about}/licenses/LICENSE"]
 
     def wheel(names: list[str]) -> Path:
         with zipfile.ZipFile(tmp_path / "a.whl", "w") as archive:

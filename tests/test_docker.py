@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from itertools import chain
 
 import yaml
 from packaging.requirements import Requirement
@@ -25,16 +26,14 @@ def listed(start: str) -> list[Requirement]:
 
 
 def extras() -> dict[str, list[Requirement]]:
-    names = re.findall(
-        r"^(\w+) = \[", PROJECT.split("[project.optional-dependencies]")[1].split("\n[")[0], re.M
-    )
+    section = PROJECT.split("[project.optional-dependencies]")[1].split("\n[")[0]
+    names = re.findall(r"^(\w+) = \[", section, re.M)
     return {name: listed(f"\n{name} = ") for name in names if name != "test"}
 
 
 def test_all_that_an_image_may_hold_is_pinned_for_every_python() -> None:
     wanted = [*listed("\nrequires = "), *listed("\ndependencies = "), Requirement("pycolmap-cuda12")]
-    for extra in extras().values():
-        wanted += extra
+    wanted += chain.from_iterable(extras().values())
     assert len(wanted) > 15
     for python in ("3.10", "3.11", "3.12", "3.13"):
         where = {"python_version": python, "python_full_version": f"{python}.1", "sys_platform": "linux"}

@@ -11,20 +11,19 @@ from small_demo import ROOT
 PACKAGE, TESTS = ROOT / "colmap_ihe", ROOT / "tests"
 OUTSIDE = {"__main__", "cli", "errors"}
 WITHOUT_MODULE = {
-    "dense/stereo/test_steps", "dense/texture/test_texture", "photographs/raw/test_sensors",
-    "pipeline/stages/test_mesh", "report/test_batch_page", "report/test_hostile_pages", "report/test_page_in_browser",
+    "commandline/test_convert", "dense/stereo/test_steps", "dense/texture/test_texture",
+    "evaluation/test_surface_errors", "photographs/raw/test_sensors", "pipeline/stages/test_new_stage",
+    "report/test_batch_page", "report/test_hostile_pages", "report/test_page_in_browser",
 }  # fmt: skip
 THROUGH_OTHERS = {
-    "__main__", "colmap/database", "colmap/database_probe", "colmap/feature_files", "colmap/features",
-    "colmap/features_on_workers", "colmap/measures", "commandline/batch_display", "commandline/display",
-    "commandline/json_lines", "commandline/shared_arguments", "dense/fusion_cell_workspace",
-    "dense/textured_mesh", "evaluation/demo/errors", "evaluation/demo/grid", "evaluation/demo/light",
-    "evaluation/demo/materials", "evaluation/demo/run", "evaluation/figures", "evaluation/forecast",
-    "evaluation/page", "grey/compiled", "machine/cancel", "machine/cluster/executor", "machine/cluster/local",
-    "machine/cluster/task", "machine/decoder_process", "photographs/decoder_main", "photographs/icc_profile",
-    "photographs/raw/calibration_frames", "photographs/raw/calibration_masters", "photographs/raw/undecoded",
-    "pipeline/doctor", "pipeline/environment", "pipeline/explain", "pipeline/fit_sources",
-    "pipeline/model_view", "pipeline/rewrite_page",
+    "__main__", "colmap/database", "colmap/database_probe", "colmap/features", "colmap/features_on_workers",
+    "colmap/measures", "colmap/part_databases", "commandline/shared_arguments", "dense/fusion_cell_workspace",
+    "dense/textured_mesh", "evaluation/demo/grid", "evaluation/demo/light", "evaluation/demo/materials",
+    "evaluation/demo/run", "evaluation/figures", "evaluation/page", "grey/compiled", "machine/cancel",
+    "machine/cluster/executor", "machine/cluster/local", "machine/cluster/task", "photographs/decoder_main",
+    "photographs/raw/calibration_masters", "photographs/raw/undecoded", "pipeline/doctor", "pipeline/model_view",
+    "pipeline/rewrite_page", "pipeline/run_stages", "pipeline/stages/convert", "pipeline/stages/features",
+    "pipeline/stages/matches", "pipeline/stages/sparse",
 }  # fmt: skip
 
 

@@ -14,9 +14,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 from PIL import Image
+from told import Told
 
 from colmap_ihe.machine import executor, memory
-from colmap_ihe.machine.progress import SILENT, Silent
+from colmap_ihe.machine.progress import SILENT
 from colmap_ihe.photographs import each as per_image
 from colmap_ihe.photographs.discover import Capture
 from colmap_ihe.photographs.each import each_usable
@@ -135,24 +136,16 @@ def test_headers_tell_how_many_pixels(tmp_path: Path) -> None:
 
 
 def test_the_user_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    class Listener(Silent):
-        def __init__(self) -> None:
-            super().__init__()
-            self.said: list[str] = []
-
-        def warn(self, text: str) -> None:
-            self.said.append(text)
-
     _workers(monkeypatch, 4)
     Image.fromarray(np.arange(3 * 1000 * 1000, dtype=np.uint32).astype(np.uint8).reshape(1000, 1000, 3)).save(
         tmp_path / "a.png"
     )
-    listener = Listener()
-    fit_files([tmp_path], progress=listener)
-    assert not any("at a time" in text for text in listener.said)
+    told = Told()
+    fit_files([tmp_path], progress=told)
+    assert not any("at a time" in text for text in told.warnings)
     monkeypatch.setattr(memory, "available", lambda: 100 * 10**6)
-    fit_files([tmp_path], progress=listener)
-    assert [text for text in listener.said if "photographs at a time" in text and "there are 4 cores" in text]
+    fit_files([tmp_path], progress=told)
+    assert [text for text in told.warnings if "photographs at a time" in text and "there are 4 cores" in text]
 
 
 @pytest.mark.skipif(not hasattr(ctypes.CDLL(None), "gnu_get_libc_version"), reason="glibc alone can be told")

@@ -10,11 +10,11 @@ from typing import Any, get_args
 import numpy as np
 import pytest
 from PIL.TiffImagePlugin import IFDRational as R
+from told import Told
 
 from colmap_ihe import Weights, convert_folder
 from colmap_ihe.colmap.native import pycolmap
 from colmap_ihe.errors import OptionError
-from colmap_ihe.machine.progress import Silent
 from colmap_ihe.photographs.encode import SUFFIXES, Format, encode_image
 from colmap_ihe.photographs.exif.blocks import put_together
 from colmap_ihe.photographs.exif.metadata import Metadata, describe
@@ -127,15 +127,6 @@ def test_the_first_pattern_that_fits_counts() -> None:
     names = ["a/b/c.JPG", "a/c.jpg", "c.JPG"]
     assert [pattern_of(known, name) for name in names] == ["a/*.JPG", "a/*", "*"]
     assert pattern_of(cameras(), "c.JPG") is None
-
-
-class Told(Silent):
-    def __init__(self) -> None:
-        super().__init__()
-        self.warnings: list[str] = []
-
-    def warn(self, text: str) -> None:
-        self.warnings.append(text)
 
 
 def photographs(folder: Path, *names: str, metadata: Metadata | None = None) -> Path:

@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 from icc import rgb_profile
 from PIL import Image
+from told import Told
 
 import colmap_ihe.pipeline.convert_folder
 from colmap_ihe import Weights, convert_folder
@@ -22,7 +23,6 @@ from colmap_ihe.colmap.native import pycolmap
 from colmap_ihe.errors import Cancelled, KnownError, PhotographError, ProjectError, WeightsError
 from colmap_ihe.grey.convert import to_grey
 from colmap_ihe.grey.wallis import wallis
-from colmap_ihe.machine.progress import Silent
 from colmap_ihe.photographs.decode import read_photograph
 from colmap_ihe.photographs.discover import discover
 from colmap_ihe.photographs.encode import Format
@@ -32,21 +32,6 @@ from colmap_ihe.project.options import ConvertOptions, FitOptions
 GREEN, BLUE = Weights(0, 1, 0, method="file"), Weights(0, 0, 1, method="file")
 QUICK = FitOptions(step=0.1)
 Noted = dict[str, tuple[int, bytes]]
-
-
-class Told(Silent):
-    """Keeps what it is told."""
-
-    def __init__(self) -> None:
-        super().__init__()
-        self.warnings: list[str] = []
-        self.up_to_date: list[str] = []
-
-    def warn(self, text: str) -> None:
-        self.warnings.append(text)
-
-    def kept(self, name: str) -> None:
-        self.up_to_date.append(name)
 
 
 @pytest.fixture

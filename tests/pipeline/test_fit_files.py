@@ -15,6 +15,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from PIL import Image
+from told import Told
 
 from colmap_ihe.cli import main
 from colmap_ihe.errors import KnownError, OptionError, WeightsError
@@ -29,7 +30,7 @@ from colmap_ihe.grey.histogram import Histogram
 from colmap_ihe.grey.ihe import fit_cells
 from colmap_ihe.grey.sums import Weighting
 from colmap_ihe.grey.weights import Encoding, Weights, triplets
-from colmap_ihe.machine.progress import SILENT, Silent
+from colmap_ihe.machine.progress import SILENT
 from colmap_ihe.pipeline.fit_files import fit_files
 from colmap_ihe.pipeline.reconstruct import reconstruct
 from colmap_ihe.project.options import FitOptions, Options
@@ -128,20 +129,11 @@ def test_files_of_histograms_and_folders_in_any_mixture(tmp_path: Path) -> None:
     assert fit_files([tmp_path / "c", second])[0] == one  # the same names in both would be confused
 
 
-class Told(Silent):
-    def __init__(self) -> None:
-        super().__init__()
-        self.words: list[str] = []
-
-    def warn(self, text: str) -> None:
-        self.words.append(text)
-
-
 def test_a_photograph_that_is_in_two_campaigns_is_told_of(tmp_path: Path) -> None:
     first, second = folder_of(tmp_path / "a", [1, 2]), folder_of(tmp_path / "b", [2, 3])
     told = Told()
     fit_files([first, second], progress=told)
-    assert [w for w in told.words if "1 photographs are in the set more than once" in w]
+    assert [w for w in told.warnings if "1 photographs are in the set more than once" in w]
 
 
 @pytest.mark.parametrize(
@@ -288,7 +280,7 @@ def test_a_project_keeps_its_histogram_and_takes_weights(
     shutil.copy(first / "images/portico_01.jpg", first / "images/portico_09.jpg")
     told = Told()
     fit_files([first], FitOptions(step=0.1), progress=told)
-    assert any("so its photographs are read" in w for w in told.words)
+    assert any("so its photographs are read" in w for w in told.warnings)
 
 
 def test_the_command_line_fits_over_campaigns(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

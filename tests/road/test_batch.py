@@ -6,20 +6,16 @@ import json
 import os
 import signal
 import subprocess
-import sys
-import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import pytest
+from command_line import started, wait_until_begun
 from small_demo import QUICK, ROOT
 
 from colmap_ihe.batch.preview import preview_project
 from colmap_ihe.project.folder import Project
-
-SETTINGS = [part for assignment in QUICK for part in ("--set", assignment)]
 
 
 def make_root(new_project: Callable[..., Path], *names: str) -> Path:
@@ -46,30 +42,8 @@ def crash_in(tmp_path: Path, stage: str, project: str) -> dict[str, str]:
 
 
 def assert_nothing_half_written(root: Path) -> None:
-    left = [
-        p
-        for p in root.rglob("*")
-        if p.suffix == ".tmp" or p.name.endswith(".part.ply") or p.name == "unfinished.db"
-    ]
-    assert not left
-
-
-@contextmanager
-def command(root: Path, *more: str, env: dict[str, str] | None = None) -> Iterator[subprocess.Popen[str]]:
-    """`colmap-ihe batch ROOT` in a process of its own, which does not outlive the test."""
-    own = {"PYTHONPATH": str(ROOT)}
-    with subprocess.Popen(
-        [sys.executable, "-m", "colmap_ihe.cli", "batch", str(root), "--json", *SETTINGS, *more],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-        env=os.environ | own | (env or {}),
-        start_new_session=True,
-    ) as process:
-        try:
-            yield process
-        finally:
-            process.kill()
+    endings = (".tmp", ".part.ply", "unfinished.db")
+    assert not [p for p in root.rglob("*") if p.name.endswith(endings)]
 
 
 def ended(process: subprocess.Popen[str]) -> tuple[int, dict[str, Any], str]:
@@ -81,15 +55,13 @@ def test_one_good_one_broken_one_crashing(new_project: Callable[..., Path], tmp_
     """The same command then runs what is missing, and nothing else."""
     root = make_root(new_project, "broken", "crashing", "good")
     (root / "broken/project.yaml").write_text("fit:\n  steps: 1\n")
-    with command(root, "--no-dense", env=crash_in(tmp_path, "features", "crashing")) as process:
+    crashing = crash_in(tmp_path, "features", "crashing")
+    with started("batch", root, "--no-dense", environment=crashing) as process:
         status, result, errors = ended(process)
     assert status == 1
     by_name = {p["name"]: p for p in result["projects"]}
-    assert {name: p["state"] for name, p in by_name.items()} == {
-        "broken": "failed",
-        "crashing": "crashed",
-        "good": "done",
-    }
+    states = {name: p["state"] for name, p in by_name.items()}
+    assert states == {"broken": "failed", "crashing": "crashed", "good": "done"}
     assert by_name["crashing"]["reason"] == "crashed in features (SIGSEGV)"
     assert "unknown option 'fit.steps'" in by_name["broken"]["reason"]
     assert by_name["crashing"]["hint"] and by_name["broken"]["hint"]
@@ -102,26 +74,19 @@ def test_one_good_one_broken_one_crashing(new_project: Callable[..., Path], tmp_
     (root / "broken/project.yaml").unlink()
     kept = {p: p.stat().st_mtime_ns for p in (root / "good/records").glob("*.json")}
     kept |= {p: p.stat().st_mtime_ns for p in [root / "crashing/records/convert.json"]}
-    with command(root, "--no-dense") as process:
+    with started("batch", root, "--no-dense") as process:
         status, result, errors = ended(process)
     assert status == 0 and result["counts"] == {"done": 3} and "good  begun" not in errors
     assert kept == {p: p.stat().st_mtime_ns for p in kept}
     assert_nothing_half_written(root)
 
 
-def wait_for(file: Path, process: subprocess.Popen[str]) -> None:
-    end = time.monotonic() + 120
-    while not file.exists():
-        assert process.poll() is None and time.monotonic() < end
-        time.sleep(0.01)
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGKILL])
 def test_stopped_or_killed_the_same_command_goes_on(new_project: Callable[..., Path], number: int) -> None:
     root = make_root(new_project, "a", "b", "c")
-    with command(root, "--no-dense") as process:
-        wait_for(root / "a/records/features.begun.json", process)
+    with started("batch", root, "--no-dense") as process:
+        wait_until_begun(process, root / "a", "features")
         process.send_signal(number)
         status, _, errors = ended(process)
     if number == signal.SIGKILL:
@@ -134,7 +99,7 @@ def test_stopped_or_killed_the_same_command_goes_on(new_project: Callable[..., P
         with Project.at(root / "a").locked():  # its run has ended with it
             pass
     before = (root / "a/records/convert.json").stat().st_mtime_ns
-    with command(root, "--no-dense") as process:
+    with started("batch", root, "--no-dense") as process:
         status, result, errors = ended(process)
     assert status == 0, errors
     assert result["counts"] == {"done": 3}
@@ -145,14 +110,12 @@ def test_stopped_or_killed_the_same_command_goes_on(new_project: Callable[..., P
 @pytest.mark.slow
 def test_two_batches_in_one_folder_do_not_mix(new_project: Callable[..., Path]) -> None:
     root = make_root(new_project, "a", "b", "c")
-    with (
-        command(root, "--no-dense", "--jobs", "1") as first,
-        command(root, "--no-dense", "--jobs", "1") as second,
-    ):
+    words = ("batch", root, "--no-dense", "--jobs", "1")
+    with started(*words) as first, started(*words) as second:
         results = [ended(first), ended(second)]
     for _, result, errors in results:
         assert {p["state"] for p in result["projects"]} <= {"done", "busy"}, errors
-    with command(root, "--no-dense") as process:
+    with started("batch", root, "--no-dense") as process:
         status, result, errors = ended(process)
     assert (status, result["counts"]) == (0, {"done": 3})
     assert " begun" not in errors

@@ -12,13 +12,14 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import Any
 
 import pytest
-from running import LONG, wait_until_begun
+from command_line import ENVIRONMENT, LONG, started, wait_until_begun
 from same_results import contents, known_of
-from small_demo import QUICK, ROOT
+from small_demo import ROOT, SETTINGS
 
 import colmap_ihe
 from colmap_ihe.cli import main
@@ -31,7 +32,6 @@ pytestmark = pytest.mark.cluster
 
 Make = Callable[..., Path]
 MakeOptions = Callable[..., Options]
-SOURCE = ROOT
 SPREAD = ("convert", "features", "matches", "dense")  # the stages that workers take part in for long
 
 
@@ -47,18 +47,17 @@ class Cluster:
         self.processes: list[subprocess.Popen[bytes]] = []
 
     def start(self, *command: str, env: dict[str, str] | None = None) -> subprocess.Popen[bytes]:
-        words = (self.folder / f"{len(self.processes)}.log").open("wb")
-        with words:
-            started = subprocess.Popen(
+        with (self.folder / f"{len(self.processes)}.log").open("wb") as words:
+            process = subprocess.Popen(
                 command,
                 stdout=words,
                 stderr=words,
                 cwd=self.folder,  # which `-m` puts before PYTHONPATH
                 start_new_session=True,
-                env=os.environ | {"PYTHONPATH": str(SOURCE)} | (env or {}),
+                env=ENVIRONMENT | (env or {}),
             )
-        self.processes.append(started)
-        return started
+        self.processes.append(process)
+        return process
 
     def scheduler(self) -> subprocess.Popen[bytes]:
         module = "distributed.cli.dask_scheduler"
@@ -94,17 +93,9 @@ def cluster(tmp_path: Path) -> Iterator[Cluster]:
         kill(process)
 
 
-def run(project: Path, address: str, *more: str) -> subprocess.Popen[str]:
-    settings = [part for a in (*QUICK, "cluster.patience=60") for part in ("--set", a)]
-    command = [sys.executable, "-m", "colmap_ihe.cli", "reconstruct"]
-    return subprocess.Popen(
-        [*command, str(project), "--json", "--no-mesh", "--cluster", address, *settings, *more],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-        start_new_session=True,
-        env=os.environ | {"PYTHONPATH": str(SOURCE)},
-    )
+def run(project: Path, address: str, *more: str) -> AbstractContextManager[subprocess.Popen[str]]:
+    patience = ("--set", "cluster.patience=60")
+    return started("reconstruct", project, "--no-mesh", "--cluster", address, *patience, *more)
 
 
 def result_of(process: subprocess.Popen[str]) -> dict[str, Any]:
@@ -132,10 +123,13 @@ def assert_whole(project: Path, summary: dict[str, Any], like: Path) -> None:
     assert_nothing_left(project)
 
 
-def assert_nothing_left(project: Path) -> None:
+def assert_nothing_left(project: Path, *, but_parts: bool = False) -> None:
     assert not list((project / "records").glob("*.lease"))
+    parts = project / "workspace/parts"
+    if but_parts:
+        shutil.rmtree(parts, ignore_errors=True)
+    assert not parts.exists()
     assert not list(project.rglob("*.part")) + list(project.rglob("*.tmp"))
-    assert not (project / "workspace/parts").exists()
 
 
 def test_workers_on_this_machine(new_project: Make, finished: Path, quick_options: MakeOptions) -> None:
@@ -178,17 +172,12 @@ def test_no_worker_is_left(new_project: Make, finished: Path, cluster: Cluster) 
         line = last_line_of(process)
     assert "no worker was there for 3 s" in line
     assert "the same command goes on from here" in line
-    assert_nothing_left_but_parts(project)
+    assert_nothing_left(project, but_parts=True)
     times = (project / "records/convert.json").stat().st_mtime_ns
     cluster.worker("another")
     with run(project, cluster.address) as process:
         assert_whole(project, result_of(process), finished)
     assert (project / "records/convert.json").stat().st_mtime_ns == times
-
-
-def assert_nothing_left_but_parts(project: Path) -> None:
-    shutil.rmtree(project / "workspace/parts", ignore_errors=True)
-    assert_nothing_left(project)
 
 
 def test_no_scheduler_answers(new_project: Make) -> None:
@@ -208,7 +197,7 @@ def test_stopped_by_hand(new_project: Make, finished: Path, cluster: Cluster) ->
         _, errors = process.communicate(timeout=LONG)
     assert process.returncode == 130
     assert errors.splitlines()[-1] == "colmap-ihe: stopped; the same command goes on from here"
-    assert_nothing_left_but_parts(project)
+    assert_nothing_left(project, but_parts=True)
     before = {p: p.stat().st_mtime_ns for p in project.rglob("*")}
     time.sleep(2)
     assert {p: p.stat().st_mtime_ns for p in project.rglob("*")} == before
@@ -303,23 +292,21 @@ def test_a_full_disk_on_one_worker(new_project: Make, finished: Path, cluster: C
         assert_whole(project, result_of(process), finished)
 
 
+def copied_package(folder: Path) -> Path:
+    ignored = shutil.ignore_patterns("__pycache__")
+    return shutil.copytree(ROOT / "colmap_ihe", folder / "colmap_ihe", ignore=ignored)
+
+
 def other_version(folder: Path) -> str:
-    shutil.copytree(
-        SOURCE / "colmap_ihe", folder / "colmap_ihe", ignore=shutil.ignore_patterns("__pycache__")
-    )
-    libraries = folder / "colmap_ihe/machine/libraries.py"
+    libraries = copied_package(folder) / "machine/libraries.py"
     text = libraries.read_text()
     libraries.write_text(text.replace(f'__version__ = "{colmap_ihe.__version__}"', '__version__ = "0.0.1"'))
-    return (
-        f"worker other on .*colmap-ihe is 0.0.1 there, expected {colmap_ihe.__version__} as on this machine"
-    )
+    there = f"colmap-ihe is 0.0.1 there, expected {colmap_ihe.__version__} as on this machine"
+    return f"worker other on .*{there}"
 
 
 def edited_package(folder: Path) -> str:
-    shutil.copytree(
-        SOURCE / "colmap_ihe", folder / "colmap_ihe", ignore=shutil.ignore_patterns("__pycache__")
-    )
-    with (folder / "colmap_ihe/errors.py").open("a") as file:
+    with (copied_package(folder) / "errors.py").open("a") as file:
         file.write("# changed\n")
     return "worker other on .*the code of colmap-ihe is "
 
@@ -343,7 +330,7 @@ def test_a_worker_with_other_software_is_refused(
 ) -> None:
     (folder := tmp_path / "other").mkdir()
     message = install(folder)
-    cluster.worker("other", env={"PYTHONPATH": f"{folder}{os.pathsep}{SOURCE}"})
+    cluster.worker("other", env={"PYTHONPATH": f"{folder}{os.pathsep}{ROOT}"})
     with run(new_project(), cluster.address) as process:
         assert re.search(message, last_line_of(process))
 
@@ -390,15 +377,13 @@ def test_whole_projects_of_a_batch_run_on_workers(
     new_project(8, name="batch-root/south")
     root = first.parent
     (first / "project.yaml").write_text("cluster: tcp://127.0.0.1:1\n")
-    settings = [part for assignment in QUICK for part in ("--set", assignment)]
-    arguments = ["batch", str(root), "--cluster", "local:2", "--no-dense", "--json", *settings]
+    arguments = ["batch", str(root), "--cluster", "local:2", "--no-dense", "--json", *SETTINGS]
     assert main(arguments) == 0
     said = json.loads(capsys.readouterr().out)
     assert [one["state"] for one in said["projects"]] == ["done", "done"]
     for name in ("north", "south"):
         summary = json.loads((root / name / "report/summary.json").read_text())
         assert summary["registered_images"] == 8
-        assert (
-            "cluster" not in (root / name / "records/batch.log").read_text()
-        )  # each by itself, where it ran
+        log = (root / name / "records/batch.log").read_text()
+        assert "cluster" not in log  # each by itself, where it ran
     assert main(arguments) == 0  # nothing is left to do

@@ -30,25 +30,23 @@ from colmap_ihe.pipeline.records import is_valid, read_record
 from colmap_ihe.project.folder import Project
 from colmap_ihe.project.safe_yaml import parse_yaml
 
+CHAIN = "a0: &a0 x\n" + "\n".join(f"a{n}: &a{n} [*a{n - 1}]" for n in range(1, 40))
+UNWRITTEN = {
+    "deep": "a: " + "[" * 3000 + "]" * 3000,
+    "a number of thousands of digits": "a: " + "9" * 5000,
+    "a date that there is not": "a: 2016-13-45",
+    "a number without digits": "a: !!int ''",
+    "no time": "a: !!timestamp x",
+    "neither true nor false": "a: !!bool x",
+    "an alias inside itself": "a: &a [*a]",
+    "a deep chain": CHAIN,
+    "half a character": 'a: "\\ud800"',
+    "no text": 'a: "\\0"',
+    "long": "a: " + "x" * 20_000,
+}
 
-@pytest.mark.parametrize(
-    "text",
-    [
-        pytest.param("a: " + "[" * 3000 + "]" * 3000, id="deep"),
-        pytest.param("a: " + "9" * 5000, id="a number of thousands of digits"),
-        pytest.param("a: 2016-13-45", id="a date that there is not"),
-        pytest.param("a: !!int ''", id="a number without digits"),
-        pytest.param("a: !!timestamp x", id="no time"),
-        pytest.param("a: !!bool x", id="neither true nor false"),
-        pytest.param("a: &a [*a]", id="an alias inside itself"),
-        pytest.param(
-            "a0: &a0 x\n" + "\n".join(f"a{n}: &a{n} [*a{n - 1}]" for n in range(1, 40)), id="a deep chain"
-        ),
-        pytest.param('a: "\\ud800"', id="half a character"),
-        pytest.param('a: "\\0"', id="no text"),
-        pytest.param("a: " + "x" * 20_000, id="long"),
-    ],
-)
+
+@pytest.mark.parametrize("text", UNWRITTEN.values(), ids=UNWRITTEN)
 def test_yaml_that_nobody_writes_is_refused_in_a_line(text: str) -> None:
     with pytest.raises(ValueError, match=r"^[^\n]+$"):
         parse_yaml(text)
@@ -65,24 +63,17 @@ def test_aliases_that_unfold_without_end_are_refused_at_once(inside: str) -> Non
 
 
 def test_aliases_and_merges_of_a_person_are_read() -> None:
-    assert parse_yaml("a: &a {x: 1}\nb: {<<: *a, y: 2}\nc: *a") == {
-        "a": {"x": 1},
-        "b": {"x": 1, "y": 2},
-        "c": {"x": 1},
-    }
+    values = parse_yaml("a: &a {x: 1}\nb: {<<: *a, y: 2}\nc: *a")
+    assert values == {"a": {"x": 1}, "b": {"x": 1, "y": 2}, "c": {"x": 1}}
 
 
 @pytest.mark.parametrize("depth", ["a\nb", "../up.png", "/etc/passwd", "link.png", ""])
 def test_true_depth_lies_beside_its_cameras(tmp_path: Path, depth: str) -> None:
     (tmp_path / "truth").mkdir()
     (tmp_path / "truth/link.png").symlink_to(tmp_path / "up.png")
-    camera = {
-        "width": 24,
-        "height": 16,
-        "calibration": np.eye(3).tolist(),
-        "cam_from_world": np.eye(3, 4).tolist(),
-    }
-    found = {"cameras": {"a": camera | {"depth": depth, "nearest_m": 1}}, "extent_m": 1}
+    camera = {"width": 24, "height": 16, "depth": depth, "nearest_m": 1}
+    camera |= {"calibration": np.eye(3).tolist(), "cam_from_world": np.eye(3, 4).tolist()}
+    found = {"cameras": {"a": camera}, "extent_m": 1}
     (tmp_path / "truth/cameras.json").write_text(json.dumps(found))
     with pytest.raises(ProjectError, match="is not a file beside"):
         read_truth(tmp_path / "truth")
@@ -204,15 +195,10 @@ def test_pixels_are_counted_before_they_are_decoded(tmp_path: Path) -> None:
     (tmp_path / "masks/large.jpg.png").write_bytes(png_of(20_000, 20_000, rows=bytes(1 << 24)))
     Image.new("RGB", (24, 16)).save(tmp_path / "small.tif")
     for name, side in (("tiff", HUGE), ("most", 0x7FFFFFFF)):
-        (tmp_path / f"masks/{name}.jpg.png").write_bytes(
-            with_sides((tmp_path / "small.tif").read_bytes(), side, side)
-        )
-    done = subprocess.run(
-        [sys.executable, "-W", "ignore", "-c", BOMBS, str(tmp_path)],
-        capture_output=True,
-        text=True,
-        check=False,
-    )
+        huge = with_sides((tmp_path / "small.tif").read_bytes(), side, side)
+        (tmp_path / f"masks/{name}.jpg.png").write_bytes(huge)
+    command = [sys.executable, "-W", "ignore", "-c", BOMBS, str(tmp_path)]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr[-2000:]
     said = json.loads(done.stdout)
     assert len(said) == 5

@@ -29,6 +29,8 @@ from colmap_ihe.project.options import FitOptions
 from colmap_ihe.project.options_file import load_options
 
 PACKAGE = Path(colmap_ihe.__file__).parent
+SOLVER = """sparse: {mapper: global, colmap: {mapper: {bundle_adjustment: {ceres: {solver_options:
+ {trust_region_problem_dump_directory: /x}}}}}}"""
 
 
 # Paths in options
@@ -45,11 +47,7 @@ PACKAGE = Path(colmap_ihe.__file__).parent
         ("sparse: {colmap: {snapshot_path: snapshots}}", "sparse.colmap.snapshot_path"),
         ("matches: {strategy: vocabtree, pairing: {vocab_tree_path: /x}}", "matches.pairing.vocab_tree_path"),
         ("dense: {colmap: {mask_path: /x}}", "dense.colmap.mask_path"),
-        (
-            "sparse: {mapper: global, colmap: {mapper: {bundle_adjustment: {ceres: {solver_options:"
-            " {trust_region_problem_dump_directory: /x}}}}}}",
-            "trust_region_problem_dump_directory",
-        ),
+        (SOLVER, "trust_region_problem_dump_directory"),
     ],
 )
 def test_a_file_of_options_names_nothing_outside_of_the_project(tmp_path: Path, text: str, key: str) -> None:
@@ -85,12 +83,8 @@ def _paths_of(options: object, place: str = "") -> Iterator[str]:
 
 
 def test_every_path_among_colmaps_options_is_told_by_its_name() -> None:
-    found = {
-        path
-        for name in dir(pycolmap)
-        if name.endswith("Options")
-        for path in _paths_of(getattr(pycolmap, name)())
-    }
+    names = [name for name in dir(pycolmap) if name.endswith("Options")]
+    found = {path for name in names for path in _paths_of(getattr(pycolmap, name)())}
     assert len(found) > 4
     for path in found:
         assert [key for key, _ in named_paths({"sparse": {"colmap": {path.rpartition(".")[2]: "x"}}})]
@@ -241,33 +235,31 @@ def test_nothing_in_the_package_runs_or_unpickles_what_it_reads() -> None:
         ("yaml", "UnsafeLoader"), ("yaml", "FullLoader"), ("shutil", "unpack_archive"), ("zipfile", "ZipFile"),
         ("subprocess", "getoutput"), ("subprocess", "getstatusoutput"), ("np", "fromregex"),
     }  # fmt: skip
+    runs = {f"subprocess.{name}" for name in ("run", "Popen", "call", "check_call", "check_output")}
     found, calls = [], 0
     for file in PACKAGE.rglob("*.py"):
         for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
             place = f"{file.name}:{getattr(node, 'lineno', 0)}"
-            if isinstance(node, ast.Import | ast.ImportFrom):
-                imported = {alias.name.split(".")[0] for alias in node.names}
-                imported |= {str(getattr(node, "module", "")).split(".")[0]}
-                found += [f"{place} imports {name}" for name in imported & modules]
-            elif isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name):
-                if (node.value.id, node.attr) in members:
-                    found.append(f"{place} uses {node.value.id}.{node.attr}")
-            elif isinstance(node, ast.Call):
-                calls += 1
-                if isinstance(node.func, ast.Name) and node.func.id in names:
-                    found.append(f"{place} calls {node.func.id}")
-                said = {k.arg: k.value for k in node.keywords}
-                for option in ("shell", "allow_pickle"):
-                    value = said.get(option)
-                    if value is not None and not (isinstance(value, ast.Constant) and value.value is False):
-                        found.append(f"{place} sets {option}")
-                called = node.func.attr if isinstance(node.func, ast.Attribute) else ""
-                of = getattr(getattr(node.func, "value", None), "id", "")
-                if (of, called) == ("np", "load") and "allow_pickle" not in said:
-                    found.append(f"{place} calls np.load without allow_pickle=False")
-                if of == "subprocess" and called in ("run", "Popen", "call", "check_call", "check_output"):
-                    first = node.args[0] if node.args else None
-                    if isinstance(first, ast.Constant | ast.JoinedStr | ast.BinOp):
+            match node:
+                case ast.Import(names=aliases) | ast.ImportFrom(names=aliases):
+                    imported = {alias.name.split(".")[0] for alias in aliases}
+                    imported |= {str(getattr(node, "module", "")).split(".")[0]}
+                    found += [f"{place} imports {name}" for name in imported & modules]
+                case ast.Attribute(value=ast.Name(id=of), attr=attr) if (of, attr) in members:
+                    found.append(f"{place} uses {of}.{attr}")
+                case ast.Call(func=function, args=arguments, keywords=keywords):
+                    calls += 1
+                    options = {keyword.arg: ast.unparse(keyword.value) for keyword in keywords}
+                    called = ast.unparse(function)
+                    if called in names:
+                        found.append(f"{place} calls {called}")
+                    for option in ("shell", "allow_pickle"):
+                        if options.get(option, "False") != "False":
+                            found.append(f"{place} sets {option}")
+                    if called == "np.load" and "allow_pickle" not in options:
+                        found.append(f"{place} calls np.load without allow_pickle=False")
+                    text = arguments and isinstance(arguments[0], ast.Constant | ast.JoinedStr | ast.BinOp)
+                    if text and called in runs:
                         found.append(f"{place} gives a string to {called}")
     assert calls > 3000
     assert not found

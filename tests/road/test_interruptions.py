@@ -6,41 +6,19 @@ import json
 import os
 import random
 import signal
-import subprocess
-import sys
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from running import LONG, wait_until_begun
-from small_demo import QUICK, ROOT
+from command_line import LONG, started, wait_until_begun
 
 from colmap_ihe.pipeline.stages import STAGE_NAMES
 
 
-@contextmanager
-def command(project: Path, *more: str) -> Iterator[subprocess.Popen[str]]:
-    """`colmap-ihe reconstruct PROJECT` in a process of its own, which does not outlive the test."""
-    settings = [part for assignment in QUICK for part in ("--set", assignment)]
-    with subprocess.Popen(
-        [sys.executable, "-m", "colmap_ihe.cli", "reconstruct", str(project), "--json", *settings, *more],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-        env=os.environ | {"PYTHONPATH": str(ROOT)},
-        start_new_session=True,
-    ) as process:
-        try:
-            yield process
-        finally:
-            process.kill()
-
-
 def kill_in(project: Path, stage: str, delay: float, number: int = signal.SIGKILL) -> tuple[int, str]:
     """Exit status and stderr of a run that got the signal `delay` seconds into `stage`."""
-    with command(project) as process:
+    with started("reconstruct", project) as process:
         wait_until_begun(process, project, stage)
         time.sleep(delay)
         if number == signal.SIGINT:  # as Ctrl-C in a terminal, which all processes there get
@@ -55,7 +33,7 @@ def assert_goes_on(project: Path, stage: str) -> None:
     """The same command ends well; the stages before `stage` are those of the run that was interrupted."""
     before = STAGE_NAMES[: STAGE_NAMES.index(stage)]
     times = {name: (project / "records" / f"{name}.json").stat().st_mtime_ns for name in before}
-    with command(project) as process:
+    with started("reconstruct", project) as process:
         output, errors = process.communicate(timeout=LONG)
     assert process.returncode == 0, errors
     assert {name: (project / "records" / f"{name}.json").stat().st_mtime_ns for name in before} == times
@@ -101,16 +79,16 @@ def test_stopped_by_hand(new_project: Callable[..., Path], number: int) -> None:
     assert "Traceback" not in errors
     assert (project / "records/convert.json").exists()
     assert not (project / "records/features.json").exists()
-    with command(project, "--until", "features") as process:
+    with started("reconstruct", project, "--until", "features") as process:
         process.communicate(timeout=LONG)
     assert process.returncode == 0
 
 
 def test_a_second_command_on_the_same_project_is_refused(new_project: Callable[..., Path]) -> None:
     project = new_project()
-    with command(project) as first:
+    with started("reconstruct", project) as first:
         wait_until_begun(first, project, "features")
-        with command(project) as second:
+        with started("reconstruct", project) as second:
             _, errors = second.communicate(timeout=LONG)
         assert second.returncode == 1
         assert "another run is working on this project" in errors

@@ -10,14 +10,17 @@ import shutil
 import subprocess
 import sys
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 import simplejpeg
-from small_demo import QUICK, ROOT
+from command_line import ENVIRONMENT, failure_of
+from processes import children
+from same_results import contents
+from small_demo import SETTINGS
 
 from colmap_ihe.cli import main
 from colmap_ihe.errors import DiskFullError, NativeError, ShortOfMemoryError
@@ -33,9 +36,7 @@ from colmap_ihe.project.options import Options
 GB = 10**9
 Make = Callable[..., Path]
 MakeOptions = Callable[..., Options]
-SET = PhotoSetSize(
-    images=100, pixels=2_000_000_000, largest=20_000_000, raw=0, with_gps=0, one_bytes=600_000_000
-)
+SET = PhotoSetSize(100, pixels=2 * GB, largest=20_000_000, raw=0, with_gps=0, one_bytes=600_000_000)
 
 # Memory
 
@@ -76,22 +77,13 @@ def test_fewer_threads_are_told_in_the_log(caplog: pytest.LogCaptureFixture) -> 
     ]
 
 
-@pytest.mark.parametrize(
-    "error",
-    [
-        MemoryError(),
-        NativeError("COLMAP failed: std::bad_alloc"),
-        RuntimeError("can't start new thread"),
-        OSError(errno.ENOMEM, os.strerror(errno.ENOMEM)),
-    ],
-)
-def test_memory_that_ran_out_is_one_line(error: Exception) -> None:
-    with (
-        pytest.raises(ShortOfMemoryError, match="features: memory ran out") as caught,
-        memory.said_when_short("features"),
-    ):
-        raise error
-    assert "the same command goes on" in caught.value.hint
+def test_memory_that_ran_out_is_one_line() -> None:
+    short = OSError(errno.ENOMEM, os.strerror(errno.ENOMEM)), RuntimeError("can't start new thread")
+    words = "features: memory ran out"
+    for error in (*short, MemoryError(), NativeError("COLMAP failed: std::bad_alloc")):
+        with pytest.raises(ShortOfMemoryError, match=words) as caught, memory.said_when_short("features"):
+            raise error
+        assert "the same command goes on" in caught.value.hint
     with pytest.raises(LookupError), memory.said_when_short("features"):
         raise LookupError("something else")
 
@@ -113,8 +105,6 @@ LIMITED = (
     "import os, resource, sys; resource.setrlimit(int(sys.argv[1]), (int(sys.argv[2]),) * 2);"
     " os.execv(sys.executable, [sys.executable, '-m', 'colmap_ihe.cli', *sys.argv[3:]])"
 )
-ENVIRONMENT = os.environ | {"PYTHONPATH": str(ROOT)}
-SETTINGS = [part for assignment in QUICK for part in ("--set", assignment)]
 
 
 def _limited(project: Path, kind: int, most: int, *more: str) -> subprocess.CompletedProcess[str]:
@@ -145,16 +135,11 @@ def test_a_limit_that_is_too_low_is_told_before_the_stage(new_project: Make) -> 
 # Disk
 
 
-@dataclass
-class Disk:
-    free: int
-
-
 @pytest.fixture
-def disk(monkeypatch: pytest.MonkeyPatch) -> Disk:
-    there = Disk(10**12)
-    monkeypatch.setattr(shutil, "disk_usage", lambda _: SimpleNamespace(free=there.free))
-    return there
+def disk(monkeypatch: pytest.MonkeyPatch) -> SimpleNamespace:
+    usage = SimpleNamespace(free=10**12)
+    monkeypatch.setattr(shutil, "disk_usage", lambda _: usage)
+    return usage
 
 
 @pytest.mark.parametrize(
@@ -166,9 +151,8 @@ def disk(monkeypatch: pytest.MonkeyPatch) -> Disk:
 )
 def test_larger_sets_want_more(change: dict[str, int], grows: Sequence[str]) -> None:
     few, many = needs_of(Options(), SET), needs_of(Options(), replace(SET, **change))
-    assert [
-        one.stage for one, other in zip(few, many, strict=True) if other.disk_bytes > one.disk_bytes
-    ] == list(grows)
+    more = [one.stage for one, other in zip(few, many, strict=True) if other.disk_bytes > one.disk_bytes]
+    assert more == list(grows)
 
 
 def test_what_is_switched_off_wants_nothing() -> None:
@@ -195,16 +179,15 @@ def test_what_is_there_already_is_not_wanted_again(finished: Path) -> None:
     assert disk_left(place, wanted, ["mesh"]) == {}
 
 
-def test_a_disk_that_is_close_or_too_small(tmp_path: Path, disk: Disk) -> None:
+def test_a_disk_that_is_close_or_too_small(tmp_path: Path, disk: SimpleNamespace) -> None:
     (tmp_path / "images").mkdir()
     place, wanted = Project.at(tmp_path), [StageNeeds("convert", 0, 0, GB), StageNeeds("dense", 0, 0, 4 * GB)]
     stages = ["convert", "dense"]
     assert disk_warnings(place, wanted, stages) == []
     disk.free = 5 * GB
     (said,) = disk_warnings(place, wanted, stages)
-    assert said.startswith(
-        f"{tmp_path}: 5.0 GB free on this disk, about 5.0 GB needed (dense 4.0 GB, convert 1.0 GB)"
-    )
+    needed = "5.0 GB free on this disk, about 5.0 GB needed (dense 4.0 GB, convert 1.0 GB)"
+    assert said.startswith(f"{tmp_path}: {needed}")
     disk.free = 3 * GB
     with pytest.raises(DiskFullError, match=r"3\.0 GB free on this disk, about 5\.0 GB needed"):
         disk_warnings(place, wanted, stages)
@@ -212,7 +195,7 @@ def test_a_disk_that_is_close_or_too_small(tmp_path: Path, disk: Disk) -> None:
 
 
 def test_a_run_is_refused_before_it_writes_and_goes_on_where_there_is_room(
-    new_project: Make, quick_options: MakeOptions, disk: Disk
+    new_project: Make, quick_options: MakeOptions, disk: SimpleNamespace
 ) -> None:
     project, options = new_project(3), quick_options("fit.measure=false")
     disk.free = 10**5
@@ -244,14 +227,6 @@ def of_process(process: int) -> tuple[int, int]:
         return tuple(len(list(Path(f"/proc/{process}/{what}").iterdir())) for what in ("fd", "task"))  # type: ignore[return-value]
     except OSError:
         return 0, 0
-
-
-def children(process: int) -> list[int]:
-    try:
-        lists = [t.read_text() for t in Path(f"/proc/{process}/task").glob("*/children")]
-    except OSError:
-        return []
-    return [int(word) for text in lists for word in text.split()]
 
 
 @pytest.mark.parametrize("count", [60, pytest.param(1000, marks=pytest.mark.slow)])
@@ -309,15 +284,16 @@ def read_only() -> Iterator[Callable[[Path], None]]:
         subprocess.run(["umount", "-l", str(folder)], check=True)
 
 
-def test_photographs_that_may_not_be_written_to_are_enough(
+def test_photographs_are_never_written_to(
     new_project: Make, quick_options: MakeOptions, read_only: Callable[[Path], None]
 ) -> None:
-    project = new_project(3)
-    read_only(project / "images")
-    before = {f.name: f.stat().st_mtime_ns for f in (project / "images").iterdir()}
-    done = reconstruct(project, quick_options("fit.measure=false"), until="convert")
+    project = new_project(3, (".jpg", ".dng"))
+    images = project / "images"
+    before = contents(images), {f.name: f.stat().st_mtime_ns for f in images.iterdir()}
+    read_only(images)
+    done = reconstruct(project, quick_options("dense.enabled=false"))
     assert done.summary["images"] == 3
-    assert {f.name: f.stat().st_mtime_ns for f in (project / "images").iterdir()} == before
+    assert (contents(images), {f.name: f.stat().st_mtime_ns for f in images.iterdir()}) == before
 
 
 @pytest.mark.parametrize("command", ["reconstruct", "compare", "report"])
@@ -338,8 +314,7 @@ def test_the_second_on_one_project_says_so_and_leaves(
     finished: Path, capsys: pytest.CaptureFixture[str], command: str, held: str, more: Sequence[str]
 ) -> None:
     with Project.at(finished / held, finished / "images").locked():
-        assert main([command, str(finished), *more]) == 1
-    line = capsys.readouterr().err.strip().splitlines()[-1]
+        line = failure_of(capsys, command, finished, *more)
     assert "another run is working on this project" in line and "wait for it, or stop it" in line
 
 
@@ -351,6 +326,5 @@ def test_a_second_one_into_one_folder_says_so_and_leaves(
     images.mkdir()
     shutil.copy(small_demo / "images/portico_01.dng", images)
     with opened(tmp_path / "out"):
-        assert main([command, str(images), str(tmp_path / "out")]) == 1
-    line = capsys.readouterr().err.strip().splitlines()[-1]
+        line = failure_of(capsys, command, images, tmp_path / "out")
     assert "another run is writing into it" in line and "wait for it, or stop it" in line

@@ -6,14 +6,13 @@ file with flipped bytes may be converted, to the size that its header says; a tr
 
 from __future__ import annotations
 
-import io
 import json
 import random
 import struct
 import subprocess
 import sys
 import zlib
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -24,6 +23,7 @@ import tifffile
 from bombs import HUGE, chunk, png_of, with_sides
 from PIL import Image, ImageCms
 from small_demo import PHOTOGRAPHS
+from spoilt import Mutation, flipped, replaced
 
 from colmap_ihe.evaluation.demo.dng import write_dng
 from colmap_ihe.evaluation.demo.exif import PhotoExif
@@ -68,23 +68,21 @@ def photographs(folder: Path) -> dict[str, bytes]:
     exif[0x010F], exif[0x0110] = "Acme", "Camera"
     exif.get_ifd(0x8769)[0x920A] = 35.0
     profile = ImageCms.ImageCmsProfile(ImageCms.createProfile("sRGB")).tobytes()
-    found: dict[str, bytes] = {}
-
-    def save(name: str, image: Image.Image, **how: Any) -> None:
-        buffer = io.BytesIO()
-        image.save(buffer, **how)
-        found[name] = buffer.getvalue()
-
-    save("plain.jpg", picture, format="JPEG", quality=92, exif=exif, icc_profile=profile)
-    save("progressive.jpg", picture, format="JPEG", progressive=True)
-    save("cmyk.jpg", picture.convert("CMYK"), format="JPEG")
-    save("plain.png", picture, format="PNG", exif=exif, icc_profile=profile)
-    save("palette.png", picture.quantize(32), format="PNG")
-    save("grey16.png", Image.fromarray(deep[..., 0]), format="PNG")
-    save("plain.tif", picture, format="TIFF", exif=exif)
-    save("lzw.tif", picture, format="TIFF", compression="tiff_lzw")
-    save("jpeg.tif", picture, format="TIFF", compression="jpeg")
-    save("cmyk.tif", picture.convert("CMYK"), format="TIFF", compression="tiff_adobe_deflate")
+    cmyk = picture.convert("CMYK")
+    pictures: list[tuple[str, Image.Image, dict[str, Any]]] = [
+        ("plain.jpg", picture, {"quality": 92, "exif": exif, "icc_profile": profile}),
+        ("progressive.jpg", picture, {"progressive": True}),
+        ("cmyk.jpg", cmyk, {}),
+        ("plain.png", picture, {"exif": exif, "icc_profile": profile}),
+        ("palette.png", picture.quantize(32), {}),
+        ("grey16.png", Image.fromarray(deep[..., 0]), {}),
+        ("plain.tif", picture, {"exif": exif}),
+        ("lzw.tif", picture, {"compression": "tiff_lzw"}),
+        ("jpeg.tif", picture, {"compression": "jpeg"}),
+        ("cmyk.tif", cmyk, {"compression": "tiff_adobe_deflate"}),
+    ]
+    for name, image, how in pictures:
+        image.save(folder / name, **how)
     deep_ways: dict[str, dict[str, Any]] = {
         "deep.tif": {"compression": "zlib"},
         "strips.tif": {"rowsperstrip": 16},
@@ -92,45 +90,26 @@ def photographs(folder: Path) -> dict[str, bytes]:
         "planes.tif": {"planarconfig": "separate"},
     }
     for name, options in deep_ways.items():
-        buffer = io.BytesIO()
         pixels = deep.transpose(2, 0, 1) if name == "planes.tif" else deep
-        tifffile.imwrite(buffer, pixels, photometric="rgb", **options)
-        found[name] = buffer.getvalue()
+        tifffile.imwrite(folder / name, pixels, photometric="rgb", **options)
     write_dng(
-        folder / "mosaic.dng",
-        (rgb[..., 1].astype(np.uint16) * 40 + 600),
-        black=512,
-        white=16383,
-        as_shot_neutral=(0.5, 1, 0.7),
-        colour_matrix=np.eye(3),
-        exif=PhotoExif(),
-    )
-    found["mosaic.dng"] = (folder / "mosaic.dng").read_bytes()
-    for name in ("raw/colorchart.dng", "raw/kodak_dc50.kdc", "exif/Nikon_D70.jpg", "exif/Canon_40D.jpg"):
-        if (PHOTOGRAPHS / name).is_file():
-            found[Path(name).name] = (PHOTOGRAPHS / name).read_bytes()
-    return found
+        folder / "mosaic.dng", rgb[..., 1].astype(np.uint16) * 40 + 600, black=512, white=16383,
+        as_shot_neutral=(0.5, 1, 0.7), colour_matrix=np.eye(3), exif=PhotoExif(),
+    )  # fmt: skip
+    real = ("raw/colorchart.dng", "raw/kodak_dc50.kdc", "exif/Nikon_D70.jpg", "exif/Canon_40D.jpg")
+    files = [*folder.iterdir(), *(PHOTOGRAPHS / name for name in real if (PHOTOGRAPHS / name).is_file())]
+    return {file.name: file.read_bytes() for file in files}
 
 
-def cut(data: bytes, rng: random.Random) -> Mutated:
-    return Mutated(data[: int(len(data) * rng.uniform(0, 0.97))], "cut", must_go=True)
+def cut(data: bytes, rng: random.Random) -> bytes:
+    return data[: int(len(data) * rng.uniform(0, 0.97))]
 
 
-def header_bytes(data: bytes, rng: random.Random) -> Mutated:
-    changed = bytearray(data)
-    for _ in range(rng.choice((1, 2, 8))):
-        changed[rng.randrange(min(len(data), 600))] = rng.choice((0, 127, 255, rng.randrange(256)))
-    return Mutated(bytes(changed), "header")
+def header_bytes(data: bytes, rng: random.Random) -> bytes:
+    return replaced(data[:600], rng) + data[600:]
 
 
-def flipped(data: bytes, rng: random.Random) -> Mutated:
-    changed = bytearray(data)
-    for _ in range(rng.choice((1, 5, 50))):
-        changed[rng.randrange(len(data))] ^= 1 << rng.randrange(8)
-    return Mutated(bytes(changed), "flipped")
-
-
-def wrong_numbers(data: bytes, rng: random.Random) -> Mutated:
+def wrong_numbers(data: bytes, rng: random.Random) -> bytes:
     """Other numbers in a TIFF's first directory; elsewhere four bytes of the header."""
     changed = bytearray(data)
     order = {b"II": "<", b"MM": ">"}.get(data[:2])
@@ -141,7 +120,10 @@ def wrong_numbers(data: bytes, rng: random.Random) -> Mutated:
         struct.pack_into(order + "I", changed, place + 2 + 12 * rng.randrange(count) + 8, number)
     else:
         struct.pack_into(">I", changed, rng.randrange(min(len(data), 200)), number)
-    return Mutated(bytes(changed), "numbers")
+    return bytes(changed)
+
+
+WAYS: dict[str, Mutation] = {"cut": cut, "header": header_bytes, "flipped": flipped, "numbers": wrong_numbers}
 
 
 def bombs(sound: dict[str, bytes]) -> Iterator[tuple[str, Mutated]]:
@@ -174,12 +156,9 @@ def mutate(sound: dict[str, bytes], count: int) -> dict[str, Mutated]:
     rng = random.Random(20)
     found = dict(bombs(sound))
     names = sorted(sound, key=lambda n: (len(sound[n]) > MEGABYTE, n))
-    ways: tuple[Callable[[bytes, random.Random], Mutated], ...]
-    ways = (cut, header_bytes, flipped, wrong_numbers)
-    while len(found) < count:
-        number = len(found)
-        name = names[number % len(names)]
-        found[f"{number:03}-{name}"] = ways[(number // len(names)) % len(ways)](sound[name], rng)
+    for number in range(len(found), count):
+        name, how = names[number % len(names)], list(WAYS)[(number // len(names)) % len(WAYS)]
+        found[f"{number:03}-{name}"] = Mutated(WAYS[how](sound[name], rng), how, must_go=how == "cut")
     return found
 
 

@@ -2,22 +2,18 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import oracle
 import pytest
-from small_demo import PHOTOGRAPHS
 
 from colmap_ihe.grey.ihe import fit_weights
 from colmap_ihe.photographs.decode import read_photograph
 from colmap_ihe.photographs.discover import discover
 
-DATA = PHOTOGRAPHS
-pytestmark = [
-    pytest.mark.data,
-    pytest.mark.skipif(not DATA.is_dir(), reason=f"the photographs of {DATA.name} are not there"),
-]
 
-
+@pytest.mark.data
 @pytest.mark.parametrize(
     ("name", "hundredths", "every"),
     [
@@ -25,8 +21,10 @@ pytestmark = [
         *(pytest.param(name, 1, 10, marks=pytest.mark.slow) for name in ("sceaux", "fountain-p11")),
     ],
 )
-def test_the_winner_among_231_and_among_all_5151(name: str, hundredths: int, every: int) -> None:
-    captures = discover(DATA / name).captures[::4]
+def test_the_winner_among_231_and_among_all_5151(
+    photographs: Path, name: str, hundredths: int, every: int
+) -> None:
+    captures = discover(photographs / name).captures[::4]
     images = [np.asarray(read_photograph(c).rgb[::every, ::every], np.uint8) for c in captures]
     best = oracle.fit(images, hundredths)
     fit = fit_weights(images, hundredths / 100, guard="none")

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import yaml
 from PIL import Image
-from spoilt import BYTES, JSON, TEXT, YAML, parser
+from spoilt import BYTES, JSON, TEXT, YAML, file, parser
 
 from colmap_ihe.evaluation.pair_list import read_pairs
 from colmap_ihe.evaluation.truth import read_truth
@@ -69,10 +69,7 @@ def weights(_: Path) -> list[bytes]:
     return [b"weights: [0.2, 0.3, 0.5]\n", yaml_of(fitted), yaml_of(formula)]
 
 
-@parser(weights, YAML)
-def test_weights(data: bytes, folder: Path) -> object:
-    (folder / "w.yaml").write_bytes(data)
-    return read_weights(folder / "w.yaml")
+test_weights = parser(weights, YAML)(file("w.yaml", read_weights))
 
 
 def histograms(_: Path) -> list[bytes]:
@@ -95,10 +92,8 @@ def sealed(data: bytes, rng: Random) -> bytes:
     return b"\n".join(lines)
 
 
-@parser(histograms, (*BYTES, *JSON[-2:]), seal=sealed, share=0.3)
-def test_histogram(data: bytes, folder: Path) -> object:
-    (folder / "a.histogram").write_bytes(data)
-    return read_stored(folder / "a.histogram")
+_histogram = parser(histograms, (*BYTES, *JSON[-2:]), seal=sealed, share=0.3)
+test_histogram = _histogram(file("a.histogram", read_stored))
 
 
 def cameras_json(_: Path) -> list[bytes]:
@@ -129,22 +124,16 @@ def test_true_depth(data: bytes, folder: Path) -> object:
     return read_truth(folder).images["a"].depth_m()
 
 
-@parser(lambda _: [b"900 0 400\n0 910 300\n0 0 1\n0 0 0\n1 0 0\n0 1 0\n0 0 1\n3 4 1\n800 600\n"], TEXT)
-def test_strechas_cameras(data: bytes, folder: Path) -> object:
-    (folder / "0000.jpg.camera").write_bytes(data)
-    return read_truth(folder)
-
-
-@parser(lambda _: [b"# two\na b.jpg c.jpg\nc.jpg d/\xc3\xa9.jpg\n"], TEXT)
-def test_pairs(data: bytes, folder: Path) -> object:
-    (folder / "pairs.txt").write_bytes(data)
-    return read_pairs(folder / "pairs.txt", ["a b.jpg", "c.jpg", "d/é.jpg"])
-
-
-@parser(lambda _: [b"1204 377\n5 6 0 # hot\n\n"], TEXT)
-def test_bad_pixels(data: bytes, folder: Path) -> object:
-    (folder / "bad-pixels.txt").write_bytes(data)
-    return read_bad_pixels(folder / "bad-pixels.txt")
+NAMES = ["a b.jpg", "c.jpg", "d/é.jpg"]
+test_strechas_cameras = parser(
+    lambda _: [b"900 0 400\n0 910 300\n0 0 1\n0 0 0\n1 0 0\n0 1 0\n0 0 1\n3 4 1\n800 600\n"], TEXT
+)(file("0000.jpg.camera", lambda camera: read_truth(camera.parent)))
+test_pairs = parser(lambda _: [b"# two\na b.jpg c.jpg\nc.jpg d/\xc3\xa9.jpg\n"], TEXT)(
+    file("pairs.txt", lambda pairs: read_pairs(pairs, NAMES))
+)
+test_bad_pixels = parser(lambda _: [b"1204 377\n5 6 0 # hot\n\n"], TEXT)(
+    file("bad-pixels.txt", read_bad_pixels)
+)
 
 
 def run_json(_: Path) -> list[bytes]:

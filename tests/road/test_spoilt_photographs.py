@@ -21,7 +21,7 @@ import tifffile
 from dngs import write_kind
 from exif_samples import GPS, IMAGE, SHOT
 from PIL import Image, ImageCms
-from spoilt import BYTES, JSON, parser
+from spoilt import BYTES, JSON, file, parser
 
 from colmap_ihe.errors import PhotographError
 from colmap_ihe.machine.decoder_process import Decoder
@@ -73,9 +73,9 @@ def _jpeg_with(exif: bytes = b"", profile: bytes = b"", mode: str = "RGB") -> by
 _KNOWN = CamerasOptions({"*": KnownCamera(focal_length=24.0, sensor_width=36.0, make="A", override=True)})
 
 
-def _carried_over(path: Path, kind: str) -> object:
+def _carried_over(path: Path) -> object:
     """EXIF of a photograph, into grey images and linear TIFFs. Nothing is refused: what is broken in it is left out."""
-    found = decode_metadata(path, kind)
+    found = decode_metadata(path, "coded")
     for metadata in (sized(found, 640, 480), filled_in(sized(found, 96, 64), _KNOWN, "a.jpg", 96, 64)):
         for how in ("png", "tiff", "jpeg"):
             Image.open(BytesIO(encode_image(np.zeros((4, 6), np.uint8), metadata.exif, how))).load()
@@ -86,8 +86,7 @@ def _carried_over(path: Path, kind: str) -> object:
 
 @parser(lambda _: [EXIF], BYTES, refuses=(), share=0.5)
 def test_exif(data: bytes, folder: Path) -> object:
-    (folder / "a.jpg").write_bytes(_jpeg_with(data[:60_000]))
-    return _carried_over(folder / "a.jpg", "coded")
+    return file("a.jpg", _carried_over)(_jpeg_with(data[:60_000]), folder)
 
 
 def photographs(_: Path) -> list[bytes]:
@@ -101,9 +100,7 @@ def photographs(_: Path) -> list[bytes]:
 
 @parser(photographs, BYTES, refuses=(), share=0.5)
 def test_headers(data: bytes, folder: Path) -> object:
-    path = folder / ("a.tif" if data[:2] in (b"II", b"MM") else "a.jpg")
-    path.write_bytes(data)
-    return _carried_over(path, "coded")
+    return file("a.tif" if data[:2] in (b"II", b"MM") else "a.jpg", _carried_over)(data, folder)
 
 
 def box(kind: bytes, content: bytes) -> bytes:
@@ -125,22 +122,17 @@ def test_cr3(data: bytes, folder: Path) -> object:
 
 
 def dngs(folder: Path) -> list[bytes]:
-    samples, zeros = [], np.zeros((16, 24), np.uint16)
-    more: dict[str, Any] = {
-        "pattern": np.array([["R", "G"], ["G", "B"]]),
-        "black": (9,) * 4,
-        "repeat": (2, 2),
-    }
+    samples, zeros, pattern = [], np.zeros((16, 24), np.uint16), np.array([["R", "G"], ["G", "B"]])
     for name, count in (("delta_h", 24), ("delta_v", 16)):
-        write_kind(folder / "a.dng", zeros, **more | {name: np.arange(float(count))})
+        delta: dict[str, Any] = {name: np.arange(float(count))}
+        write_kind(folder / "a.dng", zeros, pattern=pattern, black=(9,) * 4, repeat=(2, 2), **delta)
         samples.append((folder / "a.dng").read_bytes())
     return samples
 
 
-@parser(dngs, BYTES, refuses=())
-def test_black_levels_of_dng(data: bytes, folder: Path) -> object:
-    (folder / "a.dng").write_bytes(data)
-    return black_plane(folder / "a.dng", (16, 24))
+test_black_levels_of_dng = parser(dngs, BYTES, refuses=())(
+    file("a.dng", lambda dng: black_plane(dng, (16, 24)))
+)
 
 
 def profiles(_: Path) -> list[bytes]:
@@ -169,7 +161,7 @@ def answers(_: Path) -> list[bytes]:
         {"value": _PHOTOGRAPH, "arrays": [_ARRAY], "is_new": False},
         {"value": asdict(Metadata(make="Canon")) | {"exif": ""}},
         {"error": "PhotographError", "message": "a.jpg: broken", "hint": "x"},
-    ]  # fmt: skip
+    ]
     return [json.dumps(answer).encode() for answer in answers]
 
 

@@ -33,6 +33,12 @@ from colmap_ihe.report.page import render_page
 from colmap_ihe.report.summary import summarise, summary_rows
 
 
+def _project(folder: Path) -> Project:
+    for name in ("images", "records", "report"):
+        (folder / name).mkdir(parents=True)
+    return Project(folder, folder / "images")
+
+
 def stage_records(_: Path) -> list[bytes]:
     return [json.dumps({"stage": name, **record}).encode() for name, record in records().items()]
 
@@ -40,9 +46,7 @@ def stage_records(_: Path) -> list[bytes]:
 @parser(stage_records, JSON)
 def test_stage_records(data: bytes, folder: Path) -> object:
     """The record of one stage, spoilt, among sound ones: what a run would build on them."""
-    (folder / "images").mkdir()
-    (folder / "records").mkdir()
-    place = Project(folder, folder / "images")
+    place = _project(folder)
     spoilt = next(
         (name for name in STAGE_NAMES if f'"stage": "{name}"'.encode() in data[:400]),
         STAGE_NAMES[len(data) % len(STAGE_NAMES)],
@@ -68,11 +72,9 @@ def test_stage_records(data: bytes, folder: Path) -> object:
 
 @parser(lambda _: [json.dumps({"a.jpg": [1, 1, 1, 1, 1, "00"]}).encode()], JSON, share=0.5)
 def test_digests(data: bytes, folder: Path) -> object:
-    for name in ("images", "records"):
-        (folder / name).mkdir()
+    project = _project(folder)
     (folder / "images/a.jpg").write_bytes(b"x")
     (folder / "records/digests.json").write_bytes(data)
-    project = Project(folder, folder / "images")
     with local_executor() as executor:
         found = digests_of(project, discover(project.images), executor, SILENT)
     assert len(found["a.jpg"]) == 6 and isinstance(found["a.jpg"][-1], str)
@@ -86,12 +88,11 @@ def summaries(_: Path) -> list[bytes]:
 
 @parser(summaries, JSON, share=0.3)
 def test_summary_and_batch_json(data: bytes, folder: Path) -> object:
-    for name in ("images", "records", "report"):
-        (folder / "a" / name).mkdir(parents=True)
+    project = _project(folder / "a")
     (folder / "a/report/summary.json").write_bytes(data)
     (folder / "a/records/batch.json").write_bytes(data)
     place = BatchFolder.at(folder)
-    row = project_state(place, Project(folder / "a", folder / "a/images"), "done")
+    row = project_state(place, project, "done")
     publish(place, BatchState(str(folder), "finished", [row], "now"), {})
     return row
 

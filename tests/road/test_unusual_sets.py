@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 import tifffile
+from command_line import Captured, failure_of
 from icc import rgb_profile
 from PIL import Image
 
@@ -20,7 +21,7 @@ from colmap_ihe.evaluation.demo.exif import PhotoExif
 from colmap_ihe.photographs.png import encode_png
 
 SIZE = (90, 70)
-Captured = pytest.CaptureFixture[str]
+Commands = tuple[tuple[str | Path, ...], ...]
 REC709 = [0.21, 0.72, 0.07]  # the tie goes to the triplet of the grid that is nearest to it
 
 
@@ -40,6 +41,12 @@ def grey(file: Path, mode: str = "L", seed: int = 0) -> None:
     Image.fromarray(pixels).convert(mode).save(file)
 
 
+@pytest.fixture
+def commands(photos: Path, tmp_path: Path) -> Commands:
+    """What works on all photographs."""
+    return (("fit", photos), ("convert", photos, tmp_path / "grey"))
+
+
 def run(capsys: Captured, *arguments: str | Path) -> tuple[Any, str]:
     """The JSON of a command that ends well, and its warnings."""
     status = main([*map(str, arguments), "--json", "-q"])
@@ -48,22 +55,14 @@ def run(capsys: Captured, *arguments: str | Path) -> tuple[Any, str]:
     return json.loads(captured.out), captured.err
 
 
-def failure(capsys: Captured, *arguments: str | Path) -> str:
-    assert main([*map(str, arguments), "-q"]) == 1
-    captured = capsys.readouterr()
-    assert captured.err.count("colmap-ihe: ") == 1
-    return captured.err
-
-
 @pytest.mark.parametrize("mode", ["L", "LA", "1", "RGB"])
-def test_greyscale_photographs_only(capsys: Captured, photos: Path, tmp_path: Path, mode: str) -> None:
+def test_greyscale_photographs_only(
+    capsys: Captured, photos: Path, commands: Commands, tmp_path: Path, mode: str
+) -> None:
     for seed in range(2):
         grey(photos / f"{seed}.png", mode, seed)
-    for found, warnings in (
-        run(capsys, "fit", photos),
-        run(capsys, "convert", photos, tmp_path / "grey"),
-        run(capsys, "convert", photos, tmp_path / "grey"),  # the fit that was kept says it again
-    ):
+    for command in (*commands, commands[1]):  # the fit that was kept says it again
+        found, warnings = run(capsys, *command)
         assert found["weights"] == REC709
         assert "the photographs are greyscale (R = G = B)" in warnings
     with Image.open(photos / "0.png") as source, Image.open(tmp_path / "grey/0.png") as image:
@@ -77,12 +76,17 @@ def test_one_colour_photograph_or_fixed_weights_need_no_warning(
     assert run(capsys, "convert", photos, tmp_path / "grey", "--method", "mean")[1] == ""
     colour(photos / "b.png")
     assert run(capsys, "fit", photos, "--step", "0.1")[1] == ""
+    Image.new("RGB", SIZE).save(photos / "black.png")
+    found, warnings = run(capsys, "convert", photos, tmp_path / "grey")
+    assert (warnings, found["left_out"]) == ("", {})
 
 
-def test_all_photographs_are_black(capsys: Captured, photos: Path, tmp_path: Path) -> None:
+def test_all_photographs_are_black(
+    capsys: Captured, photos: Path, commands: Commands, tmp_path: Path
+) -> None:
     for name in ("a.png", "b.jpg"):
         Image.new("RGB", SIZE).save(photos / name)
-    for command in (("fit", photos), ("convert", photos, tmp_path / "grey")):
+    for command in commands:
         found, warnings = run(capsys, *command)
         assert (found["weights"], found["tones"]) == (REC709, 1)
         assert "hold a single tone, as if all were black" in warnings
@@ -90,33 +94,22 @@ def test_all_photographs_are_black(capsys: Captured, photos: Path, tmp_path: Pat
         assert np.asarray(image).max() == 0
 
 
-def test_all_raw_photographs_are_black(capsys: Captured, photos: Path, tmp_path: Path) -> None:
+def test_all_raw_photographs_are_black(capsys: Captured, photos: Path, commands: Commands) -> None:
     write_dng(
-        photos / "a.dng",
-        np.full(SIZE[::-1], 512, np.uint16),
-        black=512,
-        white=16383,
-        as_shot_neutral=(0.5, 1, 0.6),
-        colour_matrix=np.eye(3),
-        exif=PhotoExif(),
-        orientation=1,
-    )
-    for command in (("fit", photos), ("convert", photos, tmp_path / "grey")):
-        _, warnings = run(capsys, *command)
-        assert "hold a single tone" in warnings
+        photos / "a.dng", np.full(SIZE[::-1], 512, np.uint16), black=512, white=16383, as_shot_neutral=(0.5, 1, 0.6),
+        colour_matrix=np.eye(3), exif=PhotoExif(),
+    )  # fmt: skip
+    for command in commands:
+        assert "hold a single tone" in run(capsys, *command)[1]
 
 
-def test_one_black_photograph_in_a_set(capsys: Captured, photos: Path, tmp_path: Path) -> None:
-    colour(photos / "a.png")
-    Image.new("RGB", SIZE).save(photos / "b.png")
-    found, warnings = run(capsys, "convert", photos, tmp_path / "grey")
-    assert (warnings, found["left_out"]) == ("", {})
-
-
-def test_one_pixel(capsys: Captured, photos: Path, tmp_path: Path) -> None:
+def test_one_pixel(capsys: Captured, photos: Path, commands: Commands, tmp_path: Path) -> None:
     Image.new("RGB", (1, 1)).save(photos / "pixel.png")
-    for command in (("fit", photos), ("convert", photos, tmp_path / "grey")):
-        assert "pixel.png: 1x1 pixels, expected at least 64 on each side" in failure(capsys, *command)
+    for command in commands:
+        assert "pixel.png: 1x1 pixels, expected at least 64 on each side" in failure_of(
+            capsys, *command, "-q"
+        )
+    assert not (tmp_path / "grey").exists()
     colour(photos / "a.png")
     found, _ = run(capsys, "convert", photos, tmp_path / "grey", "--method", "red")
     assert list(found["left_out"]) == ["pixel.png"]
@@ -133,12 +126,9 @@ def test_a_mixed_set(capsys: Captured, photos: Path, tmp_path: Path, small_demo:
     found, warnings = run(capsys, "convert", photos, tmp_path / "grey")
     assert "each kind has weights of its own" in warnings
     assert len(found["grey"]) == 3
-    with (
-        Image.open(tmp_path / "grey/portico_01.png") as raw,
-        Image.open(tmp_path / "grey/portico_03.png") as jpeg,
-    ):
-        assert raw.mode == jpeg.mode == "L"
-        assert np.asarray(raw).std() > 10
+    for number in (1, 3):
+        with Image.open(tmp_path / f"grey/portico_0{number}.png") as image:
+            assert (image.mode, np.asarray(image).std() > 10) == ("L", True)
 
 
 @pytest.mark.parametrize("command", ["fit", "convert"])
@@ -152,29 +142,12 @@ def test_several_profiles(capsys: Captured, photos: Path, tmp_path: Path, comman
     assert "in different colour profiles (2 in sRGB, 1 in Adobe RGB)" in warnings
 
 
-def test_several_pages(capsys: Captured, photos: Path, tmp_path: Path) -> None:
-    pages = np.random.default_rng(1).integers(0, 256, (3, *SIZE[::-1], 3), np.uint8)
-    tifffile.imwrite(photos / "a.tif", pages, photometric="rgb")
-    _, warnings = run(capsys, "convert", photos, tmp_path / "grey", "--method", "red")
-    assert "the first one is used: a.tif (3)" in warnings
-    with Image.open(tmp_path / "grey/a.png") as image:
-        np.testing.assert_array_equal(np.asarray(image), pages[0, ..., 0])
-
-
-@pytest.mark.parametrize("value", [0.5, np.nan, np.inf])
-def test_floating_point(capsys: Captured, photos: Path, tmp_path: Path, value: float) -> None:
-    tifffile.imwrite(photos / "float.tif", np.full((70, 90, 3), value, np.float32), photometric="rgb")
-    for command in (("fit", photos), ("convert", photos, tmp_path / "grey")):
-        assert "float.tif: holds float32 pixels" in failure(capsys, *command)
-    assert not (tmp_path / "grey").exists()
-
-
 def test_pictures_of_kinds_that_are_not_read_are_named(
-    capsys: Captured, photos: Path, tmp_path: Path
+    capsys: Captured, photos: Path, commands: Commands
 ) -> None:
     colour(photos / "a.png")
     (photos / "b.heic").touch()
-    for command in (("fit", photos), ("convert", photos, tmp_path / "grey")):
+    for command in commands:
         assert "1 pictures are of a kind that is not read, as b.heic" in run(capsys, *command)[1]
 
 
@@ -210,11 +183,8 @@ def test_a_project_of_unusual_photographs(capsys: Captured, tmp_path: Path) -> N
     Image.fromarray(pixels).save(images / "a.png", icc_profile=adobe)
     tifffile.imwrite(images / "b.tif", np.stack([pixels, pixels]), photometric="rgb")
     found, _ = run(capsys, "reconstruct", tmp_path / "project", "--until", "convert")
-    for words in (
-        "are greyscale (R = G = B)",
-        "different colour profiles",
-        "the first one is used: b.tif (2)",
-    ):
+    greyscale, profiles = "are greyscale (R = G = B)", "different colour profiles"
+    for words in (greyscale, profiles, "the first one is used: b.tif (2)"):
         assert sum(words in text for text in found["warnings"]) == 1
     with Image.open(tmp_path / "project/colour/a.png") as twin:
         assert twin.info["icc_profile"] == adobe

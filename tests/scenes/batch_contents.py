@@ -24,24 +24,10 @@ def contents(hostile: str = "", again_s: int | None = None) -> BatchContents:
         ),
         ProjectRow("bridge", "running", "running: dense 3 of 14", "", thumbnail(), [("photographs", "14")]),
         ProjectRow(
-            f"{hostile}chapel",
-            "failed",
-            "crashed",
-            "",
-            None,
-            (),
-            f"{hostile} crashed",
-            hostile,
-            "../c/batch.log",
+            *(f"{hostile}chapel", "failed", "crashed", "", None, ()),
+            *(f"{hostile} crashed", hostile, "../c/batch.log"),
         ),
         ProjectRow("dome", "waiting", "waiting", "", None),
     ]
-    return BatchContents(
-        f"{hostile}campaign: 4 projects",
-        "1 of 4 done.",
-        rows,
-        f"colmap-ihe batch {hostile}",
-        "now",
-        again_s,
-        [hostile],
-    )
+    title, command = f"{hostile}campaign: 4 projects", f"colmap-ihe batch {hostile}"
+    return BatchContents(title, "1 of 4 done.", rows, command, "now", again_s, [hostile])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -31,50 +32,44 @@ def write_kind(
     delta_v: NDArray[np.float64] | None = None,
     active: tuple[int, int, int, int] | None = None,
     model: str = "Test",
+    tags: Mapping[int, Any] | None = None,
 ) -> None:
     """values: (H, W) of a mosaic or (H, W, samples), in `bits` bits. `pattern`: letters of the cell of a mosaic;
-    without it the file is linear (3 samples) or monochrome (1). `active`: top, left, bottom, right."""
+    without it the file is linear (3 samples) or monochrome (1). `active`: top, left, bottom, right. `tags`: more of
+    them, or others."""
     height, width = values.shape[:2]
     samples = values.shape[2] if values.ndim == 3 else 1
     packed = _packed(values.reshape(height, -1), bits)
     colours = 1 if pattern is None and samples == 1 else 3
-    tags: list[tuple[int, int, Any]] = [
-        (254, TiffTags.LONG, 0),
-        (256, TiffTags.LONG, width),
-        (257, TiffTags.LONG, height),
-        (258, TiffTags.SHORT, (bits,) * samples),
-        (259, TiffTags.SHORT, 1),
+    entries: list[tuple[int, int, Any]] = [
+        (254, TiffTags.LONG, 0), (256, TiffTags.LONG, width), (257, TiffTags.LONG, height),
+        (258, TiffTags.SHORT, (bits,) * samples), (259, TiffTags.SHORT, 1),
         (262, TiffTags.SHORT, LINEAR_RAW if pattern is None else CFA),
-        (271, TiffTags.ASCII, "Test"),
-        (272, TiffTags.ASCII, model),
-        (273, TiffTags.LONG, 0),
-        (277, TiffTags.SHORT, samples),
-        (278, TiffTags.LONG, height),
-        (279, TiffTags.LONG, len(packed)),
-        (284, TiffTags.SHORT, 1),
-        (50706, TiffTags.BYTE, bytes((1, 4, 0, 0))),
-        (50707, TiffTags.BYTE, bytes((1, 1, 0, 0))),
-        (50708, TiffTags.ASCII, f"Test {model}"),
+        (271, TiffTags.ASCII, "Test"), (272, TiffTags.ASCII, model), (273, TiffTags.LONG, 0),
+        (277, TiffTags.SHORT, samples), (278, TiffTags.LONG, height), (279, TiffTags.LONG, len(packed)),
+        (284, TiffTags.SHORT, 1), (50706, TiffTags.BYTE, bytes((1, 4, 0, 0))),
+        (50707, TiffTags.BYTE, bytes((1, 1, 0, 0))), (50708, TiffTags.ASCII, f"Test {model}"),
         (50713, TiffTags.SHORT, repeat),
         (50714, TiffTags.RATIONAL, tuple(float(b) for b in black)),
         (50717, TiffTags.LONG, (1 << bits) - 1 if white is None else white),
-    ]
+    ]  # fmt: skip
     if colours == 3:
-        tags.append((50721, TiffTags.SIGNED_RATIONAL, tuple(np.eye(3).ravel().tolist())))
-        tags.append((50728, TiffTags.RATIONAL, (0.5, 1.0, 0.6)))
-        tags.append((50778, TiffTags.SHORT, 21))
+        entries.append((50721, TiffTags.SIGNED_RATIONAL, tuple(np.eye(3).ravel().tolist())))
+        entries.append((50728, TiffTags.RATIONAL, (0.5, 1.0, 0.6)))
+        entries.append((50778, TiffTags.SHORT, 21))
     if pattern is not None:
-        tags.append((33421, TiffTags.SHORT, pattern.shape))
-        tags.append((33422, TiffTags.BYTE, bytes("RGB".index(c) for c in pattern.ravel())))
+        entries.append((33421, TiffTags.SHORT, pattern.shape))
+        entries.append((33422, TiffTags.BYTE, bytes("RGB".index(c) for c in pattern.ravel())))
     for tag, delta in ((50715, delta_h), (50716, delta_v)):
         if delta is not None:
-            tags.append((tag, TiffTags.SIGNED_RATIONAL, tuple(delta.tolist())))
+            entries.append((tag, TiffTags.SIGNED_RATIONAL, tuple(delta.tolist())))
     if active is not None:
-        tags.append((50829, TiffTags.LONG, active))
+        entries.append((50829, TiffTags.LONG, active))
     directory = ImageFileDirectory_v2()
-    for tag, kind, value in tags:
+    for tag, kind, value in entries:
         directory.tagtype[tag] = kind
         directory[tag] = value
+    directory.update(tags or {})
     path.write_bytes(_HEADER + directory.tobytes(len(_HEADER)) + packed)
 
 

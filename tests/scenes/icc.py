@@ -32,15 +32,10 @@ def rgb_profile(name: str, gamma: float = 2.2) -> bytes:
     """Adobe RGB's primaries, adapted to D50, with a plain gamma."""
     curve = b"curv\0\0\0\0" + struct.pack(">IH", 1, round(gamma * 256))
     tags = {
-        b"desc": _description(name),
-        b"wtpt": _xyz(*D50),
-        b"rXYZ": _xyz(0.60974, 0.31111, 0.01947),
-        b"gXYZ": _xyz(0.20528, 0.62567, 0.06087),
-        b"bXYZ": _xyz(0.14919, 0.06322, 0.74457),
-        b"rTRC": curve,
-        b"gTRC": curve,
-        b"bTRC": curve,
-    }
+        b"desc": _description(name), b"wtpt": _xyz(*D50), b"rXYZ": _xyz(0.60974, 0.31111, 0.01947),
+        b"gXYZ": _xyz(0.20528, 0.62567, 0.06087), b"bXYZ": _xyz(0.14919, 0.06322, 0.74457),
+        b"rTRC": curve, b"gTRC": curve, b"bTRC": curve,
+    }  # fmt: skip
     return _profile(b"mntr", b"RGB ", b"XYZ ", tags)
 
 

@@ -28,6 +28,7 @@ F32 = NDArray[np.float32]
 F64 = NDArray[np.float64]
 
 SIZE = (384, 288)
+BLACK = np.zeros((*SIZE[::-1], 3), np.uint8)
 FOCAL_35MM = 28  # what COLMAP makes of it: over the diagonal of 36 x 24 mm
 FOCAL_PX = FOCAL_35MM / 43.27 * math.hypot(*SIZE)
 _TEXEL_M = 0.012
@@ -45,6 +46,11 @@ def row_of_views(count: int, *, width: float = 6.0, distance: float = 7.0) -> li
         view((x, -distance, 2.6 + 0.5 * math.sin(3 * x)), (0.5 * x, 0, 3))
         for x in np.linspace(-width / 2, width / 2, count)
     ]
+
+
+def walked(places: F64, distance: float) -> list[DemoView]:
+    """Along the wall, each straight at it."""
+    return [view((x, -distance, 2.8 + 0.4 * math.sin(2 * x)), (x, 0, 3)) for x in places]
 
 
 def texture(width_m: float, height_m: float, seed: int) -> F32:
@@ -113,9 +119,15 @@ def save(pixels: NDArray[np.uint8], file: Path, exif: PhotoExif | None = None) -
     file.write_bytes(jpeg.getvalue())
 
 
-def shoot(scene: Sequence[Surface], views: Sequence[DemoView], images: Path, name: str = "shot") -> None:
+def shoot(
+    scene: Sequence[Surface],
+    views: Sequence[DemoView],
+    images: Path,
+    name: str = "shot",
+    focal_35mm: int | None = FOCAL_35MM,
+) -> None:
     for number, seen in enumerate(views, start=1):
-        photograph(scene, seen, images / f"{name}_{number:02}.jpg")
+        photograph(scene, seen, images / f"{name}_{number:02}.jpg", focal_35mm=focal_35mm)
 
 
 # The sets
@@ -182,17 +194,13 @@ def flat_wall_set(images: Path) -> None:
 
 def flat_wall_unknown(images: Path) -> None:
     """As above, and no photograph says its focal length."""
-    for number, seen in enumerate(row_of_views(6), start=1):
-        photograph(flat_wall(), seen, images / f"shot_{number:02}.jpg", focal_35mm=None)
+    shoot(flat_wall(), row_of_views(6), images, focal_35mm=None)
 
 
 def flat_wall_oblique(images: Path) -> None:
     """Turned towards the wall from both sides, which pins the focal length down."""
-    shoot(
-        flat_wall(),
-        [view((x, -6, z), (0, 0, 3)) for x, z in ((-6, 3), (-4, 5), (-2, 2), (2, 5), (4, 2), (6, 3))],
-        images,
-    )
+    places = ((-6, 3), (-4, 5), (-2, 2), (2, 5), (4, 2), (6, 3))
+    shoot(flat_wall(), [view((x, -6, z), (0, 0, 3)) for x, z in places], images)
 
 
 def moving_crowd(images: Path) -> None:
@@ -217,17 +225,13 @@ def crowd(images: Path, people: int) -> None:
 def all_black(images: Path) -> None:
     for number in range(3):
         taken = PhotoExif(taken=f"2016:06:21 10:0{number}:00")
-        save(np.zeros((*SIZE[::-1], 3), np.uint8), images / f"shot_{number + 1:02}.jpg", taken)
+        save(BLACK, images / f"shot_{number + 1:02}.jpg", taken)
 
 
 def one_black(images: Path) -> None:
     """A sound set, and one photograph with the lens cap on."""
     sound(images)
-    save(
-        np.zeros((*SIZE[::-1], 3), np.uint8),
-        images / "cap.jpg",
-        PhotoExif(model="Demo camera", focal_length_35mm=28),
-    )
+    save(BLACK, images / "cap.jpg", PhotoExif(model="Demo camera", focal_length_35mm=28))
 
 
 def one_colour(images: Path) -> None:
@@ -238,15 +242,11 @@ def one_colour(images: Path) -> None:
 
 def wrong_focal_lengths(images: Path) -> None:
     """Two cameras: one says its focal length, the other, as after a crop or a wrong lens, half of it."""
+    cameras = (("wrong", FOCAL_35MM // 2, "Other camera"), ("right", FOCAL_35MM, "Demo camera"))
     for number, seen in enumerate(row_of_views(10), start=1):
-        wrong = number % 2 == 0
-        photograph(
-            relief(),
-            seen,
-            images / f"{'wrong' if wrong else 'right'}_{number:02}.jpg",
-            focal_35mm=FOCAL_35MM // 2 if wrong else FOCAL_35MM,
-            model="Other camera" if wrong else "Demo camera",
-        )
+        name, focal, model = cameras[number % 2]
+        file = images / f"{name}_{number:02}.jpg"
+        photograph(relief(), seen, file, focal_35mm=focal, model=model)
 
 
 def lone_shot(images: Path) -> None:
@@ -256,8 +256,7 @@ def lone_shot(images: Path) -> None:
 
 
 def double_focal_lengths(images: Path) -> None:
-    for number, seen in enumerate(row_of_views(8), start=1):
-        photograph(relief(), seen, images / f"shot_{number:02}.jpg", focal_35mm=2 * FOCAL_35MM)
+    shoot(relief(), row_of_views(8), images, focal_35mm=2 * FOCAL_35MM)
 
 
 def two_wings(images: Path) -> None:
@@ -271,11 +270,7 @@ def two_wings(images: Path) -> None:
             scene.append(panel(-0.5 - 0.4 * part, (x, z), (x + 0.8, z + 1.8), 60 + part))
     scene.append(panel(0, (-2.4, 0), (2.4, 6), 70))
     scene += [panel(-1.2, (x, 1), (x + 0.7, 3), 80 + n) for n, x in enumerate((-1.6, -0.2, 1.1))]
-    shoot(
-        scene,
-        [view((x, -5, 2.8 + 0.4 * math.sin(2 * x)), (x, 0, 3)) for x in np.arange(-5.5, 5.6, 0.6)],
-        images,
-    )
+    shoot(scene, walked(np.arange(-5.5, 5.6, 0.6), 5), images)
 
 
 def two_halves(images: Path) -> None:
@@ -306,38 +301,15 @@ def facade(images: Path, *, bays: int = 10, marks: int = 0, step: float = 0.5, b
     for mark in range(marks):
         x, z = draw.uniform(-half, half - 1), draw.uniform(0, 5.5)
         scene.append(panel(-1.6 * draw.random() - 0.05, (x, z), (x + 0.5, z + 0.5), 300 + mark))
-    centres = np.arange(-half + 3, half - 3 + 1e-6, step)
-    shoot(scene, [view((x, -6.5, 2.8 + 0.4 * math.sin(2 * x)), (x, 0, 3)) for x in centres], images)
+    shoot(scene, walked(np.arange(-half + 3, half - 3 + 1e-6, step), 6.5), images)
 
 
 SETS: Mapping[str, Callable[[Path], None]] = {
     f.__name__: f
     for f in (
-        sound,
-        one,
-        two,
-        three,
-        two_identical,
-        two_from_one_place,
-        sound_with_copies,
-        straight_row,
-        pure_rotation,
-        partly_rotation,
-        no_overlap,
-        flat_wall_set,
-        flat_wall_unknown,
-        flat_wall_oblique,
-        moving_crowd,
-        thick_crowd,
-        all_black,
-        one_black,
-        one_colour,
-        wrong_focal_lengths,
-        double_focal_lengths,
-        lone_shot,
-        two_halves,
-        two_wings,
-        repeated_facade,
-        like_bays,
+        sound, one, two, three, two_identical, two_from_one_place, sound_with_copies, straight_row, pure_rotation,
+        partly_rotation, no_overlap, flat_wall_set, flat_wall_unknown, flat_wall_oblique, moving_crowd, thick_crowd,
+        all_black, one_black, one_colour, wrong_focal_lengths, double_focal_lengths, lone_shot, two_halves, two_wings,
+        repeated_facade, like_bays,
     )
-}
+}  # fmt: skip

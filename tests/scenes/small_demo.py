@@ -8,10 +8,7 @@ ROOT = Path(__file__).resolve().parents[2]
 PHOTOGRAPHS = ROOT.parent / "shared/data"
 """Real photographs; tests that need them skip where they are missing."""
 DEMO_VIEWS, DEMO_SIZE = 8, (480, 320)
-QUICK = (
-    "fit.step=0.1",
-    "features.colmap.sift.first_octave=0",
-    "dense.max_image_size=240",
-    "mesh.faces=2000",
-)
+QUICK = ("fit.step=0.1", "features.colmap.sift.first_octave=0", "dense.max_image_size=240", "mesh.faces=2000")
 """Options with which the small demo still registers all its views, in a third of the time."""
+SETTINGS = [part for assignment in QUICK for part in ("--set", assignment)]
+"""The same for the command line."""

@@ -213,6 +213,16 @@ def parser(
     return test_of
 
 
+def file(name: str, read: Callable[[Path], object]) -> Callable[[bytes, Path], object]:
+    """Has `data` read from a file of that name."""
+
+    def parse(data: bytes, folder: Path) -> object:
+        (folder / name).write_bytes(data)
+        return read(folder / name)
+
+    return parse
+
+
 class TooLong(BaseException):
     """No parser catches it."""
 
