@@ -25,8 +25,8 @@ from small_demo import ROOT
 
 from colmap_ihe.errors import Cancelled, CapabilityError, PhotographError
 from colmap_ihe.machine import decoder_pool as decoders
+from colmap_ihe.machine import decoder_process, memory
 from colmap_ihe.machine import decoder_wire as wire
-from colmap_ihe.machine import memory
 from colmap_ihe.machine.decoder_process import Decoder
 from colmap_ihe.machine.executor import in_order
 from colmap_ihe.photographs.decode import decode_photograph, read_photograph, read_size
@@ -85,18 +85,18 @@ def test_a_crash_is_of_one_photograph_only(tmp_path: Path, does: str, said: str)
 @pytest.mark.usefixtures("faulty")
 def test_a_hang_ends_after_its_time(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     read_size(jpeg(tmp_path))
-    monkeypatch.setattr(decoders, "SECONDS", 0.5)
-    monkeypatch.setattr(decoders, "SECONDS_A_MEGAPIXEL", 0)
+    monkeypatch.setattr(decoder_process, "SECONDS", 0.5)
+    monkeypatch.setattr(decoder_process, "SECONDS_A_MEGAPIXEL", 0)
     with pytest.raises(PhotographError, match=r"hang-1\.jpg: the decoder did not finish within 0 seconds"):
         read_photograph(jpeg(tmp_path, "hang"))
-    monkeypatch.setattr(decoders, "SECONDS", 60)
+    monkeypatch.setattr(decoder_process, "SECONDS", 60)
     assert read_photograph(jpeg(tmp_path)).rgb.shape == (96, 128, 3)
 
 
 @pytest.mark.usefixtures("faulty")
 def test_memory_has_an_end(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(memory, "available", lambda: 1)
-    monkeypatch.setattr(decoders, "_HEADER_MEMORY", 1 << 27)
+    monkeypatch.setattr(decoder_process, "_HEADER_MEMORY", 1 << 27)
     before = len(children())
     read_size(jpeg(tmp_path))
     with pytest.raises(PhotographError, match=r"eat-1\.jpg: not enough memory to decode it"):
@@ -413,4 +413,4 @@ def test_what_a_decoder_says_of_the_photograph_is_plain(tmp_path: Path) -> None:
     assert read_metadata(capture.path, "coded").make == "Acme"
     with decoders.one_decoder() as decoder:
         request = {"call": "", "name": capture.name, "memory": 1 << 30}
-        json.dumps(decoder._decoder.ask(request, capture.name, 60))
+        json.dumps(decoder.ask(request, capture.name, 60))

@@ -16,7 +16,7 @@ from typing import Any
 from PIL import Image, UnidentifiedImageError
 
 from colmap_ihe.errors import PhotographError
-from colmap_ihe.machine.decoder_pool import in_decoder, understood
+from colmap_ihe.machine.decoder_pool import in_decoder
 from colmap_ihe.photographs.coded import FORMATS
 from colmap_ihe.photographs.exif import cr3
 from colmap_ihe.photographs.exif.blocks import (
@@ -95,12 +95,11 @@ def read_metadata(path: Path, kind: str) -> Metadata:
     reads it, in a process of its own: profiles and previews are native libraries' work."""
     try:
         metadata = in_decoder(decode_metadata, path, kind)
-        with understood(path.name):
-            if metadata.exif:
-                take_apart(bytearray(metadata.exif))
+        if metadata.exif:
+            take_apart(bytearray(metadata.exif))
         return metadata
-    except PhotographError as error:
-        return Metadata(problem=f"EXIF not readable: {error}")
+    except _UNREADABLE as error:
+        return Metadata(problem=_unreadable(error))
 
 
 def decode_metadata(path: Path, kind: str) -> Metadata:
