@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from PIL import TiffTags
 from PIL.TiffImagePlugin import ImageFileDirectory_v2
 
-from colmap_ihe.photographs.exif.blocks import EXIF_IFD, GPS_IFD, for_tiff, with_size
+from colmap_ihe.photographs.exif.blocks import Tag, for_tiff, with_size
 
 _HEADER = b"II*\0\x08\0\0\0"  # little-endian, the first directory follows at once
 
@@ -23,9 +23,9 @@ def encode_linear_tiff(linear_rgb: NDArray[np.uint16], exif: bytes) -> bytes:
     tags = for_tiff(with_size(exif, width, height))
     directory = ImageFileDirectory_v2()
     for tag, value in tags.items():
-        if tag not in (EXIF_IFD, GPS_IFD):
+        if tag not in (Tag.EXIF_IFD, Tag.GPS_IFD):
             directory[tag] = value
-    for tag in (EXIF_IFD, GPS_IFD):
+    for tag in (Tag.EXIF_IFD, Tag.GPS_IFD):
         if inner := dict(tags.get_ifd(tag)):
             directory[tag] = inner
     for tag, kind, value in _layout(width, height, linear_rgb.nbytes):
