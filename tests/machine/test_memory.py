@@ -45,11 +45,6 @@ def write(file: Path, text: str) -> None:
     file.write_text(text, encoding="ascii")
 
 
-@pytest.mark.usefixtures("system")
-def test_of_a_machine() -> None:
-    assert memory.available() == 8_000_000 * 1024
-
-
 @pytest.mark.parametrize("where", ["", "user.slice/run.scope"])
 def test_of_a_container(system: Path, where: str) -> None:
     """Version 2: the limit may be of a group further up; the file cache in it is given up on demand."""
@@ -72,7 +67,8 @@ def test_of_a_container_of_the_first_version(system: Path) -> None:
     assert memory.available() == 600_000_000
 
 
-def test_where_the_system_does_not_say(system: Path) -> None:
+def test_of_a_machine_and_where_the_system_does_not_say(system: Path) -> None:
+    assert memory.available() == 8_000_000 * 1024
     (system / "proc/meminfo").unlink()
     assert memory.available() == 0
     assert memory.at_once([capture(10**9)], 8) == 8
@@ -127,32 +123,24 @@ def test_no_more_are_worked_on_than_memory_holds(
 
 def test_headers_tell_how_many_pixels(tmp_path: Path) -> None:
     Image.fromarray(np.zeros((80, 100, 3), np.uint8)).save(tmp_path / "a.png")
+    shot = replace(capture(name="a.png"), path=tmp_path / "a.png")
     with ThreadPoolExecutor(1) as threads:
-        found, _ = survey(
-            [replace(capture(name="a.png"), path=tmp_path / "a.png")], threads, SILENT, strict=True
-        )
+        found, _ = survey([shot], threads, SILENT, strict=True)
     assert found[0].capture.pixels == 8000
 
 
 def test_the_user_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    class Listener(Silent):
-        def __init__(self) -> None:
-            super().__init__()
-            self.said: list[str] = []
-
-        def warn(self, text: str) -> None:
-            self.said.append(text)
-
+    said: list[str] = []
+    listener = Silent()
+    monkeypatch.setattr(listener, "warn", said.append)
     _workers(monkeypatch, 4)
-    Image.fromarray(np.arange(3 * 1000 * 1000, dtype=np.uint32).astype(np.uint8).reshape(1000, 1000, 3)).save(
-        tmp_path / "a.png"
-    )
-    listener = Listener()
+    rgb = np.arange(3 * 1000 * 1000, dtype=np.uint32).astype(np.uint8).reshape(1000, 1000, 3)
+    Image.fromarray(rgb).save(tmp_path / "a.png")
     fit_files([tmp_path], progress=listener)
-    assert not any("at a time" in text for text in listener.said)
+    assert not any("at a time" in text for text in said)
     monkeypatch.setattr(memory, "available", lambda: 100 * 10**6)
     fit_files([tmp_path], progress=listener)
-    assert [text for text in listener.said if "photographs at a time" in text and "there are 4 cores" in text]
+    assert [text for text in said if "photographs at a time" in text and "there are 4 cores" in text]
 
 
 @pytest.mark.skipif(not hasattr(ctypes.CDLL(None), "gnu_get_libc_version"), reason="glibc alone can be told")

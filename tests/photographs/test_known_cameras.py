@@ -6,6 +6,7 @@ import math
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, get_args
+from unittest.mock import patch
 
 import numpy as np
 import pytest
@@ -14,7 +15,7 @@ from PIL.TiffImagePlugin import IFDRational as R
 from colmap_ihe import Weights, convert_folder
 from colmap_ihe.colmap.native import pycolmap
 from colmap_ihe.errors import OptionError
-from colmap_ihe.machine.progress import Silent
+from colmap_ihe.machine.progress import SILENT
 from colmap_ihe.photographs.encode import SUFFIXES, Format, encode_image
 from colmap_ihe.photographs.exif.blocks import put_together
 from colmap_ihe.photographs.exif.metadata import Metadata, describe
@@ -31,9 +32,7 @@ FULL_FRAME: dict[str, Any] = {"focal_length": 24, "sensor_width": 36}
 
 
 def cameras(**patterns: Mapping[str, Any]) -> CamerasOptions:
-    return CamerasOptions.model_validate(
-        {name.replace("all", "*"): known for name, known in patterns.items()}
-    )
+    return CamerasOptions.model_validate({name.replace("all", "*"): k for name, k in patterns.items()})
 
 
 def by_exif(make: str = "", model: str = "", **lengths: Any) -> Metadata:
@@ -68,12 +67,8 @@ def test_colmap_finds_the_focal_length_that_is_given(
     assert focal_px(found, *size) == pytest.approx(camera.params[0], rel=1e-6)
 
 
-PLANE = SIZE[0] / 36
-BY_35 = DIAGONAL / DIAGONAL_35MM
-
-
+PLANE, BY_35 = SIZE[0] / 36, DIAGONAL / DIAGONAL_35MM
 ZOOM = {"focal_length": 24, "focal_length_35mm": 36}
-OVERRIDE = {"override": True}
 FILLED_IN: dict[str, tuple[dict[str, Any], dict[str, Any], float]] = {
     "only the equivalent": ({}, {"focal_length_35mm": 28}, 28 * BY_35),
     "both": ({}, {"focal_length": 24, "focal_length_35mm": 36}, 36 * BY_35),
@@ -129,15 +124,6 @@ def test_the_first_pattern_that_fits_counts() -> None:
     assert pattern_of(cameras(), "c.JPG") is None
 
 
-class Told(Silent):
-    def __init__(self) -> None:
-        super().__init__()
-        self.warnings: list[str] = []
-
-    def warn(self, text: str) -> None:
-        self.warnings.append(text)
-
-
 def photographs(folder: Path, *names: str, metadata: Metadata | None = None) -> Path:
     for seed, name in enumerate(names):
         (folder / name).parent.mkdir(parents=True, exist_ok=True)
@@ -147,9 +133,10 @@ def photographs(folder: Path, *names: str, metadata: Metadata | None = None) -> 
 
 
 def convert(images: Path, out: Path, known: CamerasOptions, **options: Any) -> list[str]:
-    told = Told()
-    convert_folder(images, out, weights=GREEN, cameras=known, progress=told, **options)
-    return told.warnings
+    warnings: list[str] = []
+    with patch.object(SILENT, "warn", warnings.append):
+        convert_folder(images, out, weights=GREEN, cameras=known, progress=SILENT, **options)
+    return warnings
 
 
 @pytest.mark.parametrize("file_format", FORMATS)
@@ -159,21 +146,14 @@ def test_photographs_without_exif_become_the_cameras_that_took_them(
     names = ["a/1.png", "a/2.png", "b/1.png", "b/2.png", "c/1.png", "c/2.png"]
     images = photographs(tmp_path / "images", *names)
     known = cameras(**{"a/*": FULL_FRAME, "b/*": FULL_FRAME | {"focal_length": 35}})
-    told = convert(
-        images,
-        tmp_path / "out",
-        known,
-        colour=tmp_path / "colour",
-        options=ConvertOptions(format=file_format),
-    )
-    assert told == []
+    more = {"colour": tmp_path / "colour", "options": ConvertOptions(format=file_format)}
+    assert convert(images, tmp_path / "out", known, **more) == []
     for folder in ("out", "colour"):
         database = tmp_path / f"{folder}.db"
         pycolmap.Database.open(database).close()
         grey = [str(Path(name).with_suffix(SUFFIXES[file_format])) for name in names]
-        pycolmap.import_images(
-            database, tmp_path / folder, camera_mode=pycolmap.CameraMode.AUTO, image_names=grey
-        )
+        mode = pycolmap.CameraMode.AUTO
+        pycolmap.import_images(database, tmp_path / folder, camera_mode=mode, image_names=grey)
         with pycolmap.Database.open(database) as opened:
             found = {c.camera_id: c for c in opened.read_all_cameras()}
             of_image = {i.name: i.camera_id for i in opened.read_all_images()}
@@ -192,9 +172,8 @@ def test_other_cameras_make_other_grey_images_and_the_same_ones_none(tmp_path: P
     first = {p: p.stat().st_mtime_ns for p in sorted((tmp_path / "out").rglob("*.png"))}
     convert(images, tmp_path / "out", known)
     assert {p: p.stat().st_mtime_ns for p in first} == first
-    convert(
-        images, tmp_path / "out", cameras(**{"a/*": FULL_FRAME, "b/*": FULL_FRAME | {"focal_length": 50}})
-    )
+    other = cameras(**{"a/*": FULL_FRAME, "b/*": FULL_FRAME | {"focal_length": 50}})
+    convert(images, tmp_path / "out", other)
     assert [p.stat().st_mtime_ns == first[p] for p in first] == [True, False]
 
 
@@ -244,9 +223,8 @@ def test_a_focal_length_is_enough_where_colmap_knows_the_sensor(tmp_path: Path) 
 
 
 def test_sensors_that_colmap_would_mix_are_told(tmp_path: Path) -> None:
-    images = photographs(
-        tmp_path / "images", "full/1.png", "dx/1.png", metadata=by_exif("Foo", "Bar", focal=50)
-    )
+    said = by_exif("Foo", "Bar", focal=50)
+    images = photographs(tmp_path / "images", "full/1.png", "dx/1.png", metadata=said)
     known: dict[str, dict[str, Any]] = {"full/*": {"sensor_width": 36}, "dx/*": {"sensor_width": 24}}
     told = convert(images, tmp_path / "out", cameras(**known))
     assert len(told) == 1

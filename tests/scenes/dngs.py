@@ -10,6 +10,9 @@ from numpy.typing import NDArray
 from PIL import TiffTags
 from PIL.TiffImagePlugin import ImageFileDirectory_v2
 
+from colmap_ihe.evaluation.demo.dng import write_dng
+from colmap_ihe.evaluation.demo.exif import PhotoExif
+
 CFA, LINEAR_RAW = 32803, 34892
 _HEADER = b"II*\0\x08\0\0\0"
 
@@ -39,23 +42,13 @@ def write_kind(
     packed = _packed(values.reshape(height, -1), bits)
     colours = 1 if pattern is None and samples == 1 else 3
     tags: list[tuple[int, int, Any]] = [
-        (254, TiffTags.LONG, 0),
-        (256, TiffTags.LONG, width),
-        (257, TiffTags.LONG, height),
-        (258, TiffTags.SHORT, (bits,) * samples),
-        (259, TiffTags.SHORT, 1),
+        *((254, TiffTags.LONG, 0), (256, TiffTags.LONG, width), (257, TiffTags.LONG, height)),
+        *((258, TiffTags.SHORT, (bits,) * samples), (259, TiffTags.SHORT, 1)),
         (262, TiffTags.SHORT, LINEAR_RAW if pattern is None else CFA),
-        (271, TiffTags.ASCII, "Test"),
-        (272, TiffTags.ASCII, model),
-        (273, TiffTags.LONG, 0),
-        (277, TiffTags.SHORT, samples),
-        (278, TiffTags.LONG, height),
-        (279, TiffTags.LONG, len(packed)),
-        (284, TiffTags.SHORT, 1),
-        (50706, TiffTags.BYTE, bytes((1, 4, 0, 0))),
-        (50707, TiffTags.BYTE, bytes((1, 1, 0, 0))),
-        (50708, TiffTags.ASCII, f"Test {model}"),
-        (50713, TiffTags.SHORT, repeat),
+        *((271, TiffTags.ASCII, "Test"), (272, TiffTags.ASCII, model), (273, TiffTags.LONG, 0)),
+        *((277, TiffTags.SHORT, samples), (278, TiffTags.LONG, height), (279, TiffTags.LONG, len(packed))),
+        *((284, TiffTags.SHORT, 1), (50706, TiffTags.BYTE, b"\1\4\0\0"), (50707, TiffTags.BYTE, b"\1\1\0\0")),
+        *((50708, TiffTags.ASCII, f"Test {model}"), (50713, TiffTags.SHORT, repeat)),
         (50714, TiffTags.RATIONAL, tuple(float(b) for b in black)),
         (50717, TiffTags.LONG, (1 << bits) - 1 if white is None else white),
     ]
@@ -76,6 +69,13 @@ def write_kind(
         directory.tagtype[tag] = kind
         directory[tag] = value
     path.write_bytes(_HEADER + directory.tobytes(len(_HEADER)) + packed)
+
+
+def shoot(path: Path, mosaic: NDArray[np.uint16], **changes: Any) -> None:
+    """Write a DNG as the demo's camera does, (H, W), by default of black 512 and white 16383."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    camera = {"black": 512, "white": 16383, "as_shot_neutral": (0.5, 1.0, 0.6), "colour_matrix": np.eye(3)}
+    write_dng(path, mosaic, **(camera | {"exif": PhotoExif()} | changes))
 
 
 def _packed(rows: NDArray[np.uint16], bits: int) -> bytes:

@@ -13,57 +13,23 @@ from PIL.TiffImagePlugin import ImageFileDirectory_v2
 
 SIZE = (96, 64)
 IMAGE: dict[int, Any] = {
-    0x010E: "north portal",
-    0x010F: "Canon",
-    0x0110: "Canon EOS 5D",
-    0x0112: 6,
-    0x0131: "Firmware 1.1.1",
-    0x0132: "2016:06:21 10:00:00",
-    0x013B: "A. Surveyor",
-    0x8298: "CC0",
-}
+    0x010E: "north portal", 0x010F: "Canon", 0x0110: "Canon EOS 5D", 0x0112: 6, 0x0131: "Firmware 1.1.1",
+    0x0132: "2016:06:21 10:00:00", 0x013B: "A. Surveyor", 0x8298: "CC0",
+}  # fmt: skip
 SHOT: dict[int, Any] = {
-    0x829A: R(1, 125),
-    0x829D: R(8),
-    0x8822: 2,
-    0x8827: 200,  # exposure
-    0x9003: "2016:06:21 10:00:00",
-    0x9004: "2016:06:21 10:00:01",  # dates,
-    0x9010: "+02:00",
-    0x9011: "+02:00",
-    0x9012: "+02:00",  # their offset from UTC
-    0x9290: "10",
-    0x9291: "11",
-    0x9292: "12",  # and their parts of a second
-    0x9204: R(-1, 3),
-    0x920A: R(24),
-    0xA405: 24,  # focal length
-    0xA002: 96,
-    0xA003: 64,
-    0xA20E: R(9600, 36),
-    0xA20F: R(6400, 24),
-    0xA210: 3,  # focal plane
-    0xA431: "0123",
-    0xA432: (R(24), R(70), R(28, 10), R(0, 0)),
-    0xA433: "Canon",
-    0xA434: "EF 24-70",  # lens
-}
+    0x829A: R(1, 125), 0x829D: R(8), 0x8822: 2, 0x8827: 200,  # exposure
+    0x9003: "2016:06:21 10:00:00", 0x9004: "2016:06:21 10:00:01",  # dates,
+    0x9010: "+02:00", 0x9011: "+02:00", 0x9012: "+02:00",  # their offset from UTC
+    0x9290: "10", 0x9291: "11", 0x9292: "12",  # and their parts of a second
+    0x9204: R(-1, 3), 0x920A: R(24), 0xA405: 24,  # focal length
+    0xA002: 96, 0xA003: 64, 0xA20E: R(9600, 36), 0xA20F: R(6400, 24), 0xA210: 3,  # focal plane
+    0xA431: "0123", 0xA432: (R(24), R(70), R(28, 10), R(0, 0)), 0xA433: "Canon", 0xA434: "EF 24-70",  # lens
+}  # fmt: skip
 GPS: dict[int, Any] = {
-    0: b"\x02\x03\x00\x00",
-    1: "S",
-    2: (R(48), R(46), R(265, 10)),
-    3: "W",
-    4: (R(2), R(17), R(491, 10)),
-    5: b"\x01",
-    6: R(855, 10),
-    7: (R(10), R(11), R(12)),
-    11: R(2),
-    16: "T",
-    17: R(1234, 10),
-    18: "WGS-84",
-    29: "2016:06:21",
-    31: R(5),
-}
+    0: b"\x02\x03\x00\x00", 1: "S", 2: (R(48), R(46), R(265, 10)), 3: "W", 4: (R(2), R(17), R(491, 10)),
+    5: b"\x01", 6: R(855, 10), 7: (R(10), R(11), R(12)), 11: R(2), 16: "T", 17: R(1234, 10), 18: "WGS-84",
+    29: "2016:06:21", 31: R(5),
+}  # fmt: skip
 EVERY_TAG = {("Image", t) for t in IMAGE} | {("EXIF", t) for t in SHOT} | {("GPS", t) for t in GPS}
 
 

@@ -5,13 +5,13 @@ from __future__ import annotations
 import struct
 from pathlib import Path
 
+import dngs
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
 from colmap_ihe.errors import PhotographError
-from colmap_ihe.evaluation.demo.dng import PATTERNS, write_dng
-from colmap_ihe.evaluation.demo.exif import PhotoExif
+from colmap_ihe.evaluation.demo.dng import PATTERNS
 from colmap_ihe.photographs.raw.develop import develop, preview_of, read_header, read_mosaic
 
 BLACK, WHITE = 512, 16383
@@ -33,17 +33,9 @@ def shoot(
     mosaic = light() * exposure
     for n, colour in enumerate(pattern):
         mosaic[n // 2 :: 2, n % 2 :: 2] *= GAINS[colour]
-    write_dng(
-        file,
-        np.clip(np.rint(mosaic * (WHITE - black) + black), 0, WHITE).astype(np.uint16),
-        black=black,
-        white=WHITE,
-        as_shot_neutral=(GAINS["R"], GAINS["G"], GAINS["B"]),
-        colour_matrix=MATRIX,
-        pattern=pattern,
-        exif=PhotoExif(),
-        orientation=orientation,
-    )
+    values = np.clip(np.rint(mosaic * (WHITE - black) + black), 0, WHITE).astype(np.uint16)
+    colours = {"as_shot_neutral": tuple(GAINS.values()), "colour_matrix": MATRIX, "pattern": pattern}
+    dngs.shoot(file, values, black=black, orientation=orientation, **colours)
 
 
 def developed(file: Path) -> NDArray[np.float64]:
