@@ -125,8 +125,6 @@ def refuse_too_large(name: str, width: int, height: int) -> None:
 
 
 def _unreadable(capture: Capture, error: BaseException) -> PhotographError:
-    if isinstance(error, UnidentifiedImageError):
-        reason = "not a photograph of the kind its name says"
-    else:
-        reason = str(error) or type(error).__name__
+    unknown = isinstance(error, UnidentifiedImageError)
+    reason = "not a photograph of the kind its name says" if unknown else str(error) or type(error).__name__
     return PhotographError(f"{capture.name}: cannot be read ({reason})", hint=BROKEN)

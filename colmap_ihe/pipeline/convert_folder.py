@@ -73,7 +73,7 @@ def convert_folder(
     require_apart(images.resolve(), folders)
     options, cameras = options or ConvertOptions(), cameras or CamerasOptions()
     discovery = discover(images.absolute())
-    left_out = refused(discovery, strict)
+    left_out = refused(discovery.refused, strict)
     with ExitStack() as stack:
         executor = stack.enter_context(local_executor())
         how = (discovery.captures, develop, calibration, executor, progress)

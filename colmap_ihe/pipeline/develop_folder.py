@@ -44,7 +44,7 @@ def develop_folder(
     """
     require_apart(images.resolve(), [out.resolve()])
     discovery = discover(images.absolute())
-    not_read = refused(discovery, strict)
+    not_read = refused(discovery.refused, strict)
     raw = [c for c in discovery.captures if c.kind == "raw"]
     if not raw:
         raise ProjectError(

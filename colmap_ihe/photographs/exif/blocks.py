@@ -210,7 +210,7 @@ def with_size(block: bytes, width: int, height: int) -> bytes:
         return block
     new: Tags = {Tag.PIXEL_X: width, Tag.PIXEL_Y: height}
     if min(old) > 0 and Tag.PLANE_X in shot:
-        plane = {Tag.PLANE_X: shot[Tag.PLANE_X], Tag.PLANE_Y: shot.get(Tag.PLANE_Y)}
+        plane: Tags = {Tag.PLANE_X: shot[Tag.PLANE_X], Tag.PLANE_Y: shot.get(Tag.PLANE_Y)}
         if (old[0] > old[1]) != (width > height) and old[0] != old[1] and width != height:  # turned
             old = old[1], old[0]
             plane = {Tag.PLANE_X: plane[Tag.PLANE_Y] or plane[Tag.PLANE_X], Tag.PLANE_Y: plane[Tag.PLANE_X]}

@@ -27,11 +27,12 @@ GPS = {1: "N", 2: (48.0, 46.0, 26.5), 3: "E", 4: (2.0, 17.0, 49.1), 5: b"\x00", 
 
 
 def photograph(folder: Path, name: str = "a.jpg", **changes: Any) -> Path:
-    """A JPEG, PNG or TIFF with EXIF as a camera writes it; `orientation` and `gps` besides `PhotoExif`'s."""
-    orientation, gps = changes.pop("orientation", 1), changes.pop("gps", None)
+    """A JPEG, PNG or TIFF with EXIF as a camera writes it; `orientation`, `gps` and `shot` besides `PhotoExif`'s."""
+    orientation, gps, shot = changes.pop("orientation", 1), changes.pop("gps", {}), changes.pop("shot", {})
     exif = jpeg_exif(replace(PhotoExif(make="Canon", model="Canon EOS 40D"), **changes), *SIZE, orientation)
     if gps:
         exif.get_ifd(ExifTags.IFD.GPSInfo).update(gps)
+    exif.get_ifd(ExifTags.IFD.Exif).update(shot)
     picture = Image.fromarray(np.random.default_rng(1).integers(0, 256, (SIZE[1], SIZE[0], 3), np.uint8))
     block = Image.Exif()  # from bytes: Pillow writes directories that were filled by hand to JPEG only
     block.load(exif.tobytes())
@@ -124,15 +125,11 @@ def test_exif_has_the_size_of_the_image_it_goes_into(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("file_format", FORMATS)
 def test_a_maker_note_stays_where_it_fits_as_it_is(tmp_path: Path, file_format: Format) -> None:
-    exif = jpeg_exif(PhotoExif(make="Canon", model="Canon EOS 40D"), *SIZE)
-    exif.get_ifd(ExifTags.IFD.Exif)[0x927C] = bytes(66_000)
-    block = Image.Exif()
-    block.load(exif.tobytes())
-    Image.new("RGB", SIZE).save(tmp_path / "a.png", exif=block)
-    metadata = read_metadata(tmp_path / "a.png", "coded")
+    source = photograph(tmp_path, "a.png", shot={0x927C: bytes(66_000)})
+    metadata = read_metadata(source, "coded")
     assert len(metadata.exif) > 66_000
-    grey = grey_of(tmp_path / "a.png", metadata, tmp_path, file_format)
-    assert camera(grey) == camera(tmp_path / "a.png")
+    grey = grey_of(source, metadata, tmp_path, file_format)
+    assert camera(grey) == camera(source)
     assert camera(grey)[0]
     with Image.open(grey) as image:
         inner = image.getexif().get_ifd(ExifTags.IFD.Exif)
@@ -140,12 +137,9 @@ def test_a_maker_note_stays_where_it_fits_as_it_is(tmp_path: Path, file_format: 
 
 
 def test_other_exif_too_large_for_a_jpeg_goes_without_its_long_texts(tmp_path: Path) -> None:
-    exif = jpeg_exif(PhotoExif(make="Canon", model="Canon EOS 40D"), *SIZE)
-    exif[ExifTags.Base.ImageDescription] = "a very long story " * 4000
-    Image.new("RGB", SIZE).save(tmp_path / "a.png", exif=exif)
-    metadata = read_metadata(tmp_path / "a.png", "coded")
-    grey = grey_of(tmp_path / "a.png", metadata, tmp_path, "jpeg")
-    assert camera(grey) == camera(tmp_path / "a.png")
+    source = photograph(tmp_path, "a.png", shot={0x9286: b"a very long story " * 4000})
+    grey = grey_of(source, read_metadata(source, "coded"), tmp_path, "jpeg")
+    assert camera(grey) == camera(source)
     assert camera(grey)[0]
 
 
