@@ -74,13 +74,8 @@ def write_kind(
 def shoot(path: Path, mosaic: NDArray[np.uint16], **changes: Any) -> None:
     """Write a DNG as the demo's camera does, (H, W), by default of black 512 and white 16383."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    camera: dict[str, Any] = {
-        "black": 512,
-        "white": 16383,
-        "as_shot_neutral": (0.5, 1.0, 0.6),
-        "colour_matrix": np.eye(3),
-    }
-    write_dng(path, mosaic, **(camera | {"exif": PhotoExif()} | changes))
+    camera: dict[str, Any] = {"black": 512, "white": 16383, "as_shot_neutral": (0.5, 1.0, 0.6)}
+    write_dng(path, mosaic, **(camera | {"colour_matrix": np.eye(3), "exif": PhotoExif()} | changes))
 
 
 def _packed(rows: NDArray[np.uint16], bits: int) -> bytes:

@@ -71,8 +71,8 @@ def masters_of(
                     masters.append(_master(kind, shot, left, dark, store, executor, progress, broken))
                     break
                 except PhotographError:  # the others begin again: what is kept is named after them
-                    for error in broken.values():
-                        leave_out(error)
+                    for reason in broken.values():
+                        leave_out(reason)
                     left = [name for name in left if name not in broken]
     return masters
 

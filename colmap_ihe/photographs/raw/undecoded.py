@@ -50,10 +50,7 @@ def refuse_damaged(name: str) -> None:
 
 @contextmanager
 def _patterned_memory() -> Iterator[None]:
-    mallopt = getattr(ctypes.CDLL(None), "mallopt", None)
-    if mallopt is None:
-        yield
-        return
+    mallopt = getattr(ctypes.CDLL(None), "mallopt", lambda _option, _value: None)
     mallopt(_M_PERTURB, _BYTE ^ 0xFF)
     try:
         yield

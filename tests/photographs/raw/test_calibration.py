@@ -47,7 +47,7 @@ def like(values: NDArray[Any]) -> Mosaic:
 
 
 def test_frames_are_averaged_by_what_matters_to_their_kind() -> None:
-    changes: list[dict[str, float]] = [{}, {"f_number": 4.0}, {"exposure_s": 0.5}, {"iso": 800}]
+    changes: list[dict[str, Any]] = [{}, {"f_number": 4.0}, {"exposure_s": 0.5}, {"iso": 800}]
     shots = [(name, replace(SHOT, **change)) for name, change in zip("abcd", changes, strict=True)]
     names = [["".join(sorted(n)) for _, n in groups_of(shots, kind)] for kind in KINDS]
     assert names == [["abc", "d"], ["ab", "c", "d"], ["a", "b", "c", "d"]]

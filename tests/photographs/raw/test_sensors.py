@@ -35,8 +35,8 @@ def counts(share: NDArray[np.float64], black: Any, white: int) -> NDArray[np.uin
 
 
 def shot(folder: Path, values: NDArray[np.uint16], **kind: Any) -> Path:
-    kind = {"pattern": RGGB, "white": 15200, "black": (200,)} | kind
-    write_kind(folder / "a.dng", values, **kind)
+    usual: dict[str, Any] = {"pattern": RGGB, "white": 15200, "black": (200,)}
+    write_kind(folder / "a.dng", values, **(usual | kind))
     return folder / "a.dng"
 
 
