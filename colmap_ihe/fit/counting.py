@@ -26,7 +26,7 @@ from colmap_ihe.grey.histogram import Histogram
 from colmap_ihe.grey.sums import Sums, Weighting
 from colmap_ihe.grey.weights import Encoding
 from colmap_ihe.machine import decoder_pool as decoders
-from colmap_ihe.machine.decoder_process import BROKEN
+from colmap_ihe.machine.decoder_process import nonsense
 from colmap_ihe.machine.executor import in_order, width_of
 from colmap_ihe.machine.progress import Progress
 from colmap_ihe.photographs.colour_counts import count_photograph, hand_over_counts, sampled
@@ -243,7 +243,7 @@ def _together(
                     contrasts[capture.name] = Contrast.from_dict(measured, encoding)
             except (PhotographError, ValueError, KeyError, TypeError) as error:
                 errors[capture.name] = _as_of(capture, error)
-                if decoder.is_lost or not isinstance(error, PhotographError):
+                if decoder.dead or not isinstance(error, PhotographError):
                     raise _Lost from error
                 if counting.strict:
                     break
@@ -266,6 +266,4 @@ def _together(
 
 
 def _as_of(capture: Capture, error: Exception) -> PhotographError:
-    if isinstance(error, PhotographError):
-        return error
-    return PhotographError(f"{capture.name}: the decoder lost its way on it ({error})", hint=BROKEN)
+    return error if isinstance(error, PhotographError) else nonsense(capture.name, error)

@@ -2,27 +2,55 @@
 
 from __future__ import annotations
 
+import base64
+import logging
+import pickle
 import select
 import socket
 import time
-from typing import Any
+from collections.abc import Callable
+from functools import cache, lru_cache
+from typing import Any, Protocol, TypeVar, get_type_hints
 
 from numpy.typing import NDArray
 
 from colmap_ihe.errors import Cancelled, CapabilityError, PhotographError
-from colmap_ihe.machine import threads
+from colmap_ihe.machine import memory, threads
 from colmap_ihe.machine.cancel import stopped
 from colmap_ihe.machine.child_process import ChildProcess
-from colmap_ihe.machine.decoder_wire import Message, SharedArrayReader, receive, send
+from colmap_ihe.machine.decoder_wire import Message, SharedArrayReader, from_plain, receive, send
+
+logger = logging.getLogger(__name__)
 
 SECONDS = 120.0
 """For a header, or to start: a disk may have to wake up, or a file to come from a cloud."""
+SECONDS_A_MEGAPIXEL = 5.0
+_UNKNOWN_PIXELS = 100_000_000  # of a photograph whose header was not read, for its time
+_HEADER_MEMORY = 1 << 30  # bytes; a header needs a few
+_SHARE_OF_MEMORY = 0.9
 _TICK_MS = 100  # how long a cancelled read may go on
 BROKEN = "copy it from the card again, or take it out of the folder"
+_NONSENSE = (TypeError, ValueError, LookupError, AttributeError, OverflowError, RecursionError)
+_KNOWN = {kind.__name__: kind for kind in (PhotographError, CapabilityError)}
+_Result = TypeVar("_Result")
+
+
+class Subject(Protocol):
+    """Describe what a decoder works on: a capture, or the path of a file."""
+
+    @property
+    def name(self) -> str: ...
+    def absolute(self) -> Any: ...
+
+
+def nonsense(name: str, reason: object) -> PhotographError:
+    """Return the error of an answer that makes no sense: the photograph `name` may have taken its decoder over."""
+    words = " ".join(str(reason).split())[:200]
+    return PhotographError(f"{name}: the decoder lost its way on it ({words})", hint=BROKEN)
 
 
 class Decoder:
-    """Hold one process. Whatever goes wrong ends it: it is then `dead`."""
+    """Hold one process, which remembers what it was asked before. Whatever goes wrong ends it: it is then `dead`."""
 
     def __init__(self) -> None:
         """Start it. Raises `CapabilityError`."""
@@ -45,6 +73,33 @@ class Decoder:
             self._socket.close()
             raise _cannot_start(str(error)) from error
 
+    def run(
+        self, function: Callable[..., _Result], subject: Subject, *arguments: Any, pixels: int | None = None
+    ) -> _Result:
+        """Return `function(subject, *arguments)`, computed in the process.
+
+        `function` is one of a module; it returns plain values, arrays, or dataclasses of these, as annotated. `pixels`
+        to be decoded: 0 if unknown, None if only a header is read. Raises `PhotographError`, also when the process
+        died, took too long, ran out of memory or returned another type; `Cancelled` within `stoppable`;
+        `CapabilityError` if it does not start.
+        """
+        name, seconds, limit = subject.name, SECONDS, _HEADER_MEMORY
+        if pixels is not None:
+            seconds += SECONDS_A_MEGAPIXEL * (pixels or _UNKNOWN_PIXELS) / 1e6
+            limit = max(limit, int(_free_memory(int(time.monotonic())) * _SHARE_OF_MEMORY))
+        call = base64.b64encode(pickle.dumps((function, (subject.absolute(), *arguments)))).decode("ascii")
+        answer, arrays = self.ask({"call": call, "name": name, "memory": limit}, name, seconds)
+        if "error" in answer:
+            if answer.get("traceback"):
+                logger.debug("%s: %s", name, answer["traceback"])
+            error = _KNOWN.get(str(answer["error"]), PhotographError)
+            raise error(" ".join(str(answer.get("message")).split()), hint=str(answer.get("hint") or ""))
+        try:
+            result: _Result = from_plain(answer["value"], _kind_of_result(function), arrays)
+        except _NONSENSE as error:
+            raise nonsense(name, error) from error
+        return result
+
     def ask(self, request: Message, name: str, seconds: float) -> tuple[Message, list[NDArray[Any]]]:
         """Send a request about the photograph `name`: return the answer as it came, and its arrays.
 
@@ -62,19 +117,16 @@ class Decoder:
             return answer, self.window.arrays(answer, fd)
         except TimeoutError:
             self.end()
-            raise PhotographError(
-                f"{name}: the decoder did not finish within {seconds:.0f} seconds", hint=BROKEN
-            ) from None
+            reason = f"did not finish within {seconds:.0f} seconds"
         except EOFError:
-            raise PhotographError(
-                f"{name}: the decoder crashed on it ({self._cause_of_death()})", hint=BROKEN
-            ) from None
-        except (ValueError, LookupError, TypeError, OverflowError, RecursionError) as error:
+            reason = f"crashed on it ({self._cause_of_death()})"
+        except _NONSENSE as error:
             self.end()
-            raise PhotographError(f"{name}: the decoder lost its way on it ({error})", hint=BROKEN) from error
+            raise nonsense(name, error) from error
         except BaseException:  # Ctrl-C here would leave an answer that nobody waits for
             self.end()
             raise
+        raise PhotographError(f"{name}: the decoder {reason}", hint=BROKEN)
 
     def _await_start(self) -> None:
         try:
@@ -97,8 +149,8 @@ class Decoder:
         self._socket.settimeout(seconds)
         try:
             answer = receive(self._socket)
-        except ConnectionError:
-            answer = None
+        except ConnectionError as error:
+            raise EOFError from error
         if answer is None:
             raise EOFError
         return answer
@@ -126,6 +178,17 @@ class Decoder:
         self.dead = True
         self._process.forget()
         self._socket.close()
+
+
+@cache
+def _kind_of_result(function: Callable[..., Any]) -> Any:
+    return get_type_hints(function)["return"]
+
+
+@lru_cache(maxsize=1)
+def _free_memory(_second: int) -> int:
+    """Return `memory.available()`, asked once a second: to ask takes as long as decoding a small photograph."""
+    return memory.available()
 
 
 def _cannot_start(reason: str) -> CapabilityError:

@@ -19,7 +19,7 @@ import weakref
 from collections.abc import Sequence
 from dataclasses import fields, is_dataclass
 from functools import cache
-from types import UnionType
+from types import NoneType, UnionType
 from typing import Any, Literal, Union, get_args, get_origin, get_type_hints
 
 import numpy as np
@@ -100,13 +100,15 @@ def to_plain(value: Any, arrays: list[NDArray[Any]]) -> Any:
 def from_plain(value: Any, kind: Any, arrays: Sequence[NDArray[Any]] = ()) -> Any:
     """Return the value of type `kind`, an annotation, that `to_plain` made `value` of. Raises ValueError or TypeError
     where it is none."""
-    origin, choices = get_origin(kind), get_args(kind)
     if isinstance(kind, type) and is_dataclass(kind):
         kinds = _kinds_of(kind)
         if not isinstance(value, dict) or value.keys() != kinds.keys():
             raise ValueError(f"{value!r:.80}, expected {', '.join(kinds)}")
         return kind(**{n: from_plain(value[n], inner, arrays) for n, inner in kinds.items()})
+    origin, choices = get_origin(kind), get_args(kind)
     if origin in (Union, UnionType):
+        if value is None and NoneType in choices:  # else others say at length that it is none of them
+            return None
         for choice in choices:
             try:
                 return from_plain(value, choice, arrays)
@@ -117,7 +119,7 @@ def from_plain(value: Any, kind: Any, arrays: Sequence[NDArray[Any]] = ()) -> An
         return tuple(from_plain(v, choice, arrays) for v, choice in zip(value, choices, strict=True))
     if origin is np.ndarray and type(value) is int and 0 <= value < len(arrays):
         array = arrays[value]
-        if array.dtype == np.dtype(get_args(choices[1])[0]):
+        if array.dtype.type in get_args(choices[1]):
             return array
         raise ValueError(f"pixels of {array.dtype}, expected {kind}")
     if kind is bytes and isinstance(value, str):

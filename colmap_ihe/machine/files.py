@@ -185,9 +185,7 @@ def replace_folder(temporary: Path, final: Path) -> None:
     if final.exists():
         shutil.rmtree(old, ignore_errors=True)
         final.rename(old)
-        temporary.rename(final)
-    else:  # also where a kill came between the two
-        temporary.rename(final)
+    temporary.rename(final)  # also where a kill came between the two
     shutil.rmtree(old, ignore_errors=True)
 
 

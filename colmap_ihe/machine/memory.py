@@ -6,6 +6,7 @@ import ctypes
 import errno
 import logging
 import os
+import re
 import resource
 import sys
 from collections.abc import Iterator, Sequence
@@ -21,6 +22,7 @@ logger = logging.getLogger(__name__)
 _PROC, _CGROUP = Path("/proc"), Path("/sys/fs/cgroup")
 _KEPT_FREE = 0.1  # of what is available, for all else
 _UNLIMITED = 1 << 60  # cgroup v1 says "no limit" by a number near 2^63
+_SIZE = re.compile(r"^(\w+):\s*(\d+) kB$", re.MULTILINE)
 _LIMITS = {
     resource.RLIMIT_AS: "VmSize",
     resource.RLIMIT_DATA: "VmData",
@@ -56,8 +58,8 @@ def keep_within(share: int) -> None:
 def available() -> int:
     """Return the bytes that this process may still take: of the machine, of its container where that has fewer, within
     its own limits (`ulimit -v` and `-d`), or of its own share. 0 if the system does not say."""
-    machine = _meminfo()
-    rooms = [room for room in (machine, *_cgroup_rooms(), *_limit_rooms()) if room is not None]
+    machine = _sizes("meminfo").get("MemAvailable")
+    rooms = [*([] if machine is None else [machine]), *_cgroup_rooms(), *_limit_rooms()]
     if _share:
         rooms.append(_share - taken("self")[0])
     return max(1, min(rooms)) if rooms else 0
@@ -65,13 +67,8 @@ def available() -> int:
 
 def taken(process: int | str) -> tuple[int, int]:
     """Return the bytes of memory that a process holds, and the most that it held; 0 if the system does not say."""
-    try:
-        lines = (_PROC / str(process) / "status").read_text(encoding="utf-8", errors="replace").splitlines()
-        values = dict(line.split(":", 1) for line in lines if line.startswith(("VmRSS:", "VmHWM:")))
-        now, most = (int(values[name].split()[0]) * 1024 for name in ("VmRSS", "VmHWM"))
-    except (OSError, ValueError, KeyError, IndexError):
-        return 0, 0
-    return now, most
+    sizes = _sizes(f"{process}/status")
+    return (sizes["VmRSS"], sizes["VmHWM"]) if {"VmRSS", "VmHWM"} <= sizes.keys() else (0, 0)
 
 
 def begin_sparing() -> None:
@@ -148,13 +145,11 @@ def said_when_short(what: str) -> Iterator[None]:
 
 def in_words(photographs: Sequence[_Photograph], count: int) -> str:
     """Tell how many at a time, and why, for the log."""
-    need, room = needed(photographs), available()
-    if not need:
-        return f"{count} photographs at a time"
-    return (
-        f"{count} photographs at a time: the largest takes up to {in_bytes(need)} of memory while it is worked on,"
-        f" and {in_bytes(room)} are free"
-    )
+    words, need = f"{count} photographs at a time", needed(photographs)
+    if need:
+        words += f": the largest takes up to {in_bytes(need)} of memory while it is worked on"
+        words += f", and {in_bytes(available())} are free"
+    return words
 
 
 def in_bytes(count: int) -> str:
@@ -162,25 +157,21 @@ def in_bytes(count: int) -> str:
     return f"{count / 1e9:.1f} GB" if count >= 10**9 else f"{count / 1e6:.0f} MB"
 
 
-def _meminfo() -> int | None:
-    try:
-        lines = (_PROC / "meminfo").read_text(encoding="ascii").splitlines()
-        return next(int(line.split()[1]) * 1024 for line in lines if line.startswith("MemAvailable:"))
-    except (OSError, ValueError, IndexError, StopIteration):
-        return None
+def _sizes(file: str) -> dict[str, int]:
+    """Return the bytes by name in a file below /proc, which has them in kB; empty if it cannot be read."""
+    with suppress(OSError):
+        text = (_PROC / file).read_text(encoding="utf-8", errors="replace")
+        return {name: int(kilobytes) * 1024 for name, kilobytes in _SIZE.findall(text)}
+    return {}
 
 
 def _limit_rooms() -> Iterator[int]:
     """Yield the bytes that this process may still take within limits of its own."""
-    try:
-        lines = (_PROC / "self/status").read_text(encoding="utf-8", errors="replace").splitlines()
-    except OSError:
-        return
-    values = dict(line.split(":", 1) for line in lines if ":" in line)
+    sizes = _sizes("self/status")
     for kind, name in _LIMITS.items():
         most = _limit_of(kind)
-        if most is not None and name in values:
-            yield max(0, most - int(values[name].split()[0]) * 1024 - _RESERVED)
+        if most is not None and name in sizes:
+            yield max(0, most - sizes[name] - _RESERVED)
 
 
 def _limit_of(kind: int) -> int | None:

@@ -71,13 +71,13 @@ class Forecast:
         pace = self._pace(spent, share * now.seconds)
         by_rate = spent / share if share else None
         by_pace = now.seconds * pace if now.seconds else None
-        if by_rate is None and by_pace is None:
-            return None
         if by_rate is None or by_pace is None:
-            total = by_rate or by_pace or 0.0
+            total = by_rate or by_pace
         else:
             trust = share / (share + _TRUSTED_AFTER * self._unit)
             total = by_rate * trust + by_pace * (1 - trust)
+        if total is None:
+            return None
         elapsed = self._clock() - self._began - spent
         return max(total * (1 - share) - elapsed, _LEAST_LEFT * total * (1 - share)) + coming * pace
 

@@ -91,8 +91,5 @@ def _tell_libraries() -> None:
 
 def blas_libraries() -> list[str]:
     """Return the libraries for linear algebra, each with the kind of processor that it takes this one for."""
-    pools = (pool.info() for pool in _blas())
-    return sorted(
-        f"{pool_info['prefix']} {pool_info['version']} {pool_info.get('architecture', '')}".strip()
-        for pool_info in pools
-    )
+    infos = [pool.info() for pool in _blas()]
+    return sorted(f"{i['prefix']} {i['version']} {i.get('architecture', '')}".strip() for i in infos)

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import BinaryIO
 
@@ -33,7 +34,7 @@ _WHITE_IS_ZERO, _BLACK_IS_ZERO, _RGB, _SEPARATED = 0, 1, 2, 5
 _UNSIGNED = 1
 
 _DAMAGE = re.compile(
-    r"bad Huffman code|bad arithmetic code|premature end of data|found marker|Inconsistent progression"
+    "bad (Huffman|arithmetic) code|premature end of data|found marker|Inconsistent progression"
 )
 """libjpeg's warnings of pixels that are lost; others are of bytes too many, or of what some cameras write."""
 
@@ -56,20 +57,26 @@ def read_coded(path: Path, accept: Callable[[int, int], None]) -> tuple[NDArray[
 
     Raises OSError for a broken file, `PhotographError` for a kind that is not read.
     """
-    try:
-        with path.open("rb") as file, Image.open(file, formats=FORMATS) as image:
-            width, height = _size_of(image)
-            accept(width, height)
-            pixels, profile = _read(path, file, image)
-    except UnidentifiedImageError:
-        raise_if_not_read(path)
-        raise
-    except (SyntaxError, ValueError, KeyError, Image.DecompressionBombError) as error:
-        raise OSError(str(error)) from error
+    with _opened(path) as (file, image):
+        width, height = _size_of(image)
+        accept(width, height)
+        pixels, profile = _read(path, file, image)
     if pixels.shape != (height, width, 3):
         size = f"{pixels.shape[1]}x{pixels.shape[0]}"
         raise OSError(f"{size} pixels where its header says {width}x{height}")
     return pixels, profile
+
+
+@contextmanager
+def _opened(path: Path) -> Iterator[tuple[BinaryIO, ImageFile]]:
+    try:
+        with path.open("rb") as file, Image.open(file, formats=FORMATS) as image:
+            yield file, image
+    except UnidentifiedImageError:
+        _raise_if_not_read(path)
+        raise
+    except (SyntaxError, ValueError, KeyError, Image.DecompressionBombError) as error:
+        raise OSError(str(error)) from error
 
 
 def _read(path: Path, file: BinaryIO, image: ImageFile) -> tuple[NDArray[np.uint8], bytes]:
@@ -111,14 +118,8 @@ def _decode_jpeg(file: BinaryIO, pixels: NDArray[np.uint8]) -> NDArray[np.uint8]
 def stored_size(path: Path) -> tuple[int, int]:
     """Return width and height as stored, from the header: Pillow swaps those of a TIFF by its Orientation. Raises as
     `read_coded`."""
-    try:
-        with Image.open(path, formats=FORMATS) as image:
-            return _size_of(image)
-    except UnidentifiedImageError:
-        raise_if_not_read(path)
-        raise
-    except (SyntaxError, ValueError, KeyError, Image.DecompressionBombError) as error:
-        raise OSError(str(error)) from error
+    with _opened(path) as (_, image):
+        return _size_of(image)
 
 
 def _size_of(image: Image.Image) -> tuple[int, int]:
@@ -127,7 +128,7 @@ def _size_of(image: Image.Image) -> tuple[int, int]:
     return image.size
 
 
-def raise_if_not_read(path: Path) -> None:
+def _raise_if_not_read(path: Path) -> None:
     """Raise `PhotographError` if the file is a sound TIFF of a kind that Pillow does not know, as colour in floating
     point."""
     try:
@@ -187,9 +188,7 @@ def _read_with_tifffile(path: Path) -> NDArray[np.generic]:
         with tifffile.TiffFile(path) as tiff:
             page = tiff.pages.first
             if not page.is_contiguous and len(page.dataoffsets) * math.prod(page.chunks) < page.size:
-                raise OSError(
-                    "some of its pixels are missing"
-                )  # tifffile would leave what memory held before
+                raise OSError("some of its pixels are missing")  # else what memory held before
             pixels = np.asarray(page.asarray())
             axes = page.axes
     except OSError:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from concurrent.futures import Executor
+from contextlib import suppress
 from dataclasses import replace
 
 import numpy as np
@@ -47,9 +48,8 @@ def balance_gains(captures: Sequence[Capture], executor: Executor, progress: Pro
     """
     progress.start(len(captures))
     means: dict[str, NDArray[np.float64]] = {}
-    for capture, mean in zip(
-        captures, in_order(executor, _mean_if_readable, captures, progress=progress), strict=True
-    ):
+    results = in_order(executor, _mean_if_readable, captures, progress=progress)
+    for capture, mean in zip(captures, results, strict=True):
         progress.advance()
         if mean is not None:
             means[capture.name] = mean
@@ -71,10 +71,9 @@ def balance_gains(captures: Sequence[Capture], executor: Executor, progress: Pro
 
 
 def _mean_if_readable(capture: Capture) -> NDArray[np.float64] | None:
-    try:
+    with suppress(PhotographError):
         return _mean_colour(capture)
-    except PhotographError:
-        return None
+    return None
 
 
 def _mean_colour(capture: Capture) -> NDArray[np.float64] | None:

@@ -15,7 +15,8 @@ from PIL import UnidentifiedImageError
 
 from colmap_ihe.errors import PhotographError
 from colmap_ihe.grey.weights import Encoding
-from colmap_ihe.machine.decoder_pool import in_decoder, understood
+from colmap_ihe.machine.decoder_pool import in_decoder
+from colmap_ihe.machine.decoder_process import BROKEN, nonsense
 from colmap_ihe.photographs import developed_cache
 from colmap_ihe.photographs.adjust import prepared
 from colmap_ihe.photographs.coded import MAX_PIXELS, read_coded, stored_size
@@ -56,9 +57,8 @@ def read_photograph(capture: Capture) -> DecodedPhotograph:
     """Decode a capture as its recipe says, pixels in the sensor's own orientation. `rgb` lies in memory shared with no
     one any more. Raises `PhotographError`, also where the decoder crashed or did not end; `CapabilityError`."""
     photograph = in_decoder(decode_photograph, capture, pixels=capture.pixels)
-    with understood(capture.name):
-        if photograph.encoding != encoding_of(capture):
-            raise ValueError(f"{photograph.encoding} pixels")
+    if photograph.encoding != encoding_of(capture):
+        raise nonsense(capture.name, f"{photograph.encoding} pixels")
     return photograph
 
 
@@ -125,11 +125,6 @@ def refuse_too_large(name: str, width: int, height: int) -> None:
 
 
 def _unreadable(capture: Capture, error: BaseException) -> PhotographError:
-    if isinstance(error, UnidentifiedImageError):
-        reason = "not a photograph of the kind its name says"
-    else:
-        reason = str(error) or type(error).__name__
-    return PhotographError(
-        f"{capture.name}: cannot be read ({reason})",
-        hint="copy it from the card again, or take it out of the folder",
-    )
+    unknown = isinstance(error, UnidentifiedImageError)
+    reason = "not a photograph of the kind its name says" if unknown else str(error) or type(error).__name__
+    return PhotographError(f"{capture.name}: cannot be read ({reason})", hint=BROKEN)

@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 from colmap_ihe.errors import KnownError
 from colmap_ihe.machine import decoder_wire
 from colmap_ihe.machine.child_process import die_with_parent
+from colmap_ihe.machine.decoder_process import BROKEN
 from colmap_ihe.machine.decoder_wire import Message, SharedArrayWriter, receive, send, to_plain
 from colmap_ihe.photographs import colour_counts
 from colmap_ihe.photographs.exif import metadata  # noqa: F401  so that no question waits for its import
@@ -71,7 +72,7 @@ def _answer(sock: socket.socket, request: Message, memory: SharedArrayWriter) ->
         answer = {
             "error": "PhotographError",
             "message": f"{request['name']}: cannot be read ({reason})",
-            "hint": "copy it from the card again, or take it out of the folder",
+            "hint": BROKEN,
             "traceback": traceback.format_exc(),
         }
     send(sock, answer, fd)

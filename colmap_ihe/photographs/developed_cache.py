@@ -28,14 +28,8 @@ def kept_file(capture: Capture) -> Path | None:
     if capture.kind != "raw" or not recipe.cache_folder:
         return None
     about = capture.path.stat()
-    what = (
-        str(capture.path.absolute()),
-        about.st_size,
-        about.st_mtime_ns,
-        about.st_ctime_ns,
-        recipe.identity(),
-        rawpy.libraw_version,
-    )
+    times = (about.st_size, about.st_mtime_ns, about.st_ctime_ns)
+    what = (str(capture.path.absolute()), *times, recipe.identity(), rawpy.libraw_version)
     return Path(recipe.cache_folder) / f"{sha256(repr(what).encode()).hexdigest()[:32]}.npz"
 
 

@@ -42,6 +42,9 @@ class Capture:
         return replace(self, path=self.path.absolute())
 
 
+_Member = tuple[str, Literal["raw", "coded"], tuple[str, ...], str]  # name, kind, paired, stem
+
+
 @dataclass(frozen=True)
 class Discovery:
     """Hold `captures` in the order of their names; `ignored`: files that are no photographs by their suffix, and with
@@ -82,9 +85,8 @@ def discover(folder: Path) -> Discovery:
         else:
             shots[str(PurePosixPath(name).with_suffix(""))].append(name)
     if not shots:
-        content = f"it holds {len(ignored)} other files" if ignored else "it is empty"
-        if refused:
-            content = "; ".join(list(refused.values())[:3])
+        others = f"it holds {len(ignored)} other files" if ignored else "it is empty"
+        content = "; ".join(list(refused.values())[:3]) or others
         raise ProjectError(
             f"{folder}: no photograph found, {content}",
             hint="expected RAW, JPEG, TIFF or PNG files, in subfolders or not",
@@ -104,11 +106,8 @@ def _why_refused(path: Path, whole: Path) -> str:
         return "cannot be read (a link to nowhere); put the photograph in its place"
     if not end.is_relative_to(whole):
         return "a link that leads out of the folder of photographs; put the photograph in its place"
-    return (
-        ""
-        if stat.S_ISREG(kind)
-        else "cannot be read (no file but a pipe or a device); take it out of the folder"
-    )
+    odd = "cannot be read (no file but a pipe or a device); take it out of the folder"
+    return "" if stat.S_ISREG(kind) else odd
 
 
 def captures_of_files(paths: Iterable[Path]) -> list[Capture]:
@@ -139,9 +138,7 @@ def _grey_stems(stems: dict[str, str]) -> dict[str, str]:
         stems = again
 
 
-def _captures_of(
-    stem: str, names: list[str]
-) -> list[tuple[str, Literal["raw", "coded"], tuple[str, ...], str]]:
+def _captures_of(stem: str, names: list[str]) -> list[_Member]:
     """Return the captures among files of one stem: a RAW takes the JPEG beside it, anything else stands alone."""
     raws = [n for n in names if PurePosixPath(n).suffix.lower() in RAW_SUFFIXES]
     jpegs = tuple(n for n in names if PurePosixPath(n).suffix.lower() in {".jpg", ".jpeg", ".jpe"})
@@ -155,9 +152,8 @@ def _found_below(folder: Path) -> Iterator[tuple[str, bool]]:
     """Yield the name of every file and of every link to a folder, and whether it is such a link."""
 
     def refuse(error: OSError) -> None:
-        raise ProjectError(
-            f"{error.filename}: cannot be read ({error.strerror})", hint="give read permission"
-        )
+        message = f"{error.filename}: cannot be read ({error.strerror})"
+        raise ProjectError(message, hint="give read permission")
 
     names = []
     for parent, folders, files in os.walk(folder, onerror=refuse):

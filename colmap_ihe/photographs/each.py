@@ -49,9 +49,8 @@ def each_usable(
     usable = 0
     most = at_once(captures, executor)
     guarded = partial(_guarded, function)
-    for capture, result in zip(
-        captures, in_order(executor, guarded, photographs, most, progress), strict=True
-    ):
+    results = in_order(executor, guarded, photographs, most, progress)
+    for capture, result in zip(captures, results, strict=True):
         progress.advance()
         if isinstance(result, PhotographError):
             leave_out(capture, result, strict, left_out)
@@ -89,25 +88,17 @@ def leave_out(capture: Capture, error: PhotographError, strict: bool, left_out: 
     left_out[capture.name] = f"{error}; {error.hint}" if error.hint else str(error)
 
 
-class _Refusing(Protocol):
-    @property
-    def refused(self) -> Mapping[str, str]: ...
-
-
-def refused(found: _Refusing, strict: bool) -> LeftOut:
+def refused(reasons: Mapping[str, str], strict: bool) -> LeftOut:
     """Return what is left out before anything is read; raise `PhotographError` for the first if strict."""
-    for reason in found.refused.values() if strict else ():
+    for reason in reasons.values() if strict else ():
         message, _, hint = reason.partition("; ")
         raise PhotographError(message, hint=hint)
-    return dict(found.refused)
+    return dict(reasons)
 
 
 def none_usable(captures: Sequence[Capture], left_out: LeftOut) -> ProjectError:
-    reasons = "; ".join(list(left_out.values())[:3])
-    return ProjectError(
-        f"none of the {len(captures)} photographs can be used: {reasons}",
-        hint="copy them from the card again",
-    )
+    message = f"none of the {len(captures)} photographs can be used: {'; '.join(list(left_out.values())[:3])}"
+    return ProjectError(message, hint="copy them from the card again")
 
 
 def _guarded(function: Callable[[_One], _Result], item: _One) -> _Result | PhotographError:

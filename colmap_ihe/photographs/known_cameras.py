@@ -14,6 +14,7 @@ from dataclasses import replace
 from fnmatch import fnmatchcase
 
 from colmap_ihe.photographs.exif import blocks
+from colmap_ihe.photographs.exif.blocks import Tag, Tags
 from colmap_ihe.photographs.exif.metadata import Metadata, describe
 from colmap_ihe.project.options import CamerasOptions, KnownCamera
 
@@ -93,18 +94,18 @@ def _with_focal_length(metadata: Metadata, known: KnownCamera, width: int, heigh
     return replace(metadata, pixels_per_mm=equivalent / DIAGONAL_35MM * diagonal / metadata.focal_mm)
 
 
-def _tags(new: Metadata, old: Metadata) -> tuple[blocks.Tags, blocks.Tags]:
+def _tags(new: Metadata, old: Metadata) -> tuple[Tags, Tags]:
     """Return the tags of the image and of the shot that have to be written; None to take one out."""
-    image: blocks.Tags = {}
-    shot: blocks.Tags = {}
-    for tag, now, before in ((blocks.MAKE, new.make, old.make), (blocks.MODEL, new.model, old.model)):
+    image: Tags = {}
+    shot: Tags = {}
+    for tag, now, before in ((Tag.MAKE, new.make, old.make), (Tag.MODEL, new.model, old.model)):
         if now != before:
             image[tag] = blocks.text(now)
     if new.focal_mm != old.focal_mm:
-        shot[blocks.FOCAL_LENGTH] = blocks.rational(new.focal_mm)
+        shot[Tag.FOCAL_LENGTH] = blocks.rational(new.focal_mm)
     if new.focal_35mm != old.focal_35mm:
-        shot[blocks.FOCAL_LENGTH_35MM] = round(new.focal_35mm) or None
+        shot[Tag.FOCAL_LENGTH_35MM] = round(new.focal_35mm) or None
     if new.pixels_per_mm != old.pixels_per_mm:
-        gone: blocks.Tags = {blocks.PLANE_X: None, blocks.PLANE_Y: None, blocks.PLANE_UNIT: None}
+        gone: Tags = {Tag.PLANE_X: None, Tag.PLANE_Y: None, Tag.PLANE_UNIT: None}
         shot |= blocks.plane_tags(new.pixels_per_mm) if new.pixels_per_mm else gone
     return image, shot

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 from numpy.typing import NDArray
 from PIL import TiffTags
 from PIL.TiffImagePlugin import ImageFileDirectory_v2
 
-from colmap_ihe.photographs.exif.blocks import EXIF_IFD, GPS_IFD, for_tiff, with_size
+from colmap_ihe.photographs.exif.blocks import Tag, for_tiff, with_size
 
 _HEADER = b"II*\0\x08\0\0\0"  # little-endian, the first directory follows at once
 
@@ -23,29 +21,20 @@ def encode_linear_tiff(linear_rgb: NDArray[np.uint16], exif: bytes) -> bytes:
     tags = for_tiff(with_size(exif, width, height))
     directory = ImageFileDirectory_v2()
     for tag, value in tags.items():
-        if tag not in (EXIF_IFD, GPS_IFD):
+        if tag not in (Tag.EXIF_IFD, Tag.GPS_IFD):
             directory[tag] = value
-    for tag in (EXIF_IFD, GPS_IFD):
+    for tag in (Tag.EXIF_IFD, Tag.GPS_IFD):
         if inner := dict(tags.get_ifd(tag)):
             directory[tag] = inner
-    for tag, kind, value in _layout(width, height, linear_rgb.nbytes):
+    layout = [
+        *((256, TiffTags.LONG, width), (257, TiffTags.LONG, height)),
+        *((258, TiffTags.SHORT, (16, 16, 16)), (259, TiffTags.SHORT, 1)),  # bits, compression: none
+        *((262, TiffTags.SHORT, 2), (273, TiffTags.LONG, 0)),  # RGB; the strip's offset is set by Pillow
+        *((277, TiffTags.SHORT, 3), (278, TiffTags.LONG, height)),  # samples per pixel, rows per strip
+        *((279, TiffTags.LONG, linear_rgb.nbytes), (284, TiffTags.SHORT, 1)),  # bytes; channels side by side
+    ]
+    for tag, kind, value in layout:
         directory.tagtype[tag] = kind
         directory[tag] = value
     # Pillow moves strip offset 0 to the first byte after the directory: that is where the pixels go.
     return _HEADER + directory.tobytes(len(_HEADER)) + linear_rgb.astype("<u2", copy=False).tobytes()
-
-
-def _layout(width: int, height: int, size: int) -> list[tuple[int, int, Any]]:
-    """Return (tag, TIFF type, value) of what describes how the pixels lie in the file."""
-    return [
-        (256, TiffTags.LONG, width),
-        (257, TiffTags.LONG, height),
-        (258, TiffTags.SHORT, (16, 16, 16)),  # BitsPerSample
-        (259, TiffTags.SHORT, 1),  # Compression: none
-        (262, TiffTags.SHORT, 2),  # PhotometricInterpretation: RGB
-        (273, TiffTags.LONG, 0),  # StripOffsets: set by Pillow
-        (277, TiffTags.SHORT, 3),  # SamplesPerPixel
-        (278, TiffTags.LONG, height),  # RowsPerStrip
-        (279, TiffTags.LONG, size),  # StripByteCounts
-        (284, TiffTags.SHORT, 1),  # PlanarConfiguration
-    ]

@@ -9,7 +9,8 @@ import numpy as np
 import simplejpeg
 from numpy.typing import NDArray
 
-from colmap_ihe.machine.decoder_pool import in_decoder, understood
+from colmap_ihe.machine.decoder_pool import in_decoder
+from colmap_ihe.machine.decoder_process import nonsense
 from colmap_ihe.photographs.decode import decode_photograph, decode_size
 from colmap_ihe.photographs.discover import Capture
 from colmap_ihe.photographs.raw.develop import half_size
@@ -25,9 +26,8 @@ def small_picture(capture: Capture, side: int) -> NDArray[np.uint8]:
     all that `read_photograph` would refuse.
     """
     picture = in_decoder(decode_small, capture, side, pixels=capture.pixels)
-    with understood(capture.name):
-        if picture.shape[2:] != (3,):
-            raise ValueError(f"{picture.shape=}")
+    if picture.shape[2:] != (3,):
+        raise nonsense(capture.name, f"{picture.shape=}")
     return picture
 
 

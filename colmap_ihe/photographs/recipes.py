@@ -70,11 +70,9 @@ def with_recipes(
     plain = Recipe(
         demosaic=options.demosaic, green_equilibrium=options.green_equilibrium, denoise=options.denoise
     )
-    bad_pixels = (
-        bad_pixels_of_set(surveyed, store, executor, progress, names_by_warning)
-        if options.find_bad_pixels
-        else {}
-    )
+    bad_pixels: dict[tuple[str, ...], str] = {}
+    if options.find_bad_pixels:
+        bad_pixels = bad_pixels_of_set(surveyed, store, executor, progress, names_by_warning)
     result = []
     for photograph in surveyed:
         recipe = plain if photograph.capture.kind == "raw" else Recipe(denoise=options.denoise)
@@ -84,10 +82,8 @@ def with_recipes(
             recipe, shown = matched(shot, masters, recipe, messages.append)
             for text in messages:
                 names_by_warning[text].append(photograph.capture.name)
-            recipe = replace(
-                recipe,
-                bad_pixels=union_of([*shown, listed, bad_pixels.get(camera_of(photograph), "")], store),
-            )
+            known = [*shown, listed, bad_pixels.get(camera_of(photograph), "")]
+            recipe = replace(recipe, bad_pixels=union_of(known, store))
         result.append(_with(photograph, recipe))
     if options.exposure == "normalise":
         result, messages = _normalised(result)
@@ -95,7 +91,7 @@ def with_recipes(
             names_by_warning[text].append("")
     if options.balance:
         gains = balance_gains([s.capture for s in result], executor, progress)
-        result = [_with(s, _scaled(s.capture.recipe, gains[s.capture.name])) for s in result]
+        result = [_scaled(s, gains[s.capture.name]) for s in result]
     warnings = [f"{text}: {_some(names)}" if any(names) else text for text, names in names_by_warning.items()]
     return Recipes(result, _steps(result), warnings)
 
@@ -108,18 +104,16 @@ def _normalised(surveyed: list[Surveyed]) -> tuple[list[Surveyed], list[str]]:
     """Return RAW as if all were exposed alike; the exposure of others is in their tone curve, which nobody knows."""
     raw = {s.capture.name: s.metadata for s in surveyed if s.capture.kind == "raw"}
     gains, warnings = exposure_gains(raw)
-    if len(raw) < len(surveyed):
-        warnings.append(
-            f"exposure is normalised of RAW only, not of {len(surveyed) - len(raw)} other photographs"
-        )
-    return [
-        _with(s, _scaled(s.capture.recipe, (gains.get(s.capture.name, 1.0),) * 3)) for s in surveyed
-    ], warnings
+    others = len(surveyed) - len(raw)
+    if others:
+        warnings.append(f"exposure is normalised of RAW only, not of {others} other photographs")
+    return [_scaled(s, (gains.get(s.capture.name, 1.0),) * 3) for s in surveyed], warnings
 
 
-def _scaled(recipe: Recipe, gains: tuple[float, float, float]) -> Recipe:
+def _scaled(photograph: Surveyed, gains: tuple[float, float, float]) -> Surveyed:
+    recipe = photograph.capture.recipe
     red, green, blue = (a * b for a, b in zip(recipe.gains, gains, strict=True))
-    return replace(recipe, gains=(red, green, blue))
+    return _with(photograph, replace(recipe, gains=(red, green, blue)))
 
 
 def _steps(surveyed: Sequence[Surveyed]) -> dict[str, list[str]]:
@@ -184,10 +178,8 @@ def prepared_set(
     with scratch_folder() as store:
         with progress.stage("captures") as stage_progress:
             surveyed, left_out = survey(captures, executor, stage_progress, strict=strict, cameras=cameras)
-            options = options or DevelopOptions()
-            recipes = with_recipes(
-                surveyed, options, calibration, store, executor, stage_progress, strict=strict
-            )
+            how = (options or DevelopOptions(), calibration, store, executor, stage_progress)
+            recipes = with_recipes(surveyed, *how, strict=strict)
         for text in recipes.warnings:
             progress.warn(text)
         yield replace(recipes, left_out=left_out)

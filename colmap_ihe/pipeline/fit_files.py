@@ -74,7 +74,7 @@ def fit_files(
     surveyed: list[Surveyed] = []
     unreadable: LeftOut = {}
     for source in campaigns.sources:
-        unreadable |= refused(source, strict)
+        unreadable |= refused(source.refused, strict)
     with local_executor() as executor, ExitStack() as stack:
         for source in campaigns.sources:
             how = (source.captures, source.develop, source.calibration, executor, progress)

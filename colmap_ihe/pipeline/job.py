@@ -85,9 +85,8 @@ def run_job(job: ProjectJob, follow: Callable[[StageProgress], None] | None = No
     except KnownError as error:
         return Outcome("failed", time.monotonic() - began, reason=str(error), hint=error.hint)
     except OSError as error:
-        return Outcome(
-            "failed", 0.0, reason=f"no process could be started ({error})", hint="try again with fewer --jobs"
-        )
+        reason = f"no process could be started ({error})"
+        return Outcome("failed", 0.0, reason=reason, hint="try again with fewer --jobs")
     try:
         return run.wait(follow or (lambda _progress: None))
     finally:

@@ -130,10 +130,6 @@ def _run(job: dict[str, Any], teller: _Teller) -> tuple[str, str, str]:
         return "failed", f"{file}{error.strerror or error}", "see the log"
     except Exception as error:  # noqa: BLE001  the batch goes on, and the log holds all of it
         traceback.print_exc()
-        words = f"{type(error).__name__}: {error}"
-        return (
-            "crashed",
-            f"an error that we did not expect: {words}",
-            "please report it, with records/batch.log",
-        )
+        words = f"an error that we did not expect: {type(error).__name__}: {error}"
+        return "crashed", words, "please report it, with records/batch.log"
     return "done", "", ""

@@ -189,7 +189,7 @@ def folder_run(
     folders = [folder.resolve() for folder in folders]
     _require_apart(images.resolve(), folders)
     discovery = discover(images.absolute())
-    left_out = refused(discovery, strict)
+    left_out = refused(discovery.refused, strict)
     captures = [c for c in discovery.captures if c.kind == "raw" or not raw_only]
     others = len(discovery.captures) - len(captures)
     if not captures:

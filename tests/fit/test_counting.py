@@ -25,7 +25,7 @@ from colmap_ihe.grey.contrast import Contrast
 from colmap_ihe.grey.histogram import Histogram
 from colmap_ihe.grey.sums import Weighting
 from colmap_ihe.machine import decoder_pool as decoders
-from colmap_ihe.machine.decoder_pool import LentDecoder
+from colmap_ihe.machine.decoder_process import Decoder
 from colmap_ihe.machine.progress import SILENT, Silent
 from colmap_ihe.photographs.colour_counts import ColourCounter, count_photograph, hand_over_counts
 from colmap_ihe.photographs.decode import read_photograph
@@ -211,14 +211,14 @@ def test_a_decoder_counts_one_chunk_after_another(tmp_path: Path, weighting: Wei
 )
 def test_what_a_decoder_says_is_checked(tmp_path: Path, lie: dict[str, Any]) -> None:
     capture = photograph(tmp_path, 1)
-    real = LentDecoder.run
+    real = Decoder.run
 
-    def lies(self: LentDecoder, function: Any, *more: Any, **named: Any) -> tuple[Any, Any]:
+    def lies(self: Decoder, function: Any, *more: Any, **named: Any) -> tuple[Any, Any]:
         answer, array = real(self, function, *more, **named)
         return (answer | lie if function is hand_over_counts else answer), array
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(LentDecoder, "run", lies)
+        patch.setattr(Decoder, "run", lies)
         found = counted([capture], counting())
     assert not found.sums
     assert "the decoder lost its way on it" in str(found.errors[capture.name])

@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-import os
 import signal
 import subprocess
 import sys
 import tempfile
 from pathlib import Path
+from unittest.mock import patch
 
 import pytest
-from small_demo import ROOT
 
 from colmap_ihe.errors import DiskFullError
 from colmap_ihe.machine.files import remove_unfinished, replace_folder, write_bytes
@@ -48,14 +47,8 @@ def test_it_is_gone_after_success_and_after_failure(temporary: Path) -> None:
 def test_of_a_killed_process_it_goes_at_the_next_start_and_of_a_live_one_it_stays(temporary: Path) -> None:
     (temporary / "colmap-ihe-scratch-of-theirs").write_text("no folder")
     (temporary / "colmap-ihe-else").mkdir()
-    environment = os.environ | {"PYTHONPATH": str(ROOT)}
-    with subprocess.Popen(
-        [sys.executable, "-c", LIVES],
-        stdin=subprocess.PIPE,
-        stdout=subprocess.PIPE,
-        text=True,
-        env=environment,
-    ) as process:
+    command = [sys.executable, "-c", LIVES]
+    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as process:
         assert process.stdout is not None
         theirs = Path(process.stdout.readline().strip())
         sweep()
@@ -72,20 +65,18 @@ def test_of_a_killed_process_it_goes_at_the_next_start_and_of_a_live_one_it_stay
 
 @pytest.mark.usefixtures("temporary")
 def test_one_that_was_swept_before_it_was_locked_is_made_again(monkeypatch: pytest.MonkeyPatch) -> None:
-    made = tempfile.mkdtemp
-    turns = [0]
+    make, made = tempfile.mkdtemp, []
 
     def swept(prefix: str) -> str:
-        folder = made(prefix=prefix)
-        turns[0] += 1
-        if turns[0] == 1:
+        made.append(make(prefix=prefix))
+        if len(made) == 1:
             sweep()
-        return folder
+        return made[-1]
 
     monkeypatch.setattr(tempfile, "mkdtemp", swept)
     with scratch_folder() as folder:
         assert folder.is_dir()
-    assert turns == [2]
+    assert len(made) == 2
 
 
 def test_without_a_folder_for_temporary_files(temporary: Path) -> None:
@@ -108,12 +99,8 @@ def test_half_written_files_of_a_killed_run_go_and_others_stay(tmp_path: Path) -
         project.workspace / ".sparse.old/0/cameras.bin",
         project.workspace / "vocabulary.bin",
     ]
-    kept = [
-        project.dense / "fused.ply",
-        project.grey / "a.png",
-        project.workspace / ".mine.tmp",
-        project.database,
-    ]
+    kept = [project.dense / "fused.ply", project.grey / "a.png", project.database]
+    kept.append(project.workspace / ".mine.tmp")
     for file in (*left, *kept, project.images / "a.jpg"):
         write_bytes(file, b"x")
     outputs.remove_unfinished(project)
@@ -122,22 +109,12 @@ def test_half_written_files_of_a_killed_run_go_and_others_stay(tmp_path: Path) -
     assert not (project.workspace / ".sparse.old").exists()
 
 
-def test_the_names_that_write_bytes_gives_are_those_that_are_removed(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_names_that_write_bytes_gives_are_those_that_are_removed(tmp_path: Path) -> None:
     """Killed before the rename: nothing after it runs."""
 
-    class Killed(BaseException):
-        pass
-
-    def killed(*_: object, **__: object) -> None:
-        raise Killed
-
-    for _ in range(20):  # names are of chance
-        with monkeypatch.context() as patched:
-            patched.setattr(Path, "replace", killed)
-            patched.setattr(Path, "unlink", killed)
-            with pytest.raises(Killed):
+    with patch.object(Path, "replace", side_effect=SystemExit), patch.object(Path, "unlink"):
+        for _ in range(20):  # names are of chance
+            with pytest.raises(SystemExit):
                 write_bytes(tmp_path / "a.png", b"half")
     assert len(list(tmp_path.iterdir())) == 20
     remove_unfinished(tmp_path)

@@ -104,6 +104,10 @@ def reconstruct(project: Path, *arguments: str) -> None:
     assert "the record is of" not in done.stderr
 
 
+def again(project: Path, other: Path, *more: str) -> None:
+    reconstruct(other, "--images", str(project / "images"), "--from-record", str(project), *more)
+
+
 def settings(*more: str) -> list[str]:
     return [word for one in (*QUICK, "fit.measure=false", *more) for word in ("--set", one)]
 
@@ -111,9 +115,7 @@ def settings(*more: str) -> list[str]:
 def test_one_thread_gives_the_same_model_from_the_record_elsewhere(new_project: Make, tmp_path: Path) -> None:
     project, other = new_project(5), tmp_path / "somewhere" / "else"
     reconstruct(project, "--threads", "1", "--until", "sparse", *settings())
-    reconstruct(
-        other, "--images", str(project / "images"), "--until", "sparse", "--from-record", str(project)
-    )
+    again(project, other, "--until", "sparse")
     found = digests(project, MADE)
     assert len(found) == 1 + 5 + 5 and digests(other, MADE) == found
 
@@ -122,7 +124,7 @@ def test_one_thread_gives_the_same_model_from_the_record_elsewhere(new_project: 
 def test_one_thread_gives_the_same_cloud_and_mesh(new_project: Make, tmp_path: Path) -> None:
     project, other = new_project(suffixes=(".dng",)), tmp_path / "other"
     reconstruct(project, "--threads", "1", *settings("sparse.seed=3"))
-    reconstruct(other, "--images", str(project / "images"), "--from-record", str(project))
+    again(project, other)
     found = digests(project, (*MADE, *MADE_DENSE))
     assert {"dense/0/fused.ply", "dense/0/fused.ply.vis", "dense/0/mesh.ply"} <= set(found)
     assert digests(other, (*MADE, *MADE_DENSE)) == found
@@ -143,8 +145,6 @@ def test_one_thread_gives_the_same_model_however_it_is_found(
 ) -> None:
     project, other = new_project(), tmp_path / "other"
     reconstruct(project, "--threads", "1", "--until", "sparse", *settings(*how))
-    reconstruct(
-        other, "--images", str(project / "images"), "--until", "sparse", "--from-record", str(project)
-    )
+    again(project, other, "--until", "sparse")
     found = digests(project, MADE)
     assert "sparse/0/points3D.bin" in found and digests(other, MADE) == found

@@ -8,11 +8,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from dngs import shoot
 from numpy.typing import NDArray
 from PIL import Image
 
-from colmap_ihe.evaluation.demo.dng import write_dng
-from colmap_ihe.evaluation.demo.exif import PhotoExif
 from colmap_ihe.machine.progress import SILENT
 from colmap_ihe.photographs.colour_balance import Gains, balance_gains
 from colmap_ihe.photographs.decode import DecodedPhotograph, read_photograph
@@ -33,15 +32,7 @@ def shoot_raw(folder: Path) -> tuple[Capture, ...]:
         lit = scene() * light
         mosaic = lit[..., 1].copy()
         mosaic[::2, ::2], mosaic[1::2, 1::2] = lit[::2, ::2, 0], lit[1::2, 1::2, 2]
-        write_dng(
-            folder / f"{n}.dng",
-            np.rint(mosaic * 15871 + 512).astype(np.uint16),
-            black=512,
-            white=16383,
-            as_shot_neutral=(0.5, 1.0, 0.6),
-            colour_matrix=np.eye(3),
-            exif=PhotoExif(),
-        )
+        shoot(folder / f"{n}.dng", np.rint(mosaic * 15871 + 512).astype(np.uint16))
     return discover(folder).captures
 
 

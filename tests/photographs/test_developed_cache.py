@@ -53,9 +53,8 @@ def test_what_is_broken_is_developed_again(capture: Capture, content: bytes | No
     assert file is not None
     kept = file.read_bytes()
     middle = len(kept) // 2
-    file.write_bytes(
-        kept[:middle] + bytes([kept[middle] ^ 1]) + kept[middle + 1 :] if content is None else content
-    )
+    flipped = kept[:middle] + bytes([kept[middle] ^ 1]) + kept[middle + 1 :]
+    file.write_bytes(flipped if content is None else content)
     np.testing.assert_array_equal(read_photograph(capture).rgb, whole)
     assert file.read_bytes() == kept
 

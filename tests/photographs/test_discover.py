@@ -30,17 +30,25 @@ def test_raw_and_jpeg_of_one_shot_count_once_and_raw_wins(tmp_path: Path) -> Non
     assert [c.grey_stem for c in found.values()] == ["a", "b", "c", "d"]
 
 
-def test_pairs_are_of_one_folder(tmp_path: Path) -> None:
-    found = by_name(touched(tmp_path, "raw/a.nef", "jpeg/a.jpg"))
-    assert {n: c.grey_stem for n, c in found.items()} == {"jpeg/a.jpg": "jpeg/a", "raw/a.nef": "raw/a"}
-    assert all(not c.paired for c in found.values())
-
-
-def test_a_raw_takes_its_jpeg_but_not_a_tiff_beside_it(tmp_path: Path) -> None:
-    found = by_name(touched(tmp_path, "a.nef", "a.jpg", "a.tif"))
-    assert list(found) == ["a.nef", "a.tif"]
-    assert found["a.nef"].paired == ("a.jpg",)
-    assert {c.grey_stem for c in found.values()} == {"a.nef", "a.tif"}
+@pytest.mark.parametrize(
+    ("names", "stems", "paired"),
+    [
+        (["raw/a.nef", "jpeg/a.jpg"], {"jpeg/a.jpg": "jpeg/a", "raw/a.nef": "raw/a"}, ()),  # of two folders
+        (["a.nef", "a.jpg", "a.tif"], {"a.nef": "a.nef", "a.tif": "a.tif"}, ("a.jpg",)),  # but not a TIFF
+        (["shot.01.jpg", "shot.02.jpg"], {"shot.01.jpg": "shot.01", "shot.02.jpg": "shot.02"}, ()),
+        (["a.png", "a.tif", "other.jpg"], {"a.png": "a.png", "a.tif": "a.tif", "other.jpg": "other"}, ()),
+        (["a.png", "A.tif"], {"A.tif": "A.tif", "a.png": "a.png"}, ()),
+        (["x/a.jpg", "x/a.png"], {"x/a.jpg": "x/a.jpg", "x/a.png": "x/a.png"}, ()),
+        (["a.nef", "a.dng"], {"a.dng": "a.dng", "a.nef": "a.nef"}, ()),
+        (["Ä.png", "ä.tif"], {"Ä.png": "Ä.png", "ä.tif": "ä.tif"}, ()),
+    ],
+)
+def test_what_pairs_and_what_would_collide(
+    tmp_path: Path, names: list[str], stems: dict[str, str], paired: tuple[str, ...]
+) -> None:
+    found = by_name(touched(tmp_path, *names))
+    assert {name: capture.grey_stem for name, capture in found.items()} == stems
+    assert sum((capture.paired for capture in found.values()), ()) == paired
 
 
 def test_subfolders_spaces_and_non_ascii_names_are_kept(tmp_path: Path) -> None:
@@ -50,21 +58,6 @@ def test_subfolders_spaces_and_non_ascii_names_are_kept(tmp_path: Path) -> None:
     for name, capture in found.items():
         assert capture.path == tmp_path / name
         assert capture.grey_stem == name.rpartition(".")[0]
-
-
-def test_a_dot_in_the_stem_is_part_of_it(tmp_path: Path) -> None:
-    found = by_name(touched(tmp_path, "shot.01.jpg", "shot.02.jpg"))
-    assert [c.grey_stem for c in found.values()] == ["shot.01", "shot.02"]
-
-
-@pytest.mark.parametrize(
-    "names",
-    [("a.png", "a.tif"), ("a.png", "A.tif"), ("x/a.jpg", "x/a.png"), ("a.nef", "a.dng"), ("Ä.png", "ä.tif")],
-)
-def test_captures_that_would_collide_keep_their_extension(tmp_path: Path, names: tuple[str, str]) -> None:
-    found = by_name(touched(tmp_path, *names, "other.jpg"))
-    assert {found[n].grey_stem for n in names} == set(names)
-    assert found["other.jpg"].grey_stem == "other"
 
 
 def test_a_name_kept_for_its_extension_does_not_collide_in_turn(tmp_path: Path) -> None:

@@ -10,6 +10,7 @@ import sys
 from collections.abc import Callable
 from dataclasses import asdict
 from pathlib import Path
+from unittest.mock import patch
 
 import pytest
 from processes import is_gone, soon
@@ -71,16 +72,8 @@ def test_it_is_followed_and_what_is_printed_goes_to_the_log(
     [
         ("import ctypes; ctypes.string_at(0)", "crashed", "crashed in matches (SIGSEGV)"),
         ("os.abort()", "crashed", "crashed in matches (SIGABRT)"),
-        (
-            "os.write(2, b'terminate: std::bad_alloc'); os.abort()",
-            "out_of_memory",
-            "memory ran out in matches",
-        ),
-        (
-            "os.kill(os.getpid(), 9)",
-            "out_of_memory",
-            "killed by the system in matches, as it does when memory",
-        ),
+        ("os.write(2, b'std::bad_alloc'); os.abort()", "out_of_memory", "memory ran out in matches"),
+        ("os.kill(os.getpid(), 9)", "out_of_memory", "killed by the system in matches, as it does when"),
         ("os.kill(os.getpid(), 15)", "stopped", "stopped from elsewhere in matches (SIGTERM)"),
         ("raise RuntimeError('odd')", "crashed", "exit status 1: RuntimeError: odd"),
         ("os._exit(3)", "crashed", "ended without a result in matches, exit status 3: it said nothing"),
@@ -110,9 +103,7 @@ def test_one_that_does_not_listen_is_killed_with_all_it_started(
 ) -> None:
     monkeypatch.setattr(job, "GRACE_SECONDS", 0.3)
     note = tmp_path / "pid"
-    started = (
-        "import subprocess; p = subprocess.Popen([sys.executable, '-c', 'import time; time.sleep(99)'])\n"
-    )
+    started = "import subprocess; p = subprocess.Popen(['sleep', '99'])\n"
     child(IN_MATCHES + started + f"open({str(note)!r}, 'w').write(str(p.pid)); time.sleep(99)")
     outcome = ending(project, time_limit_s=1.0)
     assert outcome.state == "timed_out"
@@ -145,22 +136,11 @@ def test_what_is_no_project_is_a_failure(tmp_path: Path) -> None:
     ],
 )
 def test_errors_of_a_run_are_told(
-    monkeypatch: pytest.MonkeyPatch,
-    project: Path,
-    error: BaseException,
-    state: str,
-    reason: str,
-    capfd: pytest.CaptureFixture[str],
+    project: Path, error: BaseException, state: str, reason: str, capfd: pytest.CaptureFixture[str]
 ) -> None:
-    def fail(*_: object, **__: object) -> None:
-        raise error
-
-    monkeypatch.setattr(job_main, "reconstruct", fail)
     teller = job_main._Teller(os.dup(1))
-    try:
+    with patch.object(job_main, "reconstruct", side_effect=error), teller._out:
         found = job_main._run(asdict(ProjectJob(str(project))), teller)
-    finally:
-        teller._out.close()
     assert found[0] == state
     assert reason in found[1]
     if isinstance(error, KnownError):

@@ -11,6 +11,9 @@ from numpy.typing import NDArray
 from PIL import TiffTags
 from PIL.TiffImagePlugin import ImageFileDirectory_v2
 
+from colmap_ihe.evaluation.demo.dng import write_dng
+from colmap_ihe.evaluation.demo.exif import PhotoExif
+
 CFA, LINEAR_RAW = 32803, 34892
 _HEADER = b"II*\0\x08\0\0\0"
 
@@ -71,6 +74,13 @@ def write_kind(
         directory[tag] = value
     directory.update(tags or {})
     path.write_bytes(_HEADER + directory.tobytes(len(_HEADER)) + packed)
+
+
+def shoot(path: Path, mosaic: NDArray[np.uint16], **changes: Any) -> None:
+    """Write a DNG as the demo's camera does, (H, W), by default of black 512 and white 16383."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    camera: dict[str, Any] = {"black": 512, "white": 16383, "as_shot_neutral": (0.5, 1.0, 0.6)}
+    write_dng(path, mosaic, **(camera | {"colour_matrix": np.eye(3), "exif": PhotoExif()} | changes))
 
 
 def _packed(rows: NDArray[np.uint16], bits: int) -> bytes:

@@ -11,6 +11,7 @@ import math
 import struct
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from enum import IntEnum
 from fractions import Fraction
 from io import BytesIO
 from mmap import mmap
@@ -24,29 +25,33 @@ from colmap_ihe.photographs.exif.repair import mend
 Tags = dict[int, Any]
 """Values by number, as Pillow has them: text, bytes, numbers, tuples of numbers."""
 
-EXIF_IFD, GPS_IFD, INTEROPERABILITY_IFD = 0x8769, 0x8825, 0xA005
-MAKE, MODEL, ORIENTATION = 0x010F, 0x0110, 0x0112
-FOCAL_LENGTH, FOCAL_LENGTH_35MM, PIXEL_X, PIXEL_Y = 0x920A, 0xA405, 0xA002, 0xA003
-PLANE_X, PLANE_Y, PLANE_UNIT = 0xA20E, 0xA20F, 0xA210  # focal-plane resolution, in pixels per unit
-EXPOSURE_TIME, F_NUMBER, ISO, TAKEN = 0x829A, 0x829D, 0x8827, 0x9003
-SERIAL, LENS_RANGE, LENS_MAKE, LENS = 0xA431, 0xA432, 0xA433, 0xA434
-MAKER_NOTE = 0x927C
+
+class Tag(IntEnum):
+    """Number the tags that are of use here: TIFF 6.0, Exif 2.32."""
+
+    EXIF_IFD, GPS_IFD, INTEROPERABILITY_IFD = 0x8769, 0x8825, 0xA005
+    MAKE, MODEL, ORIENTATION = 0x010F, 0x0110, 0x0112
+    FOCAL_LENGTH, FOCAL_LENGTH_35MM, PIXEL_X, PIXEL_Y = 0x920A, 0xA405, 0xA002, 0xA003
+    PLANE_X, PLANE_Y, PLANE_UNIT = 0xA20E, 0xA20F, 0xA210  # focal-plane resolution, in pixels per unit
+    EXPOSURE_TIME, F_NUMBER, ISO, TAKEN = 0x829A, 0x829D, 0x8827, 0x9003
+    SERIAL, LENS_RANGE, LENS_MAKE, LENS = 0xA431, 0xA432, 0xA433, 0xA434
+    MAKER_NOTE = 0x927C
+
+
 # What describes the photograph; the other tags of a first directory describe the file they came in.
-IMAGE_TAGS = frozenset({0x010E, MAKE, MODEL, ORIENTATION, 0x0131, 0x0132, 0x013B, 0x013C, 0x8298})
+IMAGE_TAGS = frozenset({0x010E, Tag.MAKE, Tag.MODEL, Tag.ORIENTATION, 0x0131, 0x0132, 0x013B, 0x013C, 0x8298})
 PREFIX = b"Exif\x00\x00"
 UNREADABLE = (
     OSError,
-    SyntaxError,  # Pillow's word for a malformed file
+    SyntaxError,
     ValueError,
     TypeError,
-    KeyError,
-    IndexError,
     AttributeError,
+    LookupError,
+    ArithmeticError,
     struct.error,
-    ZeroDivisionError,
-    OverflowError,
 )
-"""What Pillow raises for EXIF that it cannot read or write."""
+"""What Pillow raises for EXIF that it cannot read or write; SyntaxError is its word for a malformed file."""
 
 _MM_PER_UNIT = {2: 25.4, 3: 10.0, 4: 1.0, 5: 0.001}  # 2, 3: Exif 2.32; 4, 5: TIFF/EP, which COLMAP reads too
 _SAME = 0.03  # of a side: a RAW file has a few rows and columns more than the camera's own picture
@@ -89,9 +94,9 @@ def take_apart(block: bytearray | mmap) -> Directories:
 def contents(exif: Image.Exif, lost: int = 0) -> Directories:
     """Return the directories that Pillow found, with the number of tags that it could not read added to `lost`."""
     image, image_lost = _read(exif)
-    shot, shot_lost = _read(exif, EXIF_IFD)
-    gps, gps_lost = _read(exif, GPS_IFD)
-    index = _read(exif, INTEROPERABILITY_IFD)[0].get(1) if INTEROPERABILITY_IFD in shot else ""
+    shot, shot_lost = _read(exif, Tag.EXIF_IFD)
+    gps, gps_lost = _read(exif, Tag.GPS_IFD)
+    index = _read(exif, Tag.INTEROPERABILITY_IFD)[0].get(1) if Tag.INTEROPERABILITY_IFD in shot else ""
     lost += image_lost + shot_lost + gps_lost
     return Directories(image, shot, gps, lost, index.strip("\x00") if isinstance(index, str) else "")
 
@@ -116,13 +121,15 @@ def put_together(image: Mapping[int, Any], shot: Mapping[int, Any], gps: Mapping
     """Return a block of these tags, without those that cannot be written, empty if none can; without maker note and
     the directory of interoperability, which hold offsets."""
     target = Image.Exif()
-    for number, tags in ((None, image), (EXIF_IFD, shot), (GPS_IFD, gps)):
-        left_out = (EXIF_IFD, GPS_IFD) if number is None else (MAKER_NOTE, INTEROPERABILITY_IFD)
+    for number, tags in ((None, image), (Tag.EXIF_IFD, shot), (Tag.GPS_IFD, gps)):
+        left_out = (
+            (Tag.EXIF_IFD, Tag.GPS_IFD) if number is None else (Tag.MAKER_NOTE, Tag.INTEROPERABILITY_IFD)
+        )
         kept = {t: _as_written(v) for t, v in tags.items() if t not in left_out}
         kept = {t: v for t, v in kept.items() if _writable(number, t, v)}
         if kept:
             (target if number is None else target.get_ifd(number)).update(kept)
-    if not len(target) and not target.get_ifd(EXIF_IFD) and not target.get_ifd(GPS_IFD):
+    if not len(target) and not target.get_ifd(Tag.EXIF_IFD) and not target.get_ifd(Tag.GPS_IFD):
         return b""
     return target.tobytes().removeprefix(PREFIX)
 
@@ -160,7 +167,7 @@ def for_tiff(block: bytes) -> Image.Exif:
     if block:
         directories = take_apart(bytearray(block))
         target.load(put_together(photographic(directories.image), directories.shot, directories.gps))
-        for tags in (target, target.get_ifd(EXIF_IFD), target.get_ifd(GPS_IFD)):
+        for tags in (target, target.get_ifd(Tag.EXIF_IFD), target.get_ifd(Tag.GPS_IFD)):
             tags.update({tag: _as_written(tags[tag]) for tag in list(tags)})
     return target
 
@@ -175,15 +182,12 @@ def slimmed(block: bytes, limit: int) -> bytes:
     that is not enough, without values of more than 1 kB. Small EXIF stays as it is to the letter."""
     if len(block) < limit:
         return block
-    directories = take_apart(bytearray(block))
-    slim = put_together(directories.image, directories.shot, directories.gps)
+    found = take_apart(bytearray(block))
+    directories = (found.image, found.shot, found.gps)
+    slim = put_together(*directories)
     if len(slim) < limit:
         return slim
-    short = (
-        {t: v for t, v in d.items() if _is_short(v)}
-        for d in (directories.image, directories.shot, directories.gps)
-    )
-    return put_together(*short)
+    return put_together(*({t: v for t, v in tags.items() if _is_short(v)} for tags in directories))
 
 
 def _is_short(value: Any) -> bool:
@@ -201,15 +205,15 @@ def with_size(block: bytes, width: int, height: int) -> bytes:
     if not block:
         return b""
     shot = take_apart(bytearray(block)).shot
-    old = number(shot.get(PIXEL_X)), number(shot.get(PIXEL_Y))
+    old = number(shot.get(Tag.PIXEL_X)), number(shot.get(Tag.PIXEL_Y))
     if old == (width, height):
         return block
-    new: Tags = {PIXEL_X: width, PIXEL_Y: height}
-    if min(old) > 0 and PLANE_X in shot:
-        plane = {PLANE_X: shot[PLANE_X], PLANE_Y: shot.get(PLANE_Y)}
+    new: Tags = {Tag.PIXEL_X: width, Tag.PIXEL_Y: height}
+    if min(old) > 0 and Tag.PLANE_X in shot:
+        plane: Tags = {Tag.PLANE_X: shot[Tag.PLANE_X], Tag.PLANE_Y: shot.get(Tag.PLANE_Y)}
         if (old[0] > old[1]) != (width > height) and old[0] != old[1] and width != height:  # turned
             old = old[1], old[0]
-            plane = {PLANE_X: plane[PLANE_Y] or plane[PLANE_X], PLANE_Y: plane[PLANE_X]}
+            plane = {Tag.PLANE_X: plane[Tag.PLANE_Y] or plane[Tag.PLANE_X], Tag.PLANE_Y: plane[Tag.PLANE_X]}
         new |= _scaled(plane, width / old[0], height / old[1])
     return changed(block, {}, new)
 
@@ -219,7 +223,7 @@ def _scaled(plane: Tags, x: float, y: float) -> Tags:
     if min(abs(x - 1), abs(y - 1)) <= _SAME:
         return plane
     if abs(x / y - 1) > _SAME:
-        return {PLANE_X: None, PLANE_Y: None, PLANE_UNIT: None}
+        return {Tag.PLANE_X: None, Tag.PLANE_Y: None, Tag.PLANE_UNIT: None}
     return {
         t: rational(number(v) * s) if number(v) else None
         for (t, v), s in zip(plane.items(), (x, y), strict=True)
@@ -229,16 +233,16 @@ def _scaled(plane: Tags, x: float, y: float) -> Tags:
 def pixels_per_mm(shot: Mapping[int, Any]) -> float:
     """Return pixels per mm on the sensor, across the image, by focal-plane resolution as COLMAP reads it; 0 if
     unknown."""
-    unit = shot.get(PLANE_UNIT)
+    unit = shot.get(Tag.PLANE_UNIT)
     mm = _MM_PER_UNIT.get(unit, 0.0) if isinstance(unit, int) else 0.0
-    return number(shot.get(PLANE_X)) / mm if mm else 0.0
+    return number(shot.get(Tag.PLANE_X)) / mm if mm else 0.0
 
 
 def plane_tags(pixels_per_mm: float) -> Tags:
     """Return the focal-plane resolution of square pixels, per centimetre: of the units in Exif, COLMAP has this one
     most exactly."""
     resolution = rational(pixels_per_mm * 10)
-    return {PLANE_X: resolution, PLANE_Y: resolution, PLANE_UNIT: 3}
+    return {Tag.PLANE_X: resolution, Tag.PLANE_Y: resolution, Tag.PLANE_UNIT: 3}
 
 
 def rational(value: float) -> IFDRational:

@@ -16,51 +16,21 @@ from typing import Any
 from PIL import Image, UnidentifiedImageError
 
 from colmap_ihe.errors import PhotographError
-from colmap_ihe.machine.decoder_pool import in_decoder, understood
+from colmap_ihe.machine.decoder_pool import in_decoder
 from colmap_ihe.photographs.coded import FORMATS
-from colmap_ihe.photographs.exif import cr3
-from colmap_ihe.photographs.exif.blocks import (
-    EXPOSURE_TIME,
-    F_NUMBER,
-    FOCAL_LENGTH,
-    FOCAL_LENGTH_35MM,
-    ISO,
-    LENS,
-    LENS_MAKE,
-    LENS_RANGE,
-    MAKE,
-    MODEL,
-    ORIENTATION,
-    PLANE_UNIT,
-    PLANE_X,
-    PLANE_Y,
-    PREFIX,
-    SERIAL,
-    TAKEN,
-    UNREADABLE,
-    Directories,
-    Tags,
-    contents,
-    number,
-    photographic,
-    pixels_per_mm,
-    put_together,
-    rational,
-    take_apart,
-    text,
-    with_size,
-)
+from colmap_ihe.photographs.exif import blocks, cr3
+from colmap_ihe.photographs.exif.blocks import UNREADABLE, Directories, Tag, number, put_together, take_apart
 from colmap_ihe.photographs.icc_profile import name_of_profile
 from colmap_ihe.photographs.raw.develop import LibrawMetadata, libraw_metadata, preview_of
 
 _UNREADABLE = (PhotographError, UnidentifiedImageError, Image.DecompressionBombError, *UNREADABLE)
 # Of the shot, where makers write it into the first directory, as TIFF/EP allows.
+_NEVER_ZERO = (Tag.EXPOSURE_TIME, Tag.F_NUMBER, Tag.ISO, Tag.FOCAL_LENGTH, Tag.FOCAL_LENGTH_35MM)
 _OF_THE_SHOT = frozenset(
-    {EXPOSURE_TIME, F_NUMBER, ISO, TAKEN, 0x9004, 0x9290, 0x9291, 0x9292, FOCAL_LENGTH, FOCAL_LENGTH_35MM}
-    | {PLANE_X, PLANE_Y, PLANE_UNIT, SERIAL, LENS_RANGE, LENS_MAKE, LENS}
+    {*_NEVER_ZERO, Tag.TAKEN, 0x9004, 0x9290, 0x9291, 0x9292, Tag.PLANE_X, Tag.PLANE_Y, Tag.PLANE_UNIT}
+    | {Tag.SERIAL, Tag.LENS_RANGE, Tag.LENS_MAKE, Tag.LENS}
 )
-_OF_DNG = {0xC62F: SERIAL, 0xC630: LENS_RANGE}  # DNG 1.4: CameraSerialNumber, LensInfo
-_NEVER_ZERO = (EXPOSURE_TIME, F_NUMBER, ISO, FOCAL_LENGTH, FOCAL_LENGTH_35MM)
+_OF_DNG = {0xC62F: Tag.SERIAL, 0xC630: Tag.LENS_RANGE}  # DNG 1.4: CameraSerialNumber, LensInfo
 _NO_EXIF = "no EXIF found"
 _TIFF, _BIG_TIFF = (b"II*\x00", b"MM\x00*"), (b"II+\x00", b"MM\x00+")
 
@@ -95,12 +65,11 @@ def read_metadata(path: Path, kind: str) -> Metadata:
     reads it, in a process of its own: profiles and previews are native libraries' work."""
     try:
         metadata = in_decoder(decode_metadata, path, kind)
-        with understood(path.name):
-            if metadata.exif:
-                take_apart(bytearray(metadata.exif))
+        if metadata.exif:
+            take_apart(bytearray(metadata.exif))
         return metadata
-    except PhotographError as error:
-        return Metadata(problem=f"EXIF not readable: {error}")
+    except _UNREADABLE as error:
+        return Metadata(problem=_unreadable(error))
 
 
 def decode_metadata(path: Path, kind: str) -> Metadata:
@@ -115,20 +84,20 @@ def describe(block: bytes, other: Metadata | None = None) -> Metadata:
     """Return what a block of EXIF says; what is not of EXIF (profile, pages, problem) as in `other`."""
     directories = take_apart(bytearray(block)) if block else Directories()
     image, shot = directories.image, directories.shot
-    orientation = image.get(ORIENTATION, 1)
+    orientation = image.get(Tag.ORIENTATION, 1)
     return replace(
         other or Metadata(),
         exif=block,
-        make=_text(image.get(MAKE)),
-        model=_text(image.get(MODEL)),
-        focal_mm=number(shot.get(FOCAL_LENGTH)),
-        focal_35mm=number(shot.get(FOCAL_LENGTH_35MM)),
-        pixels_per_mm=pixels_per_mm(shot),
-        exposure_s=number(shot.get(EXPOSURE_TIME)),
-        f_number=number(shot.get(F_NUMBER)),
-        iso=number(shot.get(ISO)),
-        lens=_text(shot.get(LENS)),
-        serial=_text(shot.get(SERIAL)),
+        make=_text(image.get(Tag.MAKE)),
+        model=_text(image.get(Tag.MODEL)),
+        focal_mm=number(shot.get(Tag.FOCAL_LENGTH)),
+        focal_35mm=number(shot.get(Tag.FOCAL_LENGTH_35MM)),
+        pixels_per_mm=blocks.pixels_per_mm(shot),
+        exposure_s=number(shot.get(Tag.EXPOSURE_TIME)),
+        f_number=number(shot.get(Tag.F_NUMBER)),
+        iso=number(shot.get(Tag.ISO)),
+        lens=_text(shot.get(Tag.LENS)),
+        serial=_text(shot.get(Tag.SERIAL)),
         orientation=orientation if orientation in range(1, 9) else 1,
         has_gps={2, 4, 6} <= set(directories.gps),  # COLMAP wants latitude, longitude and altitude
     )
@@ -136,7 +105,7 @@ def describe(block: bytes, other: Metadata | None = None) -> Metadata:
 
 def sized(metadata: Metadata, width: int, height: int) -> Metadata:
     """Return the metadata for an image of this size in pixels, which its EXIF may not be about."""
-    block = with_size(metadata.exif, width, height)
+    block = blocks.with_size(metadata.exif, width, height)
     return metadata if block == metadata.exif else describe(block, metadata)
 
 
@@ -154,19 +123,21 @@ def _read_coded(source: Path | BytesIO) -> Metadata:
 def _block_of(image: Image.Image, source: Path | BytesIO) -> tuple[bytes, Directories]:
     """Return the EXIF of an opened photograph, mended, and what is in it. Raises one of `UNREADABLE`."""
     if image.format == "TIFF" and isinstance(source, Path):
-        directories = _of_file(source) or _of_image(image)
-        return put_together(photographic(directories.image), directories.shot, directories.gps), directories
+        directories = _of_file(source) or blocks.contents(image.getexif())  # of 64 bits
+        return put_together(
+            blocks.photographic(directories.image), directories.shot, directories.gps
+        ), directories
     if "exif" not in image.info and image.format == "PNG":
         image.getexif()  # it may come behind the pixels
     block = bytearray(image.info.get("exif", b""))
-    while block.startswith(PREFIX):
-        del block[: len(PREFIX)]
+    while block.startswith(blocks.PREFIX):
+        del block[: len(blocks.PREFIX)]
     if block:
-        directories = take_apart(block)
+        directories = take_apart(block)  # which mends it
         return bytes(block), directories
     if not image.getexif():
         return b"", Directories()
-    directories = _of_image(image)
+    directories = blocks.contents(image.getexif())  # in no block of its own, as the text of a PNG
     return put_together(directories.image, directories.shot, directories.gps), directories
 
 
@@ -176,11 +147,6 @@ def _problem(lost: int) -> str:
 
 def _unreadable(error: BaseException) -> str:
     return f"EXIF not readable: {error or type(error).__name__}"
-
-
-def _of_image(image: Image.Image) -> Directories:
-    """Return EXIF as Pillow finds it, where it is in no block of its own: a TIFF of 64 bits, the text of a PNG."""
-    return contents(image.getexif())
 
 
 def _pages(image: Image.Image) -> int:
@@ -230,34 +196,24 @@ def _of_file(path: Path) -> Directories | None:
 
 
 def _raw_block(directories: Directories) -> bytes:
-    elsewhere = {
-        ours: directories.image[theirs] for theirs, ours in _OF_DNG.items() if theirs in directories.image
-    }
+    elsewhere = {ours: directories.image.get(theirs, "") for theirs, ours in _OF_DNG.items()}
     early = {t: v for t, v in directories.image.items() if t in _OF_THE_SHOT}
     shot = {t: v for t, v in (elsewhere | early | directories.shot).items() if v != ""}
     # An adapted lens says 0 mm: no information, and COLMAP would take it for some.
     shot = {t: v for t, v in shot.items() if t not in _NEVER_ZERO or number(v)}
-    return put_together(photographic(directories.image), shot, directories.gps)
+    return put_together(blocks.photographic(directories.image), shot, directories.gps)
 
 
 def _with_noted(metadata: Metadata, noted: LibrawMetadata) -> Metadata:
     """Return the metadata with what LibRaw found, where the photograph's EXIF does not say it."""
-    lengths = {
-        EXPOSURE_TIME: noted.exposure_s,
-        F_NUMBER: noted.f_number,
-        ISO: noted.iso,
-        FOCAL_LENGTH: noted.focal_mm,
-    }
     directories = take_apart(bytearray(metadata.exif)) if metadata.exif else Directories()
-    new: Tags = {t: rational(v) for t, v in lengths.items() if v > 0 and t not in directories.shot}
-    if ISO in new:
-        new[ISO] = round(noted.iso)
-    new |= {
-        t: text(v)
-        for t, v in ((LENS, noted.lens), (LENS_MAKE, noted.lens_make))
-        if v and t not in directories.shot
-    }
-    if FOCAL_LENGTH not in new:
+    lengths = (noted.exposure_s, noted.f_number, noted.iso, noted.focal_mm)
+    new: blocks.Tags = {t: blocks.rational(v) for t, v in zip(_NEVER_ZERO, lengths, strict=False) if v > 0}
+    if Tag.ISO in new:
+        new[Tag.ISO] = round(noted.iso)
+    new |= {Tag.LENS: blocks.text(noted.lens), Tag.LENS_MAKE: blocks.text(noted.lens_make)}
+    new = {tag: value for tag, value in new.items() if value and tag not in directories.shot}
+    if Tag.FOCAL_LENGTH not in new:
         return metadata
     block = put_together(directories.image, directories.shot | new, directories.gps)
     problem = "" if metadata.problem == _NO_EXIF else metadata.problem

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from colmap_ihe.errors import ProjectError
 from colmap_ihe.machine.files import read_at_most
 from colmap_ihe.photographs.exif.metadata import Metadata
-from colmap_ihe.photographs.raw.mosaic import Mosaic
+from colmap_ihe.photographs.raw.mosaic import Mosaic, tiled
 from colmap_ihe.project.recipe import Recipe
 
 Kind = Literal["bias", "darks", "flats"]
@@ -105,15 +105,14 @@ def flat_gain(
     """Return the factors that even the response out, (H, W) float32, and the bad pixels (N, 2). Normalised to a mean
     of 1 in each channel by itself, so that it changes no balance between them. `dark` as in `Frames`, of the flat's
     own."""
-    light = mean - (_plane(like.black, mean.shape) if dark is None else dark)
+    light = mean - (tiled(like.black, mean.shape) if dark is None else dark)
     gain: NDArray[np.float32] = np.ones_like(light)
     bad = []
     colours = np.where(like.pattern == 3, 1, like.pattern)  # both greens are one channel
     for colour in np.unique(colours):
-        level = np.mean(
-            [light[y :: _n(like), x :: _n(like)].mean() for y, x in np.argwhere(colours == colour)]
-        )
-        for y, x in np.argwhere(colours == colour):
+        places = np.argwhere(colours == colour)
+        level = np.mean([light[y :: _n(like), x :: _n(like)].mean() for y, x in places])
+        for y, x in places:
             cells = light[y :: _n(like), x :: _n(like)]
             gain[y :: _n(like), x :: _n(like)] = level / np.maximum(cells, _LEAST_FLAT * level)
     for (y, x), cells, around in _phases(light, like):
@@ -122,11 +121,6 @@ def flat_gain(
     pixels = np.concatenate(bad)
     gain[pixels[:, 0], pixels[:, 1]] = 1
     return gain, pixels
-
-
-def _plane(cell: NDArray[np.float32], shape: tuple[int, ...]) -> NDArray[np.float32]:
-    times = [-(-side // n) for side, n in zip(shape, cell.shape, strict=True)]
-    return np.tile(cell, times)[: shape[0], : shape[1]]
 
 
 def hot_pixels(dark: NDArray[np.float32], like: Mosaic) -> NDArray[np.intp]:
@@ -230,11 +224,8 @@ def _of_iso(shot: Shot, masters: Sequence[Master]) -> Master | None:
 
 
 def _shared(shot: Shot, other: Shot) -> int:
-    return (
-        (shot.lens == other.lens)
-        + (_apart(shot.focal_mm, other.focal_mm) <= _SAME)
-        + (_apart(shot.f_number, other.f_number) <= _SAME)
-    )
+    same = _apart(shot.focal_mm, other.focal_mm) <= _SAME, _apart(shot.f_number, other.f_number) <= _SAME
+    return sum(same) + (shot.lens == other.lens)
 
 
 def _way(shot: Shot) -> str:

@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import Executor
 from functools import partial
 from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,6 +30,7 @@ from colmap_ihe.project.recipe import Recipe
 _LOOKED_AT = 16  # photographs, for bad pixels that all of them have
 _FEWEST = 4  # of one camera; in fewer of them detail may stand still
 _CONFIRMED = 0.9  # of the photographs looked at
+_Result = TypeVar("_Result")
 
 
 def masters_of(
@@ -40,68 +42,63 @@ def masters_of(
     say: Callable[[str], None],
 ) -> list[calibration.Master]:
     """Return the means of the frames below `folder`, flats last, since their own dark frames are taken from them."""
+
+    def leave_out(error: PhotographError) -> None:
+        if strict:
+            raise error
+        say(f"calibration frame left out: {error}")
+
     masters: list[calibration.Master] = []
     for kind in calibration.KINDS:
-        files = [
-            p for p in sorted((folder / kind).rglob("*")) if p.suffix.lower() in RAW_SUFFIXES and p.is_file()
-        ]
+        files = [p for p in sorted((folder / kind).rglob("*")) if p.suffix.lower() in RAW_SUFFIXES]
+        files = [file for file in files if file.is_file()]
         progress.start(len(files), f"frames in {folder.name}/{kind}")
         shots = []
         for file in files:
             try:
-                _refuse_elsewhere(file, folder / kind)
-                header = in_decoder(read_header, file)
-                refuse_too_large(file.name, header.width, header.height)
-                shots.append(
-                    (str(file), calibration.shot_of(read_metadata(file, "raw"), header.width, header.height))
-                )
+                shots.append((str(file), _shot(file, folder / kind)))
             except PhotographError as error:
-                if strict:
-                    raise
-                say(f"calibration frame left out: {error}")
-        for shot, group in calibration.groups_of(shots, kind):
-            names = list(group)
-            while names:
+                leave_out(error)
+        for shot, names in calibration.groups_of(shots, kind):
+            dark = Recipe()
+            if kind == "flats":
+                known = [m for m in masters if m.kind != "flats"]
+                dark, _ = calibration.matched(shot, known, dark, lambda _: None)
+            left = names
+            while left:
+                broken: dict[str, PhotographError] = {}
                 try:
-                    masters.append(_master(kind, shot, names, masters, store, executor, progress))
+                    masters.append(_master(kind, shot, left, dark, store, executor, progress, broken))
                     break
-                except _BrokenFrame as broken:  # the others begin again: what is kept is named after them
-                    if strict:
-                        raise broken.error from None
-                    say(f"calibration frame left out: {broken.error}")
-                    names.remove(broken.name)
+                except PhotographError:  # the others begin again: what is kept is named after them
+                    for reason in broken.values():
+                        leave_out(reason)
+                    left = [name for name in left if name not in broken]
     return masters
 
 
-def _refuse_elsewhere(file: Path, folder: Path) -> None:
+def _shot(file: Path, folder: Path) -> calibration.Shot:
     if leads_out(file, folder):
         raise PhotographError(
             f"{file.name}: a link that leads out of the folder of frames", hint="put the frame in its place"
         )
-
-
-class _BrokenFrame(Exception):
-    """Name a frame whose pixels cannot be read."""
-
-    def __init__(self, name: str, error: PhotographError) -> None:
-        super().__init__(name)
-        self.name, self.error = name, error
+    header = in_decoder(read_header, file)
+    refuse_too_large(file.name, header.width, header.height)
+    return calibration.shot_of(read_metadata(file, "raw"), header.width, header.height)
 
 
 def _master(
     kind: calibration.Kind,
     shot: calibration.Shot,
     names: Sequence[str],
-    before: Sequence[calibration.Master],
+    dark_of_flat: Recipe,
     store: Path,
     executor: Executor,
     progress: Progress,
+    broken: dict[str, PhotographError],
 ) -> calibration.Master:
-    dark_of_flat = Recipe()
-    if kind == "flats":
-        dark_of_flat, _ = calibration.matched(
-            shot, [m for m in before if m.kind != "flats"], Recipe(), lambda _: None
-        )
+    """Average the frames called `names`. Raises `PhotographError` for pixels that cannot be read; the frames are then
+    in `broken`."""
     content = [digest_file(Path(n)) for n in names]
     key = fingerprint_of(kind, sorted(content), dark_of_flat.as_dict(), library_versions("rawpy", "libraw"))
     file, bad = store / f"{kind}-{key}.npy", store / f"bad-{kind}-{key}.npy"
@@ -111,7 +108,8 @@ def _master(
             try:
                 return in_decoder(read_mosaic, Path(name), pixels=0)
             except PhotographError as error:
-                raise _BrokenFrame(name, error) from error
+                broken[name] = error
+                raise
 
         mean, like = calibration.mean_of(_watched(in_order(executor, read, names), progress))
         pixels: NDArray[np.intp] = np.empty((0, 2), np.intp)
@@ -126,10 +124,10 @@ def _master(
     return calibration.Master(kind, shot, len(names), str(file), str(bad))
 
 
-def _watched(mosaics: Iterable[Mosaic], progress: Progress) -> Iterator[Mosaic]:
-    for mosaic in mosaics:
+def _watched(results: Iterable[_Result], progress: Progress) -> Iterator[_Result]:
+    for result in results:
         progress.advance()
-        yield mosaic
+        yield result
 
 
 def bad_pixels_of_set(
@@ -150,19 +148,14 @@ def bad_pixels_of_set(
     files = {}
     for camera, paths in cameras.items():
         if len(paths) < _FEWEST:
-            warnings[f"{len(paths)} photographs of one camera are too few to find its bad pixels in"].append(
-                ""
-            )
+            text = f"{len(paths)} photographs of one camera are too few to find its bad pixels in"
+            warnings[text].append("")
             continue
         sample = paths[:: -(-len(paths) // _LOOKED_AT)]
         progress.start(len(sample), "images, for bad pixels")
-        candidates = []
-        for pixels in in_order(
-            executor, partial(in_decoder, bad_pixel_candidates, pixels=0), sample, progress=progress
-        ):
-            candidates.append(pixels)
-            progress.advance()
-        places, counts = np.unique(np.concatenate(candidates), axis=0, return_counts=True)
+        look = partial(in_decoder, bad_pixel_candidates, pixels=0)
+        candidates = _watched(in_order(executor, look, sample, progress=progress), progress)
+        places, counts = np.unique(np.concatenate(list(candidates)), axis=0, return_counts=True)
         files[camera] = save_bad_pixels(store, places[counts >= _CONFIRMED * len(sample)])
     return files
 

@@ -56,11 +56,9 @@ def develop(path: Path, recipe: Recipe | None = None) -> Development:
     with _opened(path) as raw:
         unpack(raw, path)
         if raw.raw_type == rawpy.RawType.Flat:
-            mosaic, frames = _mosaic(raw, path), frames_of(recipe)
+            mosaic, frames, even = _mosaic(raw, path), frames_of(recipe), recipe.green_equilibrium
             try:
-                calibrated(
-                    mosaic, frames, green_equilibrium=recipe.green_equilibrium, out=raw.raw_image_visible
-                )
+                calibrated(mosaic, frames, green_equilibrium=even, out=raw.raw_image_visible)
             except ValueError as error:
                 raise PhotographError(
                     f"{path.name}: a calibration frame is of another size ({error})",
@@ -68,8 +66,9 @@ def develop(path: Path, recipe: Recipe | None = None) -> Development:
                 ) from error
         else:
             _scale_layers(raw, path)
-        pixels = _demosaiced(raw, recipe.demosaic)
-        return Development(pixels, _srgb_from_camera(raw))
+        # of values that are between black 0 and white 65535 already
+        levels: dict[str, Any] = {"user_black": 0, "user_cblack": [0, 0, 0, 0], "user_sat": FULL}
+        return Development(_postprocessed(raw, recipe.demosaic, **levels), _srgb_from_camera(raw))
 
 
 def read_mosaic(path: Path) -> Mosaic:
@@ -183,9 +182,8 @@ def _mosaic(raw: rawpy.RawPy, path: Path) -> Mosaic:
     values = raw.raw_image_visible
     pattern = _pattern(raw)
     levels = np.array(raw.black_level_per_channel or [0] * 4, np.float32)
-    black = black_plane(path, values.shape)
-    if black is None:
-        black = levels[pattern]
+    plane = black_plane(path, values.shape)
+    black = levels[pattern] if plane is None else plane
     white = _white(raw, float(black.min()), path)
     return Mosaic(values, pattern, np.asarray(black, np.float32), white)
 
@@ -218,11 +216,6 @@ def _scale_layers(raw: rawpy.RawPy, path: Path) -> None:
     for channel, level in enumerate(levels):
         above = cv2.subtract(np.ascontiguousarray(layers[..., channel]), np.full(4, level))
         layers[..., channel] = cv2.multiply(above, np.full(4, FULL / span))
-
-
-def _demosaiced(raw: rawpy.RawPy, demosaic: Demosaic) -> NDArray[np.uint16]:
-    """Return (H, W, 3) uint16 of values that are between black 0 and white 65535 already."""
-    return _postprocessed(raw, demosaic, user_black=0, user_cblack=[0, 0, 0, 0], user_sat=FULL)
 
 
 def _postprocessed(raw: rawpy.RawPy, demosaic: Demosaic, **options: Any) -> NDArray[np.uint16]:

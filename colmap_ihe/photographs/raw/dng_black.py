@@ -14,6 +14,8 @@ import numpy as np
 import tifffile
 from numpy.typing import NDArray
 
+from colmap_ihe.photographs.raw.mosaic import tiled
+
 _CFA, _LINEAR_RAW = 32803, 34892
 _MOST_PAGES = 32  # a directory may name itself as the next but one, again and again
 _REPEAT, _LEVEL, _DELTA_H, _DELTA_V = 50713, 50714, 50715, 50716
@@ -27,9 +29,8 @@ def black_plane(path: Path, shape: tuple[int, ...]) -> NDArray[np.float32] | Non
     try:
         with tifffile.TiffFile(path) as tiff:
             for page in _pages(tiff):
-                if page.photometric in (_CFA, _LINEAR_RAW) and (
-                    _DELTA_H in page.tags or _DELTA_V in page.tags
-                ):
+                varies = _DELTA_H in page.tags or _DELTA_V in page.tags
+                if page.photometric in (_CFA, _LINEAR_RAW) and varies:
                     return _plane(page, shape)
     except Exception:  # noqa: BLE001  what is broken in the file is LibRaw's to say
         return None
@@ -52,8 +53,7 @@ def _plane(page: Any, shape: tuple[int, ...]) -> NDArray[np.float32] | None:
     vertical = _numbers(page, _DELTA_V, np.zeros(height))
     if horizontal.size != width or vertical.size != height:
         return None
-    cell = levels.reshape(rows, columns)
-    plane = np.tile(cell, (-(-height // rows), -(-width // columns)))[:height, :width]
+    plane = tiled(levels.reshape(rows, columns), shape)
     return np.asarray(plane + horizontal[None, :] + vertical[:, None], np.float32)
 
 

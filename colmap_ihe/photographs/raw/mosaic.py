@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from statistics import median
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -102,8 +103,13 @@ def _repeated(cell: NDArray[np.float32], shape: tuple[int, int]) -> NDArray[np.f
         return np.full((1, 1), cell.flat[0], np.float32)
     if cell.shape[1] == shape[1]:
         return cell
-    times = (-(-shape[0] // cell.shape[0]), -(-shape[1] // cell.shape[1]))
-    return np.ascontiguousarray(np.tile(cell, times)[: shape[0], : shape[1]])
+    return np.ascontiguousarray(tiled(cell, shape))
+
+
+def tiled(cell: NDArray[Any], shape: tuple[int, ...]) -> NDArray[Any]:
+    """Return a cell repeated over a plane of this shape."""
+    times = [-(-side // n) for side, n in zip(shape, cell.shape, strict=True)]
+    return np.tile(cell, times)[: shape[0], : shape[1]]
 
 
 def repair(values: NDArray[np.uint16], pattern: NDArray[np.uint8], bad: NDArray[np.intp]) -> None:

@@ -18,6 +18,7 @@ import rawpy
 
 from colmap_ihe.errors import PhotographError
 from colmap_ihe.machine import decoder_wire
+from colmap_ihe.machine.decoder_process import BROKEN
 
 _STDERR = 2
 _DAMAGED = re.compile(r"data corrupted at|unexpected end of file", re.IGNORECASE)
@@ -35,10 +36,7 @@ def unpack(raw: rawpy.RawPy, path: Path) -> None:
         raw.unpack()
     missing = np.count_nonzero(raw.raw_image_visible == _PATTERN) / raw.raw_image_visible.size
     if missing > _MOST:
-        raise PhotographError(
-            f"{path.name}: {missing:.1%} of its pixels cannot be decoded",
-            hint="copy it from the card again, or take it out of the folder",
-        )
+        raise PhotographError(f"{path.name}: {missing:.1%} of its pixels cannot be decoded", hint=BROKEN)
 
 
 def refuse_damaged(name: str) -> None:
@@ -47,18 +45,12 @@ def refuse_damaged(name: str) -> None:
     if decoder_wire.answer_memory is None:  # no decoder
         return
     if _DAMAGED.search(os.pread(_STDERR, 1 << 16, 0).decode("utf-8", "replace")):
-        raise PhotographError(
-            f"{name}: LibRaw found damaged data in it",
-            hint="copy it from the card again, or take it out of the folder",
-        )
+        raise PhotographError(f"{name}: LibRaw found damaged data in it", hint=BROKEN)
 
 
 @contextmanager
 def _patterned_memory() -> Iterator[None]:
-    mallopt = getattr(ctypes.CDLL(None), "mallopt", None)
-    if mallopt is None:
-        yield
-        return
+    mallopt = getattr(ctypes.CDLL(None), "mallopt", lambda _option, _value: None)
     mallopt(_M_PERTURB, _BYTE ^ 0xFF)
     try:
         yield

@@ -59,7 +59,7 @@ class CapturesRecord(StageRecord):
 def run(run: RunContext, progress: Progress) -> CapturesRecord:
     """Survey the photographs and note how each is developed."""
     cameras, project = run.options.cameras, run.project
-    refused_files = refused(run.discovery, run.strict)
+    refused_files = refused(run.discovery.refused, run.strict)
     surveyed, left_out = survey(
         run.discovery.captures, run.executor, progress, strict=run.strict, cameras=cameras
     )

@@ -9,13 +9,15 @@ import numpy as np
 from colmap_ihe.colmap.native import pycolmap
 from colmap_ihe.machine.scratch import scratch_folder
 from colmap_ihe.photographs.encode import encode_image
-from colmap_ihe.photographs.exif.blocks import FOCAL_LENGTH, MAKE, MODEL, put_together, rational, text
+from colmap_ihe.photographs.exif.blocks import Tag, put_together, rational, text
 
 
 @lru_cache(maxsize=1024)
 def knows_sensor(make: str, model: str) -> bool:
     """Tell whether COLMAP knows how wide the sensor of this camera is, so that a focal length in mm is enough."""
-    exif = put_together({MAKE: text(make), MODEL: text(model)}, {FOCAL_LENGTH: rational(10.0)}, {})
+    exif = put_together(
+        {Tag.MAKE: text(make), Tag.MODEL: text(model)}, {Tag.FOCAL_LENGTH: rational(10.0)}, {}
+    )
     with scratch_folder() as folder:
         image = folder / "camera.png"
         image.write_bytes(encode_image(np.zeros((2, 2), np.uint8), exif, "png"))

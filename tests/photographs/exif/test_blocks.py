@@ -11,54 +11,53 @@ from typing import Any, get_args
 import numpy as np
 import pytest
 from exif_samples import EVERY_TAG, GPS, IMAGE, SHOT, SIZE, block, full_photograph, tags_of
+from numpy.typing import NDArray
 from PIL import Image
 from PIL.TiffImagePlugin import IFDRational as R
 
 from colmap_ihe.colmap.native import pycolmap
 from colmap_ihe.photographs.encode import SUFFIXES, Format, encode_image
-from colmap_ihe.photographs.exif.blocks import (
-    PREFIX,
-    pixels_per_mm,
-    put_together,
-    slimmed,
-    take_apart,
-    with_size,
-)
+from colmap_ihe.photographs.exif import blocks
+from colmap_ihe.photographs.exif.blocks import put_together, slimmed, take_apart, with_size
 from colmap_ihe.photographs.exif.metadata import Metadata, decode_metadata, read_metadata, sized
 from colmap_ihe.photographs.exif.repair import mend
 from colmap_ihe.photographs.png import encode_png
 
 FORMATS: tuple[Format, ...] = get_args(Format)
+Pixels = NDArray[np.uint8]
 GREY = np.zeros((SIZE[1], SIZE[0]), np.uint8)
 COLOUR = np.zeros((SIZE[1], SIZE[0], 3), np.uint8)
 
 
 def blob(shot: dict[int, Any], image: dict[int, Any] | None = None) -> bytes:
-    return block(IMAGE if image is None else image, shot, GPS).tobytes().removeprefix(PREFIX)
+    return block(IMAGE if image is None else image, shot, GPS).tobytes().removeprefix(blocks.PREFIX)
+
+
+def written(folder: Path, exif: bytes, file_format: Format, pixels: Pixels = GREY) -> Path:
+    target = folder / f"out{SUFFIXES[file_format]}"
+    target.write_bytes(encode_image(pixels, exif, file_format))
+    return target
 
 
 @pytest.mark.parametrize("pixels", [GREY, COLOUR], ids=["grey", "colour"])
 @pytest.mark.parametrize("file_format", FORMATS)
 @pytest.mark.parametrize("name", ["a.jpg", "a.png", "a.tif", "a.dng", "a.orf"])
 def test_every_tag_of_every_kind_arrives(
-    tmp_path: Path, name: str, file_format: Format, pixels: np.ndarray[Any, np.dtype[np.uint8]]
+    tmp_path: Path, name: str, file_format: Format, pixels: Pixels
 ) -> None:
     source = full_photograph(tmp_path / name)
     wanted = tags_of(full_photograph(tmp_path / "like.jpg"))
     assert set(wanted) >= EVERY_TAG
     found = sized(read_metadata(source, "raw" if source.suffix in (".dng", ".orf") else "coded"), *SIZE)
     assert found.problem == ""
-    target = tmp_path / f"out{SUFFIXES[file_format]}"
-    target.write_bytes(encode_image(pixels, found.exif, file_format))
-    arrived = tags_of(target)
+    arrived = tags_of(written(tmp_path, found.exif, file_format, pixels))
     assert {tag: arrived.get(tag) for tag in EVERY_TAG} == {tag: wanted[tag] for tag in EVERY_TAG}
 
 
 @pytest.mark.parametrize("file_format", FORMATS)
 def test_colmap_reads_place_and_turn(tmp_path: Path, file_format: Format) -> None:
     found = read_metadata(full_photograph(tmp_path / "a.dng"), "raw")
-    target = tmp_path / f"out{SUFFIXES[file_format]}"
-    target.write_bytes(encode_image(GREY, found.exif, file_format))
+    target = written(tmp_path, found.exif, file_format)
     read = pycolmap.Bitmap.read(target, False)
     assert read is not None
     assert read.exif_latitude() == pytest.approx(-(48 + 46 / 60 + 26.5 / 3600))
@@ -70,18 +69,17 @@ def test_colmap_reads_place_and_turn(tmp_path: Path, file_format: Format) -> Non
 
 def test_text_that_is_not_ascii_arrives(tmp_path: Path) -> None:
     exif = put_together({**IMAGE, 0x013B: "Müller".encode().decode("latin-1")}, SHOT, {})
-    (tmp_path / "a.tif").write_bytes(encode_image(GREY, exif, "tiff"))
-    assert tags_of(tmp_path / "a.tif")["Image", 0x013B] == "Müller"
+    assert tags_of(written(tmp_path, exif, "tiff"))["Image", 0x013B] == "Müller"
 
 
 def test_tags_that_describe_the_file_they_came_in_stay_behind(tmp_path: Path) -> None:
     """Samsung's JPEGs say a width in the first directory: in a TIFF it would count."""
     exif = blob(SHOT, {**IMAGE, 0x0112: 1, 0x0100: 999, 0x0101: 999, 0x0103: 6, 0x0111: 8, 0x013D: 2})
-    (tmp_path / "a.tif").write_bytes(encode_image(GREY, exif, "tiff"))
-    with Image.open(tmp_path / "a.tif") as image:
+    target = written(tmp_path, exif, "tiff")
+    with Image.open(target) as image:
         assert (image.size, image.mode) == (SIZE, "L")
         assert not np.asarray(image).any()
-    assert pycolmap.infer_camera_from_image(tmp_path / "a.tif").width == SIZE[0]
+    assert pycolmap.infer_camera_from_image(target).width == SIZE[0]
 
 
 def test_a_tiff_of_64_bits_keeps_its_exif(tmp_path: Path) -> None:
@@ -111,14 +109,8 @@ PLANE = 96 / 3.6
 def test_focal_plane_resolution_follows_the_size(
     old: tuple[int, int], new: tuple[int, int], expected: float | None
 ) -> None:
-    shot = {
-        0x920A: R(24),
-        0xA002: old[0],
-        0xA003: old[1],
-        0xA210: 3,
-        0xA20E: R(2400, 90),
-        0xA20F: R(2400, 90),
-    }
+    sides = {0xA002: old[0], 0xA003: old[1]}
+    shot = {0x920A: R(24), 0xA210: 3, 0xA20E: R(2400, 90), 0xA20F: R(2400, 90)} | sides
     found = take_apart(bytearray(with_size(blob(shot), *new))).shot
     assert (found[0xA002], found[0xA003]) == new
     if expected is None:
@@ -126,7 +118,7 @@ def test_focal_plane_resolution_follows_the_size(
     else:
         assert float(found[0xA20E]) == pytest.approx(expected, rel=1e-6)
         assert float(found[0xA20F]) == pytest.approx(expected, rel=1e-6)
-        assert pixels_per_mm(found) == pytest.approx(expected / 10, rel=1e-6)
+        assert blocks.pixels_per_mm(found) == pytest.approx(expected / 10, rel=1e-6)
 
 
 def test_colmap_finds_the_true_focal_length_of_a_resized_photograph(tmp_path: Path) -> None:
@@ -138,8 +130,7 @@ def test_colmap_finds_the_true_focal_length_of_a_resized_photograph(tmp_path: Pa
     assert pycolmap.infer_camera_from_image(source).params[0] == pytest.approx(640)
     found = sized(read_metadata(source, "coded"), *SIZE)
     for file_format in FORMATS:
-        target = tmp_path / f"out{SUFFIXES[file_format]}"
-        target.write_bytes(encode_image(GREY, found.exif, file_format))
+        target = written(tmp_path, found.exif, file_format)
         assert pycolmap.infer_camera_from_image(target).params[0] == pytest.approx(64, rel=1e-5)
 
 
@@ -188,9 +179,7 @@ def test_hundreds_of_broken_blocks_lose_tags_and_never_the_photograph(tmp_path: 
         found = sized(decode_metadata(tmp_path / "a.png", "coded"), *SIZE)
         kept += bool(found.exif)
         assert found.exif or found.problem
-        file_format = FORMATS[number % 3]
-        target = tmp_path / f"out{SUFFIXES[file_format]}"
-        target.write_bytes(encode_image(GREY, found.exif, file_format))
+        target = written(tmp_path, found.exif, FORMATS[number % 3])
         with Image.open(target) as image:
             image.load()
             exif = image.getexif()
@@ -201,9 +190,7 @@ def test_hundreds_of_broken_blocks_lose_tags_and_never_the_photograph(tmp_path: 
     assert kept > 90
 
 
-@pytest.mark.filterwarnings(
-    "ignore::UserWarning"
-)  # Pillow's, of a JPEG's or a TIFF's EXIF as it opens the file
+@pytest.mark.filterwarnings("ignore::UserWarning")  # Pillow's, of EXIF as it opens the file
 @pytest.mark.filterwarnings("ignore::PIL.Image.DecompressionBombWarning")
 @pytest.mark.parametrize("name", ["a.jpg", "a.tif", "a.dng"])
 def test_broken_files_of_every_kind_are_read_for_what_is_left(tmp_path: Path, name: str) -> None:

@@ -10,10 +10,10 @@ from typing import Any, get_args
 
 import numpy as np
 import pytest
+from dngs import shoot
 from PIL import ExifTags, Image
 
 from colmap_ihe.colmap.native import pycolmap
-from colmap_ihe.evaluation.demo.dng import write_dng
 from colmap_ihe.evaluation.demo.exif import PhotoExif, jpeg_exif
 from colmap_ihe.photographs.coded import stored_size
 from colmap_ihe.photographs.encode import SUFFIXES, Format, encode_image
@@ -27,15 +27,14 @@ GPS = {1: "N", 2: (48.0, 46.0, 26.5), 3: "E", 4: (2.0, 17.0, 49.1), 5: b"\x00", 
 
 
 def photograph(folder: Path, name: str = "a.jpg", **changes: Any) -> Path:
-    """A JPEG, PNG or TIFF with EXIF as a camera writes it; `orientation` and `gps` besides `PhotoExif`'s."""
-    orientation, gps = changes.pop("orientation", 1), changes.pop("gps", None)
+    """A JPEG, PNG or TIFF with EXIF as a camera writes it; `orientation`, `gps` and `shot` besides `PhotoExif`'s."""
+    orientation, gps, shot = changes.pop("orientation", 1), changes.pop("gps", {}), changes.pop("shot", {})
     exif = jpeg_exif(replace(PhotoExif(make="Canon", model="Canon EOS 40D"), **changes), *SIZE, orientation)
     if gps:
         exif.get_ifd(ExifTags.IFD.GPSInfo).update(gps)
+    exif.get_ifd(ExifTags.IFD.Exif).update(shot)
     picture = Image.fromarray(np.random.default_rng(1).integers(0, 256, (SIZE[1], SIZE[0], 3), np.uint8))
-    block = (
-        Image.Exif()
-    )  # read back from bytes: Pillow writes directories that were filled by hand to JPEG only
+    block = Image.Exif()  # from bytes: Pillow writes directories that were filled by hand to JPEG only
     block.load(exif.tobytes())
     picture.save(folder / name, exif=block)
     return folder / name
@@ -80,10 +79,8 @@ def test_colmap_infers_the_same_camera(
 
 def test_the_focal_prior_tells_these_photographs_apart(tmp_path: Path) -> None:
     """The comparison above can fail: 30 mm of 36 mm on 96 pixels is 80 pixels; unknown is 1.2 x 96."""
-    known, unknown = (
-        photograph(tmp_path),
-        photograph(tmp_path, "b.jpg", focal_length_mm=None, focal_length_35mm=None, make="", model=""),
-    )
+    nothing = {"focal_length_mm": None, "focal_length_35mm": None, "make": "", "model": ""}
+    known, unknown = photograph(tmp_path), photograph(tmp_path, "b.jpg", **nothing)
     assert camera(known)[0]
     assert 70 < camera(known)[3][0] < 85
     assert not camera(unknown)[0]
@@ -128,15 +125,11 @@ def test_exif_has_the_size_of_the_image_it_goes_into(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("file_format", FORMATS)
 def test_a_maker_note_stays_where_it_fits_as_it_is(tmp_path: Path, file_format: Format) -> None:
-    exif = jpeg_exif(PhotoExif(make="Canon", model="Canon EOS 40D"), *SIZE)
-    exif.get_ifd(ExifTags.IFD.Exif)[0x927C] = bytes(66_000)
-    block = Image.Exif()
-    block.load(exif.tobytes())
-    Image.new("RGB", SIZE).save(tmp_path / "a.png", exif=block)
-    metadata = read_metadata(tmp_path / "a.png", "coded")
+    source = photograph(tmp_path, "a.png", shot={0x927C: bytes(66_000)})
+    metadata = read_metadata(source, "coded")
     assert len(metadata.exif) > 66_000
-    grey = grey_of(tmp_path / "a.png", metadata, tmp_path, file_format)
-    assert camera(grey) == camera(tmp_path / "a.png")
+    grey = grey_of(source, metadata, tmp_path, file_format)
+    assert camera(grey) == camera(source)
     assert camera(grey)[0]
     with Image.open(grey) as image:
         inner = image.getexif().get_ifd(ExifTags.IFD.Exif)
@@ -144,12 +137,9 @@ def test_a_maker_note_stays_where_it_fits_as_it_is(tmp_path: Path, file_format: 
 
 
 def test_other_exif_too_large_for_a_jpeg_goes_without_its_long_texts(tmp_path: Path) -> None:
-    exif = jpeg_exif(PhotoExif(make="Canon", model="Canon EOS 40D"), *SIZE)
-    exif[ExifTags.Base.ImageDescription] = "a very long story " * 4000
-    Image.new("RGB", SIZE).save(tmp_path / "a.png", exif=exif)
-    metadata = read_metadata(tmp_path / "a.png", "coded")
-    grey = grey_of(tmp_path / "a.png", metadata, tmp_path, "jpeg")
-    assert camera(grey) == camera(tmp_path / "a.png")
+    source = photograph(tmp_path, "a.png", shot={0x9286: b"a very long story " * 4000})
+    grey = grey_of(source, read_metadata(source, "coded"), tmp_path, "jpeg")
+    assert camera(grey) == camera(source)
     assert camera(grey)[0]
 
 
@@ -164,24 +154,10 @@ def test_a_photograph_without_exif_gives_a_grey_image_without(tmp_path: Path, fi
 @pytest.mark.parametrize("file_format", FORMATS)
 def test_exif_of_a_raw_file_arrives(tmp_path: Path, file_format: Format) -> None:
     exif = PhotoExif(make="Nikon", model="D70", focal_length_mm=18.0, focal_length_35mm=27)
-    write_dng(
-        tmp_path / "a.dng",
-        np.full((SIZE[1], SIZE[0]), 700, np.uint16),
-        black=512,
-        white=16383,
-        as_shot_neutral=(0.5, 1, 0.6),
-        colour_matrix=np.eye(3),
-        exif=exif,
-        orientation=6,
-    )
+    shoot(tmp_path / "a.dng", np.full((SIZE[1], SIZE[0]), 700, np.uint16), exif=exif, orientation=6)
     found = read_metadata(tmp_path / "a.dng", "raw")
-    assert (found.make, found.model, found.focal_mm, found.focal_35mm, found.orientation) == (
-        "Nikon",
-        "D70",
-        18,
-        27,
-        6,
-    )
+    assert (found.make, found.model) == ("Nikon", "D70")
+    assert (found.focal_mm, found.focal_35mm, found.orientation) == (18, 27, 6)
     Image.new("RGB", SIZE).save(tmp_path / "like.jpg", exif=jpeg_exif(exif, *SIZE, 6))
     grey = grey_of(tmp_path / "like.jpg", found, tmp_path, file_format)
     assert camera(grey) == camera(tmp_path / "like.jpg")
@@ -230,24 +206,17 @@ def test_libraw_and_exif_agree_on_a_real_raw_file(photographs: Path) -> None:
     assert noted.f_number == pytest.approx(found.f_number)
 
 
-def cut_short(exif: bytes) -> bytes:
-    return exif[: len(exif) // 2]
-
-
-def noise_behind_the_header(exif: bytes) -> bytes:
-    return exif[:14] + np.random.default_rng(2).integers(0, 256, len(exif) - 14, np.uint8).tobytes()
-
-
-def endless_directory(exif: bytes) -> bytes:
-    return exif[:14] + b"\xff" * (len(exif) - 14)
-
-
-def empty(_exif: bytes) -> bytes:
-    return b"Exif\0\0"
+NOISE = np.random.default_rng(2).integers(0, 256, 10_000, np.uint8).tobytes()
+SPOILERS: dict[str, Callable[[bytes], bytes]] = {
+    "cut short": lambda exif: exif[: len(exif) // 2],
+    "noise behind the header": lambda exif: exif[:14] + NOISE[: len(exif) - 14],
+    "endless directory": lambda exif: exif[:14] + b"\xff" * (len(exif) - 14),
+    "empty": lambda exif: exif[:6],
+}
 
 
 @pytest.mark.filterwarnings("ignore::UserWarning")  # Pillow's words for the same
-@pytest.mark.parametrize("spoil", [cut_short, noise_behind_the_header, endless_directory, empty])
+@pytest.mark.parametrize("spoil", SPOILERS.values(), ids=SPOILERS)
 def test_broken_exif_loses_the_tag_not_the_photograph(
     tmp_path: Path, spoil: Callable[[bytes], bytes]
 ) -> None:
@@ -270,14 +239,9 @@ def test_a_file_that_is_no_photograph_has_a_problem_and_nothing_else(tmp_path: P
 
 
 REAL = [
-    *(
-        "exif/Canon_40D.jpg",
-        "exif/DSCN0010.jpg",
-        "exif/DSCN0012.jpg",
-        "exif/Landscape_3.jpg",
-        "exif/Landscape_8.jpg",
-    ),
-    *("exif/Nikon_D70.jpg", "exif/Portrait_6.jpg", "sceaux/100_7100.JPG", "fountain-p11/0000.jpg"),
+    *("exif/Canon_40D.jpg", "exif/DSCN0010.jpg", "exif/DSCN0012.jpg", "exif/Landscape_3.jpg"),
+    *("exif/Landscape_8.jpg", "exif/Nikon_D70.jpg", "exif/Portrait_6.jpg"),
+    *("sceaux/100_7100.JPG", "fountain-p11/0000.jpg"),
 ]
 
 

@@ -11,15 +11,16 @@ from typing import Any
 
 import numpy as np
 import pytest
+from dngs import shoot as write_shot
 from numpy.typing import NDArray
 
 from colmap_ihe.errors import PhotographError, ProjectError
-from colmap_ihe.evaluation.demo.dng import write_dng
 from colmap_ihe.evaluation.demo.exif import PhotoExif
 from colmap_ihe.machine.progress import SILENT
 from colmap_ihe.photographs.decode import read_photograph
 from colmap_ihe.photographs.discover import discover
 from colmap_ihe.photographs.raw.calibration import (
+    KINDS,
     Master,
     Shot,
     flat_gain,
@@ -46,18 +47,10 @@ def like(values: NDArray[Any]) -> Mosaic:
 
 
 def test_frames_are_averaged_by_what_matters_to_their_kind() -> None:
-    shots = [
-        ("a", SHOT),
-        ("b", replace(SHOT, f_number=4.0)),
-        ("c", replace(SHOT, exposure_s=0.5)),
-        ("d", replace(SHOT, iso=800)),
-    ]
-    names = {kind: [sorted(n) for _, n in groups_of(shots, kind)] for kind in ("bias", "darks", "flats")}
-    assert names == {
-        "bias": [["a", "b", "c"], ["d"]],
-        "darks": [["a", "b"], ["c"], ["d"]],
-        "flats": [["a"], ["b"], ["c"], ["d"]],
-    }
+    changes: list[dict[str, Any]] = [{}, {"f_number": 4.0}, {"exposure_s": 0.5}, {"iso": 800}]
+    shots = [(name, replace(SHOT, **change)) for name, change in zip("abcd", changes, strict=True)]
+    names = [["".join(sorted(n)) for _, n in groups_of(shots, kind)] for kind in KINDS]
+    assert names == [["abc", "d"], ["ab", "c", "d"], ["a", "b", "c", "d"]]
 
 
 def test_the_mean_of_frames() -> None:
@@ -110,43 +103,34 @@ def test_a_list_of_bad_pixels(tmp_path: Path) -> None:
 
 def master(kind: Any, **differs: Any) -> Master:
     shot = replace(SHOT, **differs)
-    return Master(
-        kind, shot, 8, f"{kind}-{shot.iso:g}-{shot.exposure_s:g}-{shot.focal_mm:g}.npy", f"bad-{kind}"
-    )
+    name = f"{kind}-{shot.iso:g}-{shot.exposure_s:g}-{shot.focal_mm:g}.npy"
+    return Master(kind, shot, 8, name, f"bad-{kind}")
 
 
 @pytest.mark.parametrize(
     ("masters", "expected", "says"),
     [
-        ([master("darks")], {"dark": "darks-400-0.01-24.npy"}, None),
-        ([master("darks"), master("darks", exposure_s=1.0)], {"dark": "darks-400-0.01-24.npy"}, None),
-        ([master("darks", exposure_s=1.0)], {}, r"no dark frame of 0\.01 s"),
+        ([master("darks")], {"dark": "darks-400-0.01-24.npy"}, ""),
+        ([master("darks"), master("darks", exposure_s=1.0)], {"dark": "darks-400-0.01-24.npy"}, ""),
+        ([master("darks", exposure_s=1.0)], {}, "no dark frame of 0.01 s"),
         ([master("darks", iso=800)], {}, "no dark frame of ISO 400"),
-        ([master("darks", iso=0, exposure_s=0)], {"dark": "darks-0-0-24.npy"}, None),
-        ([master("bias")], {"bias": "bias-400-0.01-24.npy"}, None),
-        (
-            [master("bias"), master("darks", exposure_s=0.04)],
-            {"bias": "bias-400-0.01-24.npy", "dark": "darks-400-0.04-24.npy", "dark_scale": 0.25},
-            None,
-        ),
-        ([master("flats"), master("flats", focal_mm=50)], {"flat": "flats-400-0.01-24.npy"}, None),
+        ([master("darks", iso=0, exposure_s=0)], {"dark": "darks-0-0-24.npy"}, ""),
+        ([master("bias")], {"bias": "bias-400-0.01-24.npy"}, ""),
+        ([master("bias"), master("darks", exposure_s=0.04)],
+         {"bias": "bias-400-0.01-24.npy", "dark": "darks-400-0.04-24.npy", "dark_scale": 0.25}, ""),
+        ([master("flats"), master("flats", focal_mm=50)], {"flat": "flats-400-0.01-24.npy"}, ""),
         ([master("flats", focal_mm=50)], {"flat": "flats-400-0.01-50.npy"}, "not of its lens"),
         ([master("darks", serial="78")], {}, "no calibration frame is of its camera"),
         ([master("darks", width=64)], {}, "no calibration frame is of its camera"),
     ],
-)
-def test_frames_are_matched_to_a_shot(
-    masters: list[Master], expected: dict[str, Any], says: str | None
-) -> None:
+)  # fmt: skip
+def test_frames_are_matched_to_a_shot(masters: list[Master], expected: dict[str, Any], says: str) -> None:
     said: list[str] = []
     recipe, bad = matched(SHOT, masters, Recipe(), said.append)
     assert recipe.as_dict() == expected
     assert all(b.startswith("bad-") for b in bad)
-    if says is None:
-        assert not said
-    else:
-        assert len(said) == 1
-        assert pytest.importorskip("re").search(says, said[0])
+    assert len(said) == (says != "")
+    assert says in "".join(said)
 
 
 def test_a_recipe_comes_back_from_plain_values() -> None:
@@ -176,56 +160,37 @@ def flawed(tmp_path: Path) -> Callable[..., Path]:
     falloff = 1 - 0.4 * ((x / SIZE[1] - 0.5) ** 2 + (y / SIZE[0] - 0.5) ** 2)
     bad = np.array([[20, 30], [51, 77], [80, 3]])
 
-    def shoot(
-        file: Path, share: NDArray[np.float64], seconds: float, iso: int = 400, stuck: bool = True
-    ) -> None:
-        file.parent.mkdir(parents=True, exist_ok=True)
+    def shoot(file: Path, share: NDArray[np.float64], seconds: float, stuck: bool = True) -> None:
         values = BLACK + pattern * glow * seconds / 0.01 + share * falloff * 12000 + rng.normal(0, 2, SIZE)
         if stuck:
             values[bad[:, 0], bad[:, 1]] = 9000
-        write_dng(
-            file,
-            np.clip(np.rint(values), 0, WHITE).astype(np.uint16),
-            black=BLACK,
-            white=WHITE,
-            as_shot_neutral=(1, 1, 1),
-            colour_matrix=np.eye(3),
-            exif=PhotoExif(exposure_time_s=Fraction(seconds).limit_denominator(1000), iso=iso),
-        )
+        exif = PhotoExif(exposure_time_s=Fraction(seconds).limit_denominator(1000), iso=400)
+        write_shot(file, np.clip(np.rint(values), 0, WHITE).astype(np.uint16), exif=exif)
 
     glow = 1.0
 
-    def make(kinds: tuple[str, ...] = ("bias", "darks", "flats")) -> Path:
+    def make(with_frames: bool = True) -> Path:
         nonlocal glow
-        glow = 1.0 if kinds else 0.05
+        glow = 1.0 if with_frames else 0.05
         for n in range(5):
             shoot(tmp_path / "images" / f"{n}.dng", light(n), 0.01)
         none, even = np.zeros(SIZE), np.full(SIZE, 0.7)
-        for n in range(4):
-            if "bias" in kinds:
-                shoot(tmp_path / "calibration" / "bias" / f"{n}.dng", none, 0.0001, stuck=False)
-            if "darks" in kinds:
-                shoot(tmp_path / "calibration" / "darks" / f"{n}.dng", none, 0.02)
-            if "flats" in kinds:
-                shoot(tmp_path / "calibration" / "flats" / f"{n}.dng", even, 0.001)
+        for n in range(4 if with_frames else 0):
+            shoot(tmp_path / "calibration" / "bias" / f"{n}.dng", none, 0.0001, stuck=False)
+            shoot(tmp_path / "calibration" / "darks" / f"{n}.dng", none, 0.02)
+            shoot(tmp_path / "calibration" / "flats" / f"{n}.dng", even, 0.001)
         return tmp_path
 
     return make
 
 
-def recipes(project: Path, options: DevelopOptions | None = None, strict: bool = False) -> Recipes:
+def recipes(project: Path, strict: bool = False, **develop: Any) -> Recipes:
+    options = DevelopOptions(**develop)
     found = discover(project / "images").captures
     with ThreadPoolExecutor(2) as executor:
         surveyed, _ = survey(found, executor, SILENT, strict=True)
-        return with_recipes(
-            surveyed,
-            options or DevelopOptions(),
-            project / "calibration",
-            project / "records",
-            executor,
-            SILENT,
-            strict=strict,
-        )
+        folders = project / "calibration", project / "records"
+        return with_recipes(surveyed, options, *folders, executor, SILENT, strict=strict)
 
 
 def error_of(found: Recipes) -> float:
@@ -241,13 +206,8 @@ def test_frames_undo_what_the_sensor_does(flawed: Callable[..., Path]) -> None:
     project = flawed()
     found = recipes(project)
     (steps,) = found.steps.values()
-    assert steps == [
-        "bias frame, and dark frame scaled to the exposure",
-        "flat field",
-        "3 bad pixels",
-        "green equilibrium",
-        "demosaicing (linear)",
-    ]
+    assert steps[:3] == ["bias frame, and dark frame scaled to the exposure", "flat field", "3 bad pixels"]
+    assert steps[3:] == ["green equilibrium", "demosaicing (linear)"]
     assert not found.warnings
     assert error_of(found) < 0.005
     assert set(recipe_notes(found.surveyed)) == {f"{n}.dng" for n in range(5)}
@@ -268,18 +228,18 @@ def test_frames_are_averaged_once(flawed: Callable[..., Path], monkeypatch: pyte
 
 
 def test_bad_pixels_are_found_over_the_set(flawed: Callable[..., Path]) -> None:
-    project = flawed(kinds=())
-    found = recipes(project, DevelopOptions(find_bad_pixels=True))
+    project = flawed(with_frames=False)
+    found = recipes(project, find_bad_pixels=True)
     bad = np.load(found.surveyed[0].capture.recipe.bad_pixels)
     assert {(20, 30), (51, 77), (80, 3)} <= {tuple(p) for p in bad.tolist()}
     assert len(bad) < 20
     (project / "images" / "0.dng").unlink()
     (project / "images" / "1.dng").unlink()
-    assert any("too few" in w for w in recipes(project, DevelopOptions(find_bad_pixels=True)).warnings)
+    assert any("too few" in w for w in recipes(project, find_bad_pixels=True).warnings)
 
 
 def test_a_list_alone_is_enough(flawed: Callable[..., Path]) -> None:
-    project = flawed(kinds=())
+    project = flawed(with_frames=False)
     (project / "calibration").mkdir()
     (project / "calibration" / "bad-pixels.txt").write_text("30 20\n77 51\n3 80\n")
     assert "3 bad pixels" in next(iter(recipes(project).steps.values()))

@@ -5,13 +5,13 @@ from __future__ import annotations
 import struct
 from pathlib import Path
 
+import dngs
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
 from colmap_ihe.errors import PhotographError
-from colmap_ihe.evaluation.demo.dng import PATTERNS, write_dng
-from colmap_ihe.evaluation.demo.exif import PhotoExif
+from colmap_ihe.evaluation.demo.dng import PATTERNS
 from colmap_ihe.photographs.raw.develop import develop, preview_of, read_header, read_mosaic
 
 BLACK, WHITE = 512, 16383
@@ -33,17 +33,16 @@ def shoot(
     mosaic = light() * exposure
     for n, colour in enumerate(pattern):
         mosaic[n // 2 :: 2, n % 2 :: 2] *= GAINS[colour]
-    write_dng(
-        file,
-        np.clip(np.rint(mosaic * (WHITE - black) + black), 0, WHITE).astype(np.uint16),
-        black=black,
-        white=WHITE,
-        as_shot_neutral=(GAINS["R"], GAINS["G"], GAINS["B"]),
-        colour_matrix=MATRIX,
-        pattern=pattern,
-        exif=PhotoExif(),
-        orientation=orientation,
-    )
+    values = np.clip(np.rint(mosaic * (WHITE - black) + black), 0, WHITE).astype(np.uint16)
+    colours = {"as_shot_neutral": tuple(GAINS.values()), "colour_matrix": MATRIX, "pattern": pattern}
+    dngs.shoot(file, values, black=black, orientation=orientation, **colours)
+
+
+def overwrite(file: Path, entry: bytes, value: bytes) -> None:
+    """Give another value to the tag whose entry in the directory begins like this."""
+    content = file.read_bytes()
+    place = content.index(entry) + len(entry)
+    file.write_bytes(content[:place] + value + content[place + len(value) :])
 
 
 def developed(file: Path) -> NDArray[np.float64]:
@@ -83,9 +82,8 @@ def test_saturation_is_65535_and_black_is_next_to_nothing(tmp_path: Path) -> Non
 def test_one_exposure_is_developed_alone_and_not_stretched(tmp_path: Path) -> None:
     """No automatic brightness: the darker shot of the same scene stays darker."""
     shoot(tmp_path / "a.dng", 0.1)
-    assert np.median(developed(tmp_path / "a.dng")[..., 1]) == pytest.approx(
-        np.median(light()) * 0.1, rel=0.02
-    )
+    found = np.median(developed(tmp_path / "a.dng")[..., 1])
+    assert found == pytest.approx(np.median(light()) * 0.1, rel=0.02)
 
 
 @pytest.mark.parametrize("orientation", [3, 6, 8])
@@ -107,11 +105,7 @@ def test_camera_white_becomes_white_in_the_colour_twin(tmp_path: Path) -> None:
 
 def test_white_not_above_black_is_refused(tmp_path: Path) -> None:
     shoot(tmp_path / "a.dng")
-    content = (tmp_path / "a.dng").read_bytes()
-    tag = (50717).to_bytes(2, "little") + (4).to_bytes(2, "little") + (1).to_bytes(4, "little")
-    place = content.index(tag) + len(tag)
-    broken = content[:place] + (BLACK).to_bytes(4, "little") + content[place + 4 :]
-    (tmp_path / "a.dng").write_bytes(broken)
+    overwrite(tmp_path / "a.dng", struct.pack("<HHI", 50717, 4, 1), struct.pack("<I", BLACK))
     with pytest.raises(PhotographError, match=r"a\.dng: white level"):
         develop(tmp_path / "a.dng")
 
@@ -139,10 +133,7 @@ def test_pixels_that_libraw_passes_over_are_not_taken_from_memory(tmp_path: Path
     """A DNG whose data are not the lossless JPEG that its header says: LibRaw raises nothing, and says nothing."""
     file = tmp_path / "a.dng"
     shoot(file)
-    data = bytearray(file.read_bytes())
-    compression = data.index(struct.pack("<HHIHH", 259, 3, 1, 1, 0))
-    struct.pack_into("<H", data, compression + 8, 7)
-    file.write_bytes(data)
+    overwrite(file, struct.pack("<HHI", 259, 3, 1), struct.pack("<H", 7))
     for read in (develop, read_mosaic):
         with pytest.raises(PhotographError, match=r"a\.dng: 100\.0% of its pixels cannot be decoded"):
             read(file)

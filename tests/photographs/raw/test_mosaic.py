@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -52,9 +54,7 @@ def test_a_dark_frame_takes_its_pattern_away() -> None:
     rng = np.random.default_rng(1)
     glow = rng.uniform(0, 300, SHAPE)
     clean = scene() * (WHITE - BLACK)
-    mosaic = Mosaic(
-        np.rint(clean + BLACK + glow).astype(np.uint16), BAYER, np.full((2, 2), BLACK, np.float32), WHITE
-    )
+    mosaic = replace(mosaic_of(scene()), values=np.rint(clean + BLACK + glow).astype(np.uint16))
     dark = (BLACK + glow).astype(np.float32)
     np.testing.assert_allclose(shares(plain(mosaic, Frames(dark=dark))), scene(), atol=1e-4)
     assert np.abs(shares(plain(mosaic)) - scene()).max() > 0.015
@@ -114,7 +114,5 @@ def test_a_texture_of_the_scene_is_not_taken_for_the_sensors() -> None:
 
 
 def test_without_two_greens_there_is_nothing_to_level() -> None:
-    mono = Mosaic(
-        mosaic_of(scene()).values, np.zeros((1, 1), np.uint8), np.full((1, 1), BLACK, np.float32), WHITE
-    )
+    mono = replace(mosaic_of(scene(), np.full((1, 1), BLACK, np.float32)), pattern=np.zeros((1, 1), np.uint8))
     np.testing.assert_allclose(shares(plain(mono, green=True)), scene(), atol=1e-4)

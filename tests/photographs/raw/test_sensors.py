@@ -34,7 +34,14 @@ def counts(share: NDArray[np.float64], black: Any, white: int) -> NDArray[np.uin
     return np.asarray(np.rint(share * (white - np.min(black)) + black), np.uint16)
 
 
-def require_scene(file: Path, gains: tuple[float, ...], tolerance: float) -> None:
+def shot(folder: Path, values: NDArray[np.uint16], **kind: Any) -> Path:
+    usual: dict[str, Any] = {"pattern": RGGB, "white": 15200, "black": (200,)}
+    write_kind(folder / "a.dng", values, **(usual | kind))
+    return folder / "a.dng"
+
+
+def require_scene(file: Path, tolerance: float = 2e-3) -> None:
+    gains = tuple(GAINS.values())
     rgb = develop(file).linear_rgb[6:-6, 6:-6] / 65535
     truth = light()[6:-6, 6:-6, None] * gains
     np.testing.assert_allclose(rgb, truth, rtol=tolerance)
@@ -45,41 +52,36 @@ def require_scene(file: Path, gains: tuple[float, ...], tolerance: float) -> Non
 @pytest.mark.parametrize("bits", [10, 12, 14, 16])
 def test_a_bayer_sensor_of_10_to_16_bits(tmp_path: Path, bits: int) -> None:
     white = (1 << bits) - 1
-    write_kind(tmp_path / "a.dng", counts(seen(RGGB), 64, white), pattern=RGGB, bits=bits, black=(64,))
-    assert read_header(tmp_path / "a.dng").sensor == "bayer"
-    require_scene(tmp_path / "a.dng", tuple(GAINS.values()), 3 * 2.0**-bits * 4 + 1e-3)
+    file = shot(tmp_path, counts(seen(RGGB), 64, white), bits=bits, white=None, black=(64,))
+    assert read_header(file).sensor == "bayer"
+    require_scene(file, 3 * 2.0**-bits * 4 + 1e-3)
 
 
 @pytest.mark.parametrize("turn", range(4))
 def test_a_bayer_sensor_of_any_phase(tmp_path: Path, turn: int) -> None:
     pattern = np.roll(RGGB, (turn // 2, turn % 2), axis=(0, 1))
-    write_kind(
-        tmp_path / "a.dng", counts(seen(pattern), 200, 16000), pattern=pattern, white=16000, black=(200,)
-    )
-    require_scene(tmp_path / "a.dng", tuple(GAINS.values()), 2e-3)
+    require_scene(shot(tmp_path, counts(seen(pattern), 200, 16000), pattern=pattern, white=16000))
 
 
 def test_an_x_trans_sensor(tmp_path: Path) -> None:
-    write_kind(
-        tmp_path / "a.dng", counts(seen(XTRANS), 300, 16300), pattern=XTRANS, white=16300, black=(300,)
-    )
-    assert read_header(tmp_path / "a.dng").sensor == "x-trans"
-    require_scene(tmp_path / "a.dng", tuple(GAINS.values()), 0.02)
+    file = shot(tmp_path, counts(seen(XTRANS), 300, 16300), pattern=XTRANS, white=16300, black=(300,))
+    assert read_header(file).sensor == "x-trans"
+    require_scene(file, 0.02)
 
 
 def test_a_file_that_is_demosaiced_already(tmp_path: Path) -> None:
     values = counts(light()[..., None] * tuple(GAINS.values()), np.array((100, 120, 140)), 60000)
-    write_kind(tmp_path / "a.dng", values, white=60000, black=(100, 120, 140))
-    assert read_header(tmp_path / "a.dng").sensor == "demosaiced"
-    require_scene(tmp_path / "a.dng", tuple(GAINS.values()), 1e-3)
+    file = shot(tmp_path, values, pattern=None, white=60000, black=(100, 120, 140))
+    assert read_header(file).sensor == "demosaiced"
+    require_scene(file, 1e-3)
     with pytest.raises(PhotographError, match=r"a\.dng: is demosaiced already"):
-        read_mosaic(tmp_path / "a.dng")
+        read_mosaic(file)
 
 
 def test_a_monochrome_sensor_gives_three_equal_channels(tmp_path: Path) -> None:
-    write_kind(tmp_path / "a.dng", counts(light(), 100, 60000), white=60000, black=(100,))
-    assert read_header(tmp_path / "a.dng").sensor == "monochrome"
-    rgb = develop(tmp_path / "a.dng").linear_rgb
+    file = shot(tmp_path, counts(light(), 100, 60000), pattern=None, white=60000, black=(100,))
+    assert read_header(file).sensor == "monochrome"
+    rgb = develop(file).linear_rgb
     assert (rgb == rgb[..., :1]).all()
     np.testing.assert_allclose(rgb[..., 0] / 65535, light(), rtol=1e-3)
 
@@ -87,39 +89,25 @@ def test_a_monochrome_sensor_gives_three_equal_channels(tmp_path: Path) -> None:
 def test_black_that_differs_by_place_in_the_cell(tmp_path: Path) -> None:
     black = np.array([[200, 210], [220, 260]])
     values = counts(seen(RGGB), np.tile(black, (HEIGHT // 2, WIDTH // 2)), 15200)
-    write_kind(
-        tmp_path / "a.dng", values, pattern=RGGB, white=15200, black=tuple(black.ravel()), repeat=(2, 2)
-    )
-    require_scene(tmp_path / "a.dng", tuple(GAINS.values()), 2e-3)
+    require_scene(shot(tmp_path, values, black=tuple(black.ravel()), repeat=(2, 2)))
 
 
 def test_black_that_differs_by_row_and_column(tmp_path: Path) -> None:
     across, down = np.linspace(0, 80, WIDTH).round(2), np.linspace(0, 40, HEIGHT).round(2)
     values = np.rint(seen(RGGB) * 15000 + 200 + across[None] + down[:, None]).astype(np.uint16)
-    write_kind(
-        tmp_path / "a.dng", values, pattern=RGGB, white=15200, black=(200,), delta_h=across, delta_v=down
-    )
-    require_scene(tmp_path / "a.dng", tuple(GAINS.values()), 2e-3)
+    require_scene(shot(tmp_path, values, delta_h=across, delta_v=down))
 
 
 def test_masked_borders_are_not_in_the_picture(tmp_path: Path) -> None:
     values = np.full((HEIGHT + 7, WIDTH + 12), 3, np.uint16)
     values[4:-3, 8:-4] = counts(seen(RGGB), 200, 15200)
-    write_kind(
-        tmp_path / "a.dng",
-        values,
-        pattern=RGGB,
-        white=15200,
-        black=(200,),
-        active=(4, 8, HEIGHT + 4, WIDTH + 8),
-    )
-    header = read_header(tmp_path / "a.dng")
+    file = shot(tmp_path, values, active=(4, 8, HEIGHT + 4, WIDTH + 8))
+    header = read_header(file)
     assert (header.width, header.height) == (WIDTH, HEIGHT)
-    require_scene(tmp_path / "a.dng", tuple(GAINS.values()), 2e-3)
+    require_scene(file)
 
 
 def test_a_pixel_that_the_camera_marked_is_guessed(tmp_path: Path) -> None:
     values = counts(seen(RGGB), 200, 15200)
     values[40, 60] = values[41, 61] = 0
-    write_kind(tmp_path / "a.dng", values, pattern=RGGB, white=15200, black=(200,))
-    require_scene(tmp_path / "a.dng", tuple(GAINS.values()), 0.03)
+    require_scene(shot(tmp_path, values), 0.03)
