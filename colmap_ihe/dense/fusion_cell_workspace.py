@@ -118,10 +118,7 @@ class Maps:
             model.add_camera_with_trivial_rig(camera)
             near = self._sparse_points(cell, index)
             image = pycolmap.Image(
-                name=_name(index),
-                keypoints=np.zeros((len(near), 2)),
-                camera_id=image_id,
-                image_id=image_id,
+                name=_name(index), keypoints=np.zeros((len(near), 2)), camera_id=image_id, image_id=image_id
             )
             model.add_image_with_trivial_frame(image, self._image(index).cam_from_world())
             for row, point in enumerate(near):

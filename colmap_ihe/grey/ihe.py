@@ -69,11 +69,7 @@ def fit_weights(
     return replace(weights, curve=curve_of(histogram, weights.triplet))
 
 
-def fit_histogram(
-    histogram: Histogram,
-    grid: Sequence[Triplet],
-    recount: Recount | None = None,
-) -> Weights:
+def fit_histogram(histogram: Histogram, grid: Sequence[Triplet], recount: Recount | None = None) -> Weights:
     """Return the IHE weights of a set among the triplets of `grid`, by a loop over all of them and every pixel.
 
     Coded sets need nothing but their histogram. Linear sets need `recount` too, which is called once.

@@ -42,10 +42,7 @@ def photograph(folder: Path, number: int, does: str = "") -> Capture:
 
 
 def counting(
-    method: str = "ihe",
-    weighting: Weighting = "pixel",
-    sample: float = 1.0,
-    strict: bool = False,
+    method: str = "ihe", weighting: Weighting = "pixel", sample: float = 1.0, strict: bool = False
 ) -> CountOptions:
     return CountOptions(method, weighting, sample, contrast=True, strict=strict)
 

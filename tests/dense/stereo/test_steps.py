@@ -26,8 +26,7 @@ def _pixels(points: Float64, seen_by: PinholeCamera) -> Float64:
 
 
 @pytest.mark.parametrize(
-    "source",
-    [camera([0.5, 0, 0]), camera([-0.1, 0.6, 0.2], roll_deg=90), camera([1.2, 0.1, 0], yaw_deg=-15)],
+    "source", [camera([0.5, 0, 0]), camera([-0.1, 0.6, 0.2], roll_deg=90), camera([1.2, 0.1, 0], yaw_deg=-15)]
 )
 def test_a_point_lies_on_one_row_and_its_disparity_gives_its_depth(source: PinholeCamera) -> None:
     pair = rectify(REFERENCE, source, POINTS)
