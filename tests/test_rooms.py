@@ -20,7 +20,7 @@ THROUGH_OTHERS = {
     "commandline/json_lines", "commandline/shared_arguments", "dense/fusion_cell_workspace",
     "dense/textured_mesh", "evaluation/demo/errors", "evaluation/demo/grid", "evaluation/demo/light",
     "evaluation/demo/materials", "evaluation/demo/run", "evaluation/figures", "evaluation/forecast",
-    "evaluation/page", "grey/compiled", "machine/cancel", "machine/cluster/executor", "machine/cluster/local",
+    "evaluation/page", "machine/cancel", "machine/cluster/executor", "machine/cluster/local",
     "machine/cluster/task", "machine/decoder_process", "photographs/decoder_main", "photographs/icc_profile",
     "photographs/raw/calibration_frames", "photographs/raw/calibration_masters", "photographs/raw/undecoded",
     "pipeline/doctor", "pipeline/environment", "pipeline/explain", "pipeline/fit_sources",

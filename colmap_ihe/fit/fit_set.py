@@ -19,9 +19,8 @@ from colmap_ihe.fit.trial_result import REFERENCE, SAME, TrialResult, choose, in
 from colmap_ihe.grey.conversions import CONVERSIONS
 from colmap_ihe.grey.convert import Tone
 from colmap_ihe.grey.equalise import curve_of
-from colmap_ihe.grey.histogram import Histogram, mass_of
+from colmap_ihe.grey.histogram import Histogram, Weighting, mass_of
 from colmap_ihe.grey.ihe import count_levels, fit_cells, fit_histogram, white_point
-from colmap_ihe.grey.sums import Weighting
 from colmap_ihe.grey.weights import FIXED, Encoding, Formula, Grey, Triplet, Weights, triplets
 from colmap_ihe.machine.executor import in_order
 from colmap_ihe.machine.progress import Progress

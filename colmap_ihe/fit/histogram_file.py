@@ -20,8 +20,7 @@ from colmap_ihe.errors import WeightsError
 from colmap_ihe.fit.counting import SetCounts
 from colmap_ihe.grey import kernels
 from colmap_ihe.grey.contrast import Contrast
-from colmap_ihe.grey.histogram import Histogram
-from colmap_ihe.grey.sums import Sums
+from colmap_ihe.grey.histogram import Histogram, Sums
 from colmap_ihe.grey.weights import Encoding
 from colmap_ihe.machine.files import read_at_most, write_bytes
 from colmap_ihe.machine.libraries import __version__

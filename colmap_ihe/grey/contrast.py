@@ -30,7 +30,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from colmap_ihe.grey import bands
+from colmap_ihe.grey import kernels
 from colmap_ihe.grey.weights import Encoding, triplets
 
 CLOSENESS = 0.998
@@ -170,7 +170,7 @@ def _tiles(rgb: _Pixels) -> Iterator[_Pixels]:
 
 
 @cache
-def _band(most: int) -> bands.Band:
+def _band(most: int) -> kernels.Band:
     """Return the band of detail, and where to look for it, of values of which `most` is full scale."""
     coarse = _SIGMA * (_WIDTH**2 - 1) ** 0.5
     taps = [cv2.getGaussianKernel(7, sigma, cv2.CV_32F)[3:, 0] for sigma in (_SIGMA, coarse)]
@@ -185,13 +185,13 @@ def _full_scale(tile: _Pixels) -> int:
 def _detail(tiles: Sequence[_Pixels]) -> _F64 | None:
     """Return (3, 3): the mean of d d' in the detail band, over pixels that are not on or beside saturated or black
     ones; None if there are none."""
-    start = _MARGIN - 2 * bands.BAND_REACH
+    start = _MARGIN - 2 * kernels.BAND_REACH
     most = 4 * _full_scale(tiles[0])  # of sums of 2x2 values
     total = np.zeros(7)
     for tile in tiles:
         height, width = (n // 2 * 2 for n in tile.shape[:2])
         if min(height, width) > 2 * _MARGIN:
-            total += bands.measure_detail(tile[start : height - start, start : width - start], _band(most))
+            total += kernels.measure_detail(tile[start : height - start, start : width - start], _band(most))
     return _symmetric(total[:6] / total[6] / most**2) if total[6] else None
 
 
@@ -233,9 +233,9 @@ def _blocks(tile: _Pixels) -> NDArray[np.float32]:
     height, width = ((n - 2 * _MARGIN) // _BLOCK * _BLOCK for n in tile.shape[:2])
     if height <= 0 or width <= 0:
         return np.zeros((0, 8), np.float32)
-    start, more = _MARGIN - bands.BAND_REACH, 2 * bands.BAND_REACH
+    start, more = _MARGIN - kernels.BAND_REACH, 2 * kernels.BAND_REACH
     around = tile[start : start + height + more, start : start + width + more]
-    return bands.measure_blocks(around, _band(_full_scale(tile)))
+    return kernels.measure_blocks(around, _band(_full_scale(tile)))
 
 
 def _symmetric(products: _F64) -> _F64:

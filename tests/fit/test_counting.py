@@ -22,8 +22,7 @@ from colmap_ihe.errors import Cancelled, PhotographError, ProjectError
 from colmap_ihe.fit import counting as gathering
 from colmap_ihe.fit.counting import ChunkCounts, CountOptions, SetCounts, chunks, count, gather
 from colmap_ihe.grey.contrast import Contrast
-from colmap_ihe.grey.histogram import Histogram
-from colmap_ihe.grey.sums import Weighting
+from colmap_ihe.grey.histogram import Histogram, Weighting
 from colmap_ihe.machine import decoder_pool as decoders
 from colmap_ihe.machine.decoder_pool import LentDecoder
 from colmap_ihe.machine.progress import SILENT, Silent

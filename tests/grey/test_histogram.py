@@ -12,8 +12,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from oracle import scene
 
-from colmap_ihe.grey.histogram import LINEAR_EDGES, Histogram
-from colmap_ihe.grey.sums import Weighting
+from colmap_ihe.grey.histogram import LINEAR_EDGES, Histogram, Weighting
 from colmap_ihe.grey.weights import Encoding
 
 

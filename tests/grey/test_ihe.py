@@ -13,9 +13,8 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from oracle import Triplet, scene
 
-from colmap_ihe.grey.histogram import Histogram
+from colmap_ihe.grey.histogram import Histogram, Weighting
 from colmap_ihe.grey.ihe import count_levels, fit_histogram, white_point
-from colmap_ihe.grey.sums import Weighting
 from colmap_ihe.grey.weights import Encoding, Weights, triplets
 
 Counts = Callable[[Sequence[Triplet], Sequence[int]], NDArray[np.int64]]
