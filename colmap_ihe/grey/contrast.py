@@ -31,7 +31,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from colmap_ihe.grey import kernels
-from colmap_ihe.grey.weights import Encoding, triplets
+from colmap_ihe.grey.weights import Encoding, Triplet, triplets
 
 CLOSENESS = 0.998
 """A triplet is admitted whose contrast is at least this share of the best one's."""
@@ -109,14 +109,13 @@ class Contrast:
     def from_dict(cls, values: Mapping[str, Any], encoding: Encoding) -> Contrast:
         """Read what `as_dict` wrote. Raises ValueError, TypeError or KeyError for anything that `as_dict` could not
         have written."""
-        found = cls(encoding)
-        found.signal, found.noise = (
-            np.array(values[name], np.float64).reshape(3, 3) for name in ("signal", "noise")
-        )
-        for of in (found.signal, found.noise):
-            if not (np.abs(of) <= _MOST).all() or (of != of.T).any() or (of != _on_grid(of)).any():
+        contrast = cls(encoding)
+        for name in ("signal", "noise"):
+            sums = np.array(values[name], np.float64).reshape(3, 3)
+            if not (np.abs(sums) <= _MOST).all() or (sums != sums.T).any() or (sums != _on_grid(sums)).any():
                 raise ValueError("sums of contrast that are none")
-        return found
+            setattr(contrast, name, sums)
+        return contrast
 
     def snr_of(self, grid: Sequence[tuple[float, float, float]] | _F64) -> _F64:
         """Return sqrt(w'Cw / w'Nw) of each triplet, in hundredths: (n,) float64; all 0 while nothing was measured."""
@@ -131,24 +130,22 @@ class Contrast:
         red, green, blue = (100 * w for w in triplet)
         return float(self.snr_of([(red, green, blue)])[0]) / best if best > 0 else None
 
-    def best(self, grid: Sequence[tuple[int, int, int]]) -> tuple[int, int, int]:
+    def best(self, grid: Sequence[Triplet]) -> Triplet:
         """Return the triplet of greatest contrast; of equals the nearest to Rec.709."""
-        w = np.asarray(grid, np.float64)
-        snr, away = self.snr_of(w), ((w - _REC709) ** 2).sum(axis=1)
-        return grid[int(np.lexsort((away, -snr))[0])]
+        return grid[int(np.lexsort((_away(grid), -self.snr_of(grid)))[0])]
 
-    def admitted(
-        self, grid: Sequence[tuple[int, int, int]], closeness: float = CLOSENESS
-    ) -> list[tuple[int, int, int]]:
-        """Return those whose contrast is at least `closeness` of the best one's, in the order given. Only the nearest
+    def admitted(self, grid: Sequence[Triplet]) -> list[Triplet]:
+        """Return those whose contrast is at least `CLOSENESS` of the best one's, in the order given. Only the nearest
         to Rec.709 where its contrast is `DEFAULT_ENOUGH`; all where no detail was measured."""
-        w = np.asarray(grid, np.float64)
-        snr, away = self.snr_of(w), ((w - _REC709) ** 2).sum(axis=1)
-        default = int(np.argmin(away))
+        snr, default = self.snr_of(grid), int(np.argmin(_away(grid)))
         if snr.max() > 0 and snr[default] >= DEFAULT_ENOUGH * snr.max():
             return [grid[default]]
-        least = closeness * snr.max()
+        least = CLOSENESS * snr.max()
         return [t for t, value in zip(grid, snr, strict=True) if value >= least]
+
+
+def _away(grid: Sequence[Triplet]) -> _F64:
+    return np.asarray(((np.asarray(grid, np.float64) - _REC709) ** 2).sum(axis=1))
 
 
 def _on_grid(sums: _F64) -> _F64:

@@ -11,7 +11,8 @@ from pathlib import Path
 from typing import Any
 
 from colmap_ihe.errors import KnownError, ProjectError, WeightsError
-from colmap_ihe.fit.fit_set import Fit, Trial, fit_captures
+from colmap_ihe.fit.fit_set import Fit, fit_captures
+from colmap_ihe.fit.trial import Trial
 from colmap_ihe.grey.convert import check_tone
 from colmap_ihe.grey.weights import Grey, grey_from_dict
 from colmap_ihe.machine.executor import in_order, local_executor

@@ -16,7 +16,8 @@ from PIL import Image
 from colmap_ihe.errors import NativeError
 from colmap_ihe.fit import counting as gathering
 from colmap_ihe.fit import fit_set as fitting
-from colmap_ihe.fit.fit_set import Fit, Trial, fit_captures
+from colmap_ihe.fit.fit_set import Fit, fit_captures
+from colmap_ihe.fit.trial import Trial
 from colmap_ihe.fit.trial_result import Candidate, TrialResult
 from colmap_ihe.grey.ihe import fit_weights
 from colmap_ihe.grey.weights import Formula, Weights
