@@ -183,9 +183,8 @@ def camera_of(model: pycolmap.Reconstruction, image_id: int) -> PinholeCamera:
     """Return the camera of an undistorted image, with its pose."""
     image = model.images[image_id]
     camera = model.cameras[image.camera_id]
-    return PinholeCamera(
-        camera.calibration_matrix(), image.cam_from_world().matrix(), (camera.width, camera.height)
-    )
+    size = (camera.width, camera.height)
+    return PinholeCamera(camera.calibration_matrix(), image.cam_from_world().matrix(), size)
 
 
 def depth_file(dense_dir: Path, name: str) -> Path:

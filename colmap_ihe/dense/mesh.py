@@ -50,12 +50,7 @@ class Surface:
 
 
 def reconstruct_surface(
-    cloud: Path,
-    mesh: Path,
-    faces: int,
-    *,
-    options: Mapping[str, Any] | None = None,
-    progress: Progress = SILENT,
+    cloud: Path, mesh: Path, faces: int, options: Mapping[str, Any] | None = None, progress: Progress = SILENT
 ) -> Surface:
     """Mesh the PLY file `cloud`, with normals and colours, to `mesh` with at most `faces` faces.
 
@@ -99,9 +94,7 @@ def reconstruct_surface(
 
 def poisson_options(values: Mapping[str, Any]) -> pycolmap.PoissonMeshingOptions:
     """Return pycolmap's options with `values` set. Raises `OptionError`."""
-    native = pycolmap.PoissonMeshingOptions()
-    apply_options(native, values, "mesh.colmap")
-    return native
+    return apply_options(pycolmap.PoissonMeshingOptions(), values, "mesh.colmap")
 
 
 def thinned(points: Rows, cells_per_unit: float) -> Rows:

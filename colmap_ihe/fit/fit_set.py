@@ -179,9 +179,9 @@ class _SetFit:
         return Formula(method, parameters, self.encoding, white, histogram.images, histogram.pixels)
 
     def weights(self, method: str, triplet: tuple[float, float, float]) -> Weights:
-        histogram, contrast = self.gathered.histogram, self.gathered.contrast.share_of(triplet)
-        seen = (self.white_of(triplet), histogram.images, histogram.pixels, contrast)
-        return Weights(*triplet, method, self.encoding, None, None, *seen)
+        images, pixels = self.gathered.histogram.images, self.gathered.histogram.pixels
+        white, contrast = self.white_of(triplet), self.gathered.contrast.share_of(triplet)
+        return Weights(*triplet, method, self.encoding, None, None, white, images, pixels, contrast)
 
     def with_curve(self, grey: Grey) -> Grey:
         """Return the same grey, able to be equalised where it is one that can be."""

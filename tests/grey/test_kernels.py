@@ -11,11 +11,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
-from oracle import scene
+from oracle import pooled, scene
 
 from colmap_ihe.grey import contrast, kernels
 from colmap_ihe.grey.boxes import Pyramid, estimates_of, whites_of
-from colmap_ihe.grey.histogram import LINEAR_EDGES, Histogram
+from colmap_ihe.grey.histogram import LINEAR_EDGES
 from colmap_ihe.grey.rules import linear_rules, parts_rule
 from colmap_ihe.grey.weights import triplets
 
@@ -98,8 +98,7 @@ def test_levels_of_a_table_are_those_of_its_pixels(parts: int, weighed: bool) ->
 
 
 def test_occupied_places_run_through_cubes_within_cubes() -> None:
-    histogram = Histogram()
-    histogram.add(scene(3, 120, 90))
+    histogram = pooled([scene(3, 120, 90)])
     keys, masses = histogram.occupied()
     assert (np.diff((keys >> np.uint64(24)).astype(np.int64)) > 0).all()
     place = (keys & np.uint64((1 << 24) - 1)).astype(np.int64)
@@ -113,9 +112,7 @@ def test_occupied_places_run_through_cubes_within_cubes() -> None:
 
 def linear_pyramid() -> tuple[NDArray[np.uint16], Pyramid]:
     image = scene(5, 160, 120).astype(np.uint16) * 257
-    histogram = Histogram("linear")
-    histogram.add(image)
-    return image, Pyramid(histogram)
+    return image, Pyramid(pooled([image], "linear"))
 
 
 @pytest.mark.parametrize("bits", [4, 2, 0])
