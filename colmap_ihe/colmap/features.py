@@ -71,7 +71,9 @@ def extract_features(
         _import_images(database, grey, reader, given)
     if shares_memory(executor):
         if extraction.num_threads <= 0:
-            needed = features_bytes(_sizes(database), options, 1)
+            with pycolmap.Database.open(database) as opened:
+                sizes = [(c.width, c.height) for c in opened.read_all_cameras()]
+            needed = features_bytes(sizes, options, 1)
             extraction.num_threads = memory.workers_for("features", needed, local_workers())
         with counting_rows(database, "keypoints") as rows:
             settings: dict[str, Any] = {"reader_options": reader, "extraction_options": extraction}
@@ -97,11 +99,6 @@ def _import_images(
     pycolmap.Database.open(unfinished).close()
     called(pycolmap.import_images, unfinished, grey, options=reader, cancellable=False, **given)
     unfinished.replace(database)
-
-
-def _sizes(database: Path) -> list[tuple[int, int]]:
-    with pycolmap.Database.open(database) as opened:
-        return [(camera.width, camera.height) for camera in opened.read_all_cameras()]
 
 
 def count_features(database: Path, names: Sequence[str]) -> FeatureCounts:

@@ -95,7 +95,7 @@ def measure(
     with quiet(), threads_of(executor) as threads:
         overlaps, reason = find_overlaps(members, PAIRS + bool(screen), threads, progress)
         bench = _Bench(threads, progress, trial, greys[REFERENCE])
-        return _measure(overlaps, reason, greys, screen, bench)
+        return _measure(bench, overlaps, greys, screen, reason)
 
 
 def coarse_grid(encoding: Encoding, step: float = 0.25) -> dict[str, Weights]:
@@ -184,11 +184,11 @@ class _Bench:
 
 
 def _measure(
+    bench: _Bench,
     overlaps: Sequence[Overlap],
-    reason: str,
     greys: Mapping[str, Grey],
     screen: Mapping[str, Grey],
-    bench: _Bench,
+    reason: str,
 ) -> TrialResult:
     """Measure the greys. The grid is screened on a pair that is not measured afterwards, if there is one to spare: a
     grey that was lucky there has no luck left."""
@@ -201,7 +201,10 @@ def _measure(
         if both is None:
             continue
         if first_octave is None:
-            first_octave = _first_octave(bench, bench.views(overlap, both, _WINDOW))
+            # Where COLMAP has its fill of features of two pixels and more, which takes a quarter of the time.
+            views = bench.views(overlap, both, _WINDOW)
+            coarse = sum(map(len, bench.features(views, [bench.reference], 0)[0]))
+            first_octave = 0 if coarse >= sum(view.kept for view in views) else -1
         pixels = _WINDOW / (1 if first_octave == 0 else _FINER)
         if screen:
             small = bench.views(overlap, both, pixels / _SCREENED)
@@ -217,12 +220,6 @@ def _measure(
     if overlaps and not found:
         reason = "the photographs that overlap cannot be read in full"
     return summed_up(names, list(tried), found, reason)
-
-
-def _first_octave(bench: _Bench, views: _Views) -> int:
-    """Return 0 where COLMAP has its fill of features of two pixels and more, which takes a quarter of the time."""
-    found = bench.features(views, [bench.reference], 0)[0]
-    return 0 if sum(map(len, found)) >= sum(view.kept for view in views) else -1
 
 
 def _window(view: _View, grey: Grey, tone: Tone) -> NDArray[np.uint8]:

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from colmap_ihe.errors import WeightsError
 from colmap_ihe.grey.convert import to_grey
 from colmap_ihe.grey.weights import Grey, grey_from_dict
-from colmap_ihe.machine.files import read_at_most, write_bytes
-from colmap_ihe.project.safe_yaml import MOST_BYTES, parse_yaml
+from colmap_ihe.machine.files import write_bytes
+from colmap_ihe.project.safe_yaml import read_yaml
 
 
 def write_weights(file: Path, grey: Grey) -> None:
@@ -25,10 +25,9 @@ def read_weights(file: Path) -> Grey:
     """Read a weights file, as `fit -o` writes it. Raises `WeightsError`."""
     hint = "write one with `colmap-ihe fit IMAGES -o weights.yaml`"
     try:
-        values = parse_yaml(read_at_most(file, MOST_BYTES).decode("utf-8"))
-    except (OSError, ValueError) as error:
-        reason = error.strerror if isinstance(error, OSError) else str(error)
-        raise WeightsError(f"{file}: cannot be read ({reason})", hint=hint) from error
+        values = read_yaml(file)
+    except ValueError as error:
+        raise WeightsError(f"{file}: cannot be read ({error})", hint=hint) from error
     if isinstance(values, dict) and values.get("weights") is None and "parameters" in values:
         return _read_formula(file, values)
     triplet = values.get("weights") if isinstance(values, dict) else None
