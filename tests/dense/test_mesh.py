@@ -67,10 +67,7 @@ def test_what_floats_is_removed_and_holes_stay_open(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     "points",
     [
-        sphere(0),
-        sphere(1),
-        sphere(99),
-        sphere(500, radius=0.0),
+        *(sphere(0), sphere(1), sphere(99), sphere(500, radius=0.0)),
         cloud_of(np.full((500, 3), np.nan), np.ones((500, 3)), np.zeros((500, 3))),
         cloud_of(np.random.default_rng(0).random((500, 3)), np.zeros((500, 3)), np.zeros((500, 3))),
     ],

@@ -109,11 +109,9 @@ def test_linear_weights_are_applied_before_the_tone_curve() -> None:
 @pytest.mark.parametrize(
     ("encoding", "rgb"),
     [
-        ("coded", np.zeros((4, 4), np.uint8)),
-        ("coded", np.zeros((4, 4, 4), np.uint8)),
+        *(("coded", np.zeros(shape, np.uint8)) for shape in ((4, 4), (4, 4, 4))),
         ("coded", np.zeros((4, 4, 3), np.uint16)),
-        ("linear", np.zeros((4, 4, 3), np.uint8)),
-        ("linear", np.zeros((4, 4, 3), np.float64)),
+        *(("linear", np.zeros((4, 4, 3), dtype)) for dtype in (np.uint8, np.float64)),
     ],
 )
 def test_what_does_not_fit_the_weights_is_refused_with_what_came(encoding: Any, rgb: NDArray[Any]) -> None:

@@ -47,13 +47,10 @@ def grey_counts(
     counts = np.zeros(65536)
     edges = [int(np.ceil(65535 * (c / 256) ** 2)) for c in range(256)] + [65536]
     for codes, pixels in colours.items():
-        middle = sum(
-            w / sum(triplet) * (edges[c] + edges[c + 1] - 1) / 2 for w, c in zip(triplet, codes, strict=True)
-        )
-        square = sum(
-            (w / sum(triplet) * (edges[c + 1] - 1 - edges[c])) ** 2
-            for w, c in zip(triplet, codes, strict=True)
-        )
+        middle = square = 0.0
+        for w, c in zip(triplet, codes, strict=True):
+            middle += w / sum(triplet) * (edges[c] + edges[c + 1] - 1) / 2
+            square += (w / sum(triplet) * (edges[c + 1] - 1 - edges[c])) ** 2
         first, last = round(middle - square**0.5 / 2), round(middle + square**0.5 / 2)
         first, last = min(max(first, 0), 65535), min(max(last, 0), 65535)
         for value in range(first, last + 1):
@@ -84,9 +81,8 @@ def test_pixels_fall_where_counting_them_one_by_one_puts_them(triplet: tuple[flo
     weights = weights_of(images, triplet)
     shares = np.array(triplet) / sum(triplet)
     greys = np.concatenate([(rgb @ shares).ravel() for rgb in images])
-    ranks = np.searchsorted(np.sort(greys), greys, side="left") + np.searchsorted(
-        np.sort(greys), greys, side="right"
-    )
+    ordered = np.sort(greys)
+    ranks = np.searchsorted(ordered, greys, side="left") + np.searchsorted(ordered, greys, side="right")
     exact = np.floor(256 * ranks / 2 / len(greys))
     levels = np.concatenate([to_grey(rgb, weights, "equalise").ravel() for rgb in images])
     assert np.abs(levels - exact).max() <= 2
@@ -153,13 +149,8 @@ def test_linear_weights_of_a_fit_hold_their_curve_and_it_survives_files() -> Non
 @pytest.mark.parametrize(
     ("encoding", "curve"),
     [
-        ("linear", (1, 2, 3)),
-        ("linear", (5,) * 254 + (4,)),
-        ("linear", (-1,) * 255),
-        ("linear", (65537,) * 255),
-        ("linear", (1.5,) * 255),
-        ("linear", ("1",) * 255),
-        ("coded", tuple(range(255))),
+        *(("linear", (1, 2, 3)), ("linear", (5,) * 254 + (4,)), ("coded", tuple(range(255)))),
+        *(("linear", (value,) * 255) for value in (-1, 65537, 1.5, "1")),
     ],
 )
 def test_a_curve_that_is_none_is_refused(encoding: str, curve: tuple[Any, ...]) -> None:

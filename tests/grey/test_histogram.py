@@ -92,11 +92,8 @@ def test_every_image_has_the_same_mass_under_weighting_image() -> None:
 @pytest.mark.parametrize(
     ("encoding", "image"),
     [
-        ("coded", np.zeros((4, 4), np.uint8)),
-        ("coded", np.zeros((4, 4, 4), np.uint8)),
-        ("coded", np.zeros((4, 4, 3), np.uint16)),
-        ("coded", np.zeros((4, 4, 3), np.float32)),
-        ("coded", np.zeros((0, 4, 3), np.uint8)),
+        *(("coded", np.zeros(shape, np.uint8)) for shape in ((4, 4), (4, 4, 4), (0, 4, 3))),
+        *(("coded", np.zeros((4, 4, 3), dtype)) for dtype in (np.uint16, np.float32)),
         ("linear", np.zeros((4, 4, 3), np.uint8)),
     ],
 )
