@@ -11,14 +11,9 @@ from typing import Any
 
 import numpy as np
 
+from colmap_ihe.colmap import matching_in_blocks
 from colmap_ihe.colmap.database import counting_rows
-from colmap_ihe.colmap.matching_in_blocks import (
-    BlockMatching,
-    match_in_blocks,
-    match_in_processes,
-    matching_options,
-    verification_options,
-)
+from colmap_ihe.colmap.matching_in_blocks import BlockMatching, match_in_blocks, match_in_processes
 from colmap_ihe.colmap.native import apply_options, called, cuda_devices, pycolmap
 from colmap_ihe.errors import MappingError, ProjectError
 from colmap_ihe.machine.executor import shares_memory
@@ -103,26 +98,22 @@ def match_features(
         pairing.vocab_tree_path = tree
     if matching.use_gpu and cuda_devices() and shares_memory(executor):
         expected = pairs_of(strategy, images)
+        settings: dict[str, Any] = {"matching_options": matching, "pairing_options": pairing}
+        settings["verification_options"] = verification
         progress.start(expected, "pairs")
         with counting_rows(database, "two_view_geometries") as rows:
-            called(
-                getattr(pycolmap, f"match_{strategy}"),
-                database,
-                matching_options=matching,
-                pairing_options=pairing,
-                verification_options=verification,
-                progress=progress,
-                units_done=lambda: min(expected, rows()),
-            )
+            match = getattr(pycolmap, f"match_{strategy}")
+            called(match, database, progress=progress, units_done=lambda: min(expected, rows()), **settings)
     else:
         if hasattr(pairing, "num_threads"):
             pairing.num_threads = 1
         pairs = called(_pairs, database, strategy, pairing, progress=progress, cancellable=False)
         progress.start(len(pairs), "pairs")
+        task = BlockMatching(database, pairs, options, parts, progress)
         if shares_memory(executor):
-            match_in_processes(BlockMatching(database, pairs, options, parts, progress), matching.num_threads)
+            match_in_processes(task, matching.num_threads)
         else:
-            match_in_blocks(BlockMatching(database, pairs, options, parts, progress), executor)
+            match_in_blocks(task, executor)
     (scratch / VOCABULARY).unlink(missing_ok=True)
     counts = _counts(database, strategy)
     if not counts.pairs_verified:
@@ -134,13 +125,8 @@ def _counts(database: Path, strategy: str) -> MatchCounts:
     with pycolmap.Database.open(database) as opened:
         # COLMAP keeps a row for a pair without an inlier too, and counts it as verified.
         inliers = np.array(opened.read_two_view_geometry_num_inliers()[1], np.int64)
-        return MatchCounts(
-            strategy,
-            opened.num_matched_image_pairs(),
-            int(np.count_nonzero(inliers)),
-            int(inliers.sum()),
-            found_again(opened),
-        )
+        verified, again = int(np.count_nonzero(inliers)), found_again(opened)
+        return MatchCounts(strategy, opened.num_matched_image_pairs(), verified, int(inliers.sum()), again)
 
 
 def found_again(opened: pycolmap.Database) -> float:
@@ -159,7 +145,8 @@ def native_options(
     """Return pycolmap's options for matching, pairing by `strategy` and verification. Raises `OptionError`."""
     pairing = getattr(pycolmap, f"{_CLASSES[strategy]}ingOptions")()
     apply_options(pairing, options.pairing, "matches.pairing")
-    return matching_options(options), pairing, verification_options(options)
+    matching = matching_in_blocks.matching_options(options)
+    return matching, pairing, matching_in_blocks.verification_options(options)
 
 
 def forget_matches(database: Path) -> None:

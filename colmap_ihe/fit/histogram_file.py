@@ -112,9 +112,8 @@ def _stored(head: Mapping[str, Any], bodies: bytes) -> StoredCounts:
         measured = [(_text(c["key"]), Contrast.from_dict(c, sums.encoding)) for c in part["contrast"]]
         if len(keys) != sums.images or not sums.images or sums.encoding in gathered:
             raise ValueError(f"{len(keys)} names for {sums.images} photographs")
-        gathered[sums.encoding] = SetCounts(
-            histogram, sorted(keys), sorted(measured, key=lambda pair: pair[0])
-        )
+        measured.sort(key=lambda pair: pair[0])
+        gathered[sums.encoding] = SetCounts(histogram, sorted(keys), measured)
     if at != len(bodies) or not gathered:
         raise ValueError("its parts do not fill it")
     sample, development = head["sample"], head["development"]

@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 import yaml
-from numpy.typing import NDArray
 
 from colmap_ihe.errors import WeightsError
 from colmap_ihe.grey.convert import to_grey
@@ -48,9 +47,7 @@ def read_weights(file: Path) -> Grey:
 def _read_formula(file: Path, values: dict[str, Any]) -> Grey:
     """Read the conversion that is no triplet, tried on a few pixels."""
     grey = grey_from_dict(values, str(file))
-    dark: NDArray[np.uint8] | NDArray[np.uint16] = np.zeros((8, 8, 3), np.uint8)
-    if grey.encoding == "linear":
-        dark = np.zeros((8, 8, 3), np.uint16)
+    dark = np.zeros((8, 8, 3), np.uint8 if grey.encoding == "coded" else np.uint16)
     try:
         to_grey(dark, grey)
     except (ValueError, TypeError, KeyError, IndexError) as error:

@@ -89,10 +89,8 @@ def test_a_file_with_nothing_but_weights_is_enough() -> None:
     [
         *(None, [], "weights", 3, {}, {"weights": None}, {"weights": [1, 0]}, {"weights": ["a", "b", "c"]}),
         *({"weights": [0.25, 0.25, 0.25, 0.25]}, {"weights": [0.5, 0.5, 0.5]}),
-        *(
-            {"weights": [1, 0, 0], **more}
-            for more in ({"white": "bright"}, {"tones": []}, {"encoding": ["coded"]})
-        ),
+        *({"weights": [1, 0, 0], "white": "bright"}, {"weights": [1, 0, 0], "tones": []}),
+        {"weights": [1, 0, 0], "encoding": ["coded"]},
     ],
 )
 def test_anything_else_is_no_weights_file(values: Any) -> None:
