@@ -238,7 +238,7 @@ ONE_STAGE = """
 import shutil, sys
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
-from colmap_ihe.colmap.matching_in_blocks import match_in_blocks
+from colmap_ihe.colmap.matching_in_blocks import BlockMatching, match_in_blocks
 from colmap_ihe.colmap.matching import forget_matches
 from colmap_ihe.colmap.native import pycolmap
 from colmap_ihe.project.options import MatchesOptions
@@ -262,7 +262,7 @@ elif stage == "matches":
     before = 0
     pairs = [(one, other) for one in ids for other in ids if one < other]
     with ThreadPoolExecutor(1) as here:
-        match_in_blocks(out / "a.db", pairs, MatchesOptions(), out / "parts", here, SILENT)
+        match_in_blocks(BlockMatching(out / "a.db", pairs, MatchesOptions(), out / "parts", SILENT), here)
 else:
     size = pycolmap.UndistortCameraOptions(max_image_size=1600)
     pycolmap.undistort_images(

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import shutil
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from colmap_ihe.colmap.database import counting_rows, remove_database
 from colmap_ihe.colmap.features_on_workers import extract_in_shards, extraction_options
@@ -17,14 +18,6 @@ from colmap_ihe.machine.executor import shares_memory
 from colmap_ihe.machine.progress import Progress
 from colmap_ihe.machine.threads import local_workers
 from colmap_ihe.project.options import CameraOptions, FeaturesOptions
-
-_MODES = {
-    "auto": pycolmap.CameraMode.AUTO,
-    "single": pycolmap.CameraMode.SINGLE,
-    "per_folder": pycolmap.CameraMode.PER_FOLDER,
-    "per_image": pycolmap.CameraMode.PER_IMAGE,
-}
-
 
 FEATURE_BYTES_A_PIXEL = 290
 """Of SIFT in COLMAP on the CPU, from twice the size of the image on: 280 measured, of one and of two threads."""
@@ -72,24 +65,19 @@ def extract_features(
         reader.mask_path = masks
     progress.start(len(names))
     shutil.rmtree(parts := scratch / "parts", ignore_errors=True)  # of a run that was interrupted
+    mode = getattr(pycolmap.CameraMode, camera.mode.upper())
+    given: dict[str, Any] = {"image_names": list(names), "camera_mode": mode, "progress": progress}
     if not database.exists():
-        _import_images(database, grey, names, camera, reader, progress)
+        _import_images(database, grey, reader, given)
     if shares_memory(executor):
         if extraction.num_threads <= 0:
-            needed = features_bytes(_sizes(database), options, 1)
+            with pycolmap.Database.open(database) as opened:
+                sizes = [(c.width, c.height) for c in opened.read_all_cameras()]
+            needed = features_bytes(sizes, options, 1)
             extraction.num_threads = memory.workers_for("features", needed, local_workers())
         with counting_rows(database, "keypoints") as rows:
-            called(
-                pycolmap.extract_features,
-                database,
-                grey,
-                image_names=list(names),
-                camera_mode=_MODES[camera.mode],
-                reader_options=reader,
-                extraction_options=extraction,
-                progress=progress,
-                units_done=rows,
-            )
+            settings: dict[str, Any] = {"reader_options": reader, "extraction_options": extraction}
+            called(pycolmap.extract_features, database, grey, units_done=rows, **given, **settings)
     else:
         extract_in_shards(database, grey, masks, options, parts, executor, progress)
     counts = count_features(database, names)
@@ -102,34 +90,15 @@ def extract_features(
 
 
 def _import_images(
-    database: Path,
-    grey: Path,
-    names: Sequence[str],
-    camera: CameraOptions,
-    reader: pycolmap.ImageReaderOptions,
-    progress: Progress,
+    database: Path, grey: Path, reader: pycolmap.ImageReaderOptions, given: Mapping[str, Any]
 ) -> None:
     """Write all images and cameras at once, and give the database its name only then: COLMAP groups cameras within one
     call, so images that came after an interruption would get cameras of their own."""
     unfinished = database.with_name("unfinished.db")
     remove_database(unfinished)
     pycolmap.Database.open(unfinished).close()
-    called(
-        pycolmap.import_images,
-        unfinished,
-        grey,
-        camera_mode=_MODES[camera.mode],
-        image_names=list(names),
-        options=reader,
-        progress=progress,
-        cancellable=False,
-    )
+    called(pycolmap.import_images, unfinished, grey, options=reader, cancellable=False, **given)
     unfinished.replace(database)
-
-
-def _sizes(database: Path) -> list[tuple[int, int]]:
-    with pycolmap.Database.open(database) as opened:
-        return [(camera.width, camera.height) for camera in opened.read_all_cameras()]
 
 
 def count_features(database: Path, names: Sequence[str]) -> FeatureCounts:

@@ -45,18 +45,13 @@ def extract_in_shards(
         progress.advance(opened.num_images() - len(images))
     parts.mkdir(parents=True)
     size = max(1, min(_MOST, len(images) // (_SHARDS_A_WORKER * width_of(executor))))
-    shards = [
-        _Shard(
-            {str(image.name): image.image_id for image in images[begin : begin + size]},
-            grey,
-            masks,
-            options,
-            parts / f"features-{begin:06}.db",
-        )
-        for begin in range(0, len(images), size)
-    ]
-    for shard, ids in zip(shards, in_order(executor, extract_shard, shards, progress=progress), strict=True):
-        copy_features(shard.result, database, ids)
+    shards = []
+    for begin in range(0, len(images), size):
+        ids = {str(image.name): image.image_id for image in images[begin : begin + size]}
+        shards.append(_Shard(ids, grey, masks, options, parts / f"features-{begin:06}.db"))
+    results = in_order(executor, extract_shard, shards, progress=progress)
+    for shard, by_own_id in zip(shards, results, strict=True):
+        copy_features(shard.result, database, by_own_id)
         shard.result.unlink()
         progress.advance(len(shard.ids))
     shutil.rmtree(parts)
@@ -98,5 +93,4 @@ def extraction_options(options: FeaturesOptions, threads: int = -1) -> pycolmap.
     extraction = pycolmap.FeatureExtractionOptions(num_threads=threads)
     if options.max_image_size is not None:
         extraction.max_image_size = options.max_image_size
-    apply_options(extraction, options.colmap, "features.colmap")
-    return extraction
+    return apply_options(extraction, options.colmap, "features.colmap")

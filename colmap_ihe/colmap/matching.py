@@ -7,12 +7,13 @@ import shutil
 from concurrent.futures import Executor
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
+from colmap_ihe.colmap import matching_in_blocks
 from colmap_ihe.colmap.database import counting_rows
-from colmap_ihe.colmap.matching_in_blocks import match_in_blocks, match_in_processes, verification_options
+from colmap_ihe.colmap.matching_in_blocks import BlockMatching, match_in_blocks, match_in_processes
 from colmap_ihe.colmap.native import apply_options, called, cuda_devices, pycolmap
 from colmap_ihe.errors import MappingError, ProjectError
 from colmap_ihe.machine.executor import shares_memory
@@ -30,28 +31,8 @@ _WORDS_PER_FEATURE = 1 / 40  # its clustering wants 39 features a word
 _ROUNDS = (5, 1)
 
 
-class _Strategy(NamedTuple):
-    """Hold what pycolmap calls a strategy: its options, what lists its pairs, and what matches them."""
-
-    options: Any
-    generator: Any
-    match: Any
-
-
-_STRATEGIES = {
-    "exhaustive": _Strategy(
-        pycolmap.ExhaustivePairingOptions, pycolmap.ExhaustivePairGenerator, pycolmap.match_exhaustive
-    ),
-    "sequential": _Strategy(
-        pycolmap.SequentialPairingOptions, pycolmap.SequentialPairGenerator, pycolmap.match_sequential
-    ),
-    "spatial": _Strategy(
-        pycolmap.SpatialPairingOptions, pycolmap.SpatialPairGenerator, pycolmap.match_spatial
-    ),
-    "vocabtree": _Strategy(
-        pycolmap.VocabTreePairingOptions, pycolmap.VocabTreePairGenerator, pycolmap.match_vocabtree
-    ),
-}
+_CLASSES = {name.lower(): f"{name}Pair" for name in ("Exhaustive", "Sequential", "Spatial", "VocabTree")}
+"""Of a strategy, what the names of its classes in pycolmap begin with: those of its options, and of its pairs."""
 
 
 @dataclass(frozen=True)
@@ -117,26 +98,22 @@ def match_features(
         pairing.vocab_tree_path = tree
     if matching.use_gpu and cuda_devices() and shares_memory(executor):
         expected = pairs_of(strategy, images)
+        settings: dict[str, Any] = {"matching_options": matching, "pairing_options": pairing}
+        settings["verification_options"] = verification
         progress.start(expected, "pairs")
         with counting_rows(database, "two_view_geometries") as rows:
-            called(
-                _STRATEGIES[strategy].match,
-                database,
-                matching_options=matching,
-                pairing_options=pairing,
-                verification_options=verification,
-                progress=progress,
-                units_done=lambda: min(expected, rows()),
-            )
+            match = getattr(pycolmap, f"match_{strategy}")
+            called(match, database, progress=progress, units_done=lambda: min(expected, rows()), **settings)
     else:
         if hasattr(pairing, "num_threads"):
             pairing.num_threads = 1
         pairs = called(_pairs, database, strategy, pairing, progress=progress, cancellable=False)
         progress.start(len(pairs), "pairs")
+        task = BlockMatching(database, pairs, options, parts, progress)
         if shares_memory(executor):
-            match_in_processes(database, pairs, options, parts, matching.num_threads, progress)
+            match_in_processes(task, matching.num_threads)
         else:
-            match_in_blocks(database, pairs, options, parts, executor, progress)
+            match_in_blocks(task, executor)
     (scratch / VOCABULARY).unlink(missing_ok=True)
     counts = _counts(database, strategy)
     if not counts.pairs_verified:
@@ -148,13 +125,8 @@ def _counts(database: Path, strategy: str) -> MatchCounts:
     with pycolmap.Database.open(database) as opened:
         # COLMAP keeps a row for a pair without an inlier too, and counts it as verified.
         inliers = np.array(opened.read_two_view_geometry_num_inliers()[1], np.int64)
-        return MatchCounts(
-            strategy,
-            opened.num_matched_image_pairs(),
-            int(np.count_nonzero(inliers)),
-            int(inliers.sum()),
-            found_again(opened),
-        )
+        verified, again = int(np.count_nonzero(inliers)), found_again(opened)
+        return MatchCounts(strategy, opened.num_matched_image_pairs(), verified, int(inliers.sum()), again)
 
 
 def found_again(opened: pycolmap.Database) -> float:
@@ -171,11 +143,10 @@ def native_options(
     options: MatchesOptions, strategy: str
 ) -> tuple[pycolmap.FeatureMatchingOptions, Any, pycolmap.TwoViewGeometryOptions]:
     """Return pycolmap's options for matching, pairing by `strategy` and verification. Raises `OptionError`."""
-    matching = pycolmap.FeatureMatchingOptions()
-    apply_options(matching, options.colmap, "matches.colmap")
-    pairing = _STRATEGIES[strategy].options()
+    pairing = getattr(pycolmap, f"{_CLASSES[strategy]}ingOptions")()
     apply_options(pairing, options.pairing, "matches.pairing")
-    return matching, pairing, verification_options(options)
+    matching = matching_in_blocks.matching_options(options)
+    return matching, pairing, matching_in_blocks.verification_options(options)
 
 
 def forget_matches(database: Path) -> None:
@@ -193,8 +164,7 @@ def build_vocabulary(database: Path, tree: Path, progress: Progress) -> None:
         share = max(1, _VOCABULARY_FEATURES // len(sample))
         # copied, for a part of an array keeps all of it in memory
         data = np.concatenate([opened.read_descriptors(i).data[:share].astype(np.float32) for i in sample])
-    build = pycolmap.VisualIndex.BuildOptions()
-    apply_options(build, {}, "the vocabulary")
+    build = apply_options(pycolmap.VisualIndex.BuildOptions(), {}, "the vocabulary")
     build.num_iterations, build.num_rounds = _ROUNDS
     build.num_visual_words = int(np.clip(len(data) * _WORDS_PER_FEATURE, 64, 65536))
     descriptors = pycolmap.FeatureDescriptorsFloat()
@@ -209,7 +179,8 @@ def build_vocabulary(database: Path, tree: Path, progress: Progress) -> None:
 def _pairs(database: Path, strategy: str, pairing: Any) -> list[tuple[int, int]]:
     """Return the pairs that COLMAP would match, by id."""
     with pycolmap.Database.open(database) as opened:
-        pairs: list[tuple[int, int]] = _STRATEGIES[strategy].generator(pairing, opened).all_pairs()
+        generator = getattr(pycolmap, f"{_CLASSES[strategy]}Generator")(pairing, opened)
+        pairs: list[tuple[int, int]] = generator.all_pairs()
     if strategy == "vocabtree":
         return sorted({(min(pair), max(pair)) for pair in pairs if pair[0] != pair[1]})
     return pairs

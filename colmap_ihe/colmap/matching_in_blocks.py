@@ -11,17 +11,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from threading import Lock
 
+from colmap_ihe.colmap import part_databases
 from colmap_ihe.colmap.database import counting_rows
 from colmap_ihe.colmap.native import apply_options, called, hush, pycolmap
 from colmap_ihe.colmap.pair_blocks import batch_of, blocks_of, group_size, groups_of, matches_bytes
-from colmap_ihe.colmap.part_databases import (
-    Pair,
-    copy_features,
-    copy_matches,
-    ordered,
-    task_folder,
-    write_images,
-)
+from colmap_ihe.colmap.part_databases import Pair, copy_features, copy_matches, ordered, task_folder
 from colmap_ihe.colmap.process import ColmapProcesses
 from colmap_ihe.errors import Cancelled
 from colmap_ihe.machine import memory
@@ -50,108 +44,92 @@ class _Block:
     result: Path
 
 
-def match_in_processes(
-    database: Path,
-    pairs: Sequence[Pair],
-    options: MatchesOptions,
-    parts: Path,
-    threads: int,
-    progress: Progress,
-) -> None:
+@dataclass(frozen=True)
+class BlockMatching:
+    """Hold what is matched: those of `pairs` that have no geometry in the database yet. `parts`: a folder for
+    unfinished work, which is removed afterwards."""
+
+    database: Path
+    pairs: Sequence[Pair]
+    options: MatchesOptions
+    parts: Path
+    progress: Progress
+
+
+def match_in_processes(task: BlockMatching, threads: int) -> None:
     """Match as `match_in_blocks`, by processes here: as many as `threads`, 0 for one a core, if memory allows. What
     was matched is kept when it is stopped."""
-    with pycolmap.Database.open(database) as opened:
+    with pycolmap.Database.open(task.database) as opened:
         needed = matches_bytes(_most_features(opened), opened.num_images())
     count = memory.workers_for("matches", needed, max(0, threads) or local_workers())
     advanced: Counter[Path] = Counter()
-    blocks = _blocks(database, pairs, options, parts, count, progress)
+    blocks = _blocks(task, count)
     with ColmapProcesses(most_threads=1) as processes, ThreadPoolExecutor(count) as executor:
 
         def match(block: _Block) -> Path:
-            block_progress = _BlockProgress(progress, block, advanced)
+            block_progress = _BlockProgress(task.progress, block, advanced)
             return processes.call(match_block, block, block_progress, _GRACE_SECONDS)
 
-        results = in_order(executor, match, blocks, 2 * count, progress)
-        _collect(database, parts, blocks, results, advanced, progress)
+        _collect(task, blocks, in_order(executor, match, blocks, 2 * count, task.progress), advanced)
 
 
-def match_in_blocks(
-    database: Path,
-    pairs: Sequence[Pair],
-    options: MatchesOptions,
-    parts: Path,
-    executor: Executor,
-    progress: Progress,
-) -> None:
-    """Write verified matches of those of `pairs` that have none in the database yet, by the workers of `executor`.
-    `parts`: a folder for unfinished work, which is removed afterwards. Raises as `match_features`."""
+def match_in_blocks(task: BlockMatching, executor: Executor) -> None:
+    """Write verified matches by the workers of `executor`. Raises as `match_features`."""
     width = width_of(executor)
-    blocks = _blocks(database, pairs, options, parts, width, progress)
-    results = in_order(executor, match_block, blocks, 2 * width, progress)
-    _collect(database, parts, blocks, results, Counter(), progress)
+    blocks = _blocks(task, width)
+    _collect(task, blocks, in_order(executor, match_block, blocks, 2 * width, task.progress), Counter())
 
 
-def _blocks(
-    database: Path,
-    pairs: Sequence[Pair],
-    options: MatchesOptions,
-    parts: Path,
-    width: int,
-    progress: Progress,
-) -> list[_Block]:
+def _blocks(task: BlockMatching, width: int) -> list[_Block]:
     """Divide the pairs that are not done into blocks, and write the features of each group of images to `parts`."""
-    parts.mkdir(parents=True)
-    with pycolmap.Database.open(database) as opened:
-        done = {pair for pair in pairs if opened.exists_two_view_geometry(*pair)}
+    task.parts.mkdir(parents=True)
+    with pycolmap.Database.open(task.database) as opened:
+        done = {pair for pair in task.pairs if opened.exists_two_view_geometry(*pair)}
         images = sorted(opened.read_all_images(), key=lambda image: str(image.name))
         by_id = {camera.camera_id: camera for camera in opened.read_all_cameras()}
         features = _most_features(opened)
     cameras = {image.image_id: by_id[image.camera_id] for image in images}
     # The first way round that a pair is named, as COLMAP has it: the other gives other matches.
-    distinct = {ordered(pair): pair for pair in reversed(pairs)}
+    distinct = {ordered(pair): pair for pair in reversed(task.pairs)}
     missing = [pair for pair in reversed(distinct.values()) if pair not in done]
-    progress.advance(len(pairs) - len(missing))
+    task.progress.advance(len(task.pairs) - len(missing))
     groups = groups_of(missing, list(cameras), group_size(len(missing), len(cameras), features, width))
     group_files: dict[int, Path] = {}
     for number, group in enumerate(groups):
-        progress.check()
-        file = parts / f"features-{number:06}.db"
-        write_images(file, {image_id: cameras[image_id] for image_id in group})
-        copy_features(database, file)
+        task.progress.check()
+        file = task.parts / f"features-{number:06}.db"
+        part_databases.write_images(file, {image_id: cameras[image_id] for image_id in group})
+        copy_features(task.database, file)
         group_files |= dict.fromkeys(group, file)
     blocks = []
     for number, block_pairs in enumerate(blocks_of(missing, groups)):
         ids = sorted({image_id for pair in block_pairs for image_id in pair})
         files = sorted({group_files[image_id] for image_id in ids})
-        result = parts / f"matches-{number:06}.db"
-        block_cameras = {image_id: cameras[image_id] for image_id in ids}
-        blocks.append(
-            _Block(tuple(block_pairs), block_cameras, tuple(files), options, batch_of(features), result)
-        )
+        result = task.parts / f"matches-{number:06}.db"
+        own_cameras, batch = {image_id: cameras[image_id] for image_id in ids}, batch_of(features)
+        blocks.append(_Block(tuple(block_pairs), own_cameras, tuple(files), task.options, batch, result))
     return blocks
 
 
 def _collect(
-    database: Path,
-    parts: Path,
+    task: BlockMatching,
     blocks: Sequence[_Block],
     results: Generator[Path, None, None],
     advanced: Counter[Path],
-    progress: Progress,
 ) -> None:
     """Copy the matches of each block into the database; `advanced`: the pairs of it that `progress` was told of."""
     try:
         with closing(results):
             for block, result in zip(blocks, results, strict=True):
-                copy_matches(result, database, block.pairs)
+                copy_matches(result, task.database, block.pairs)
                 result.unlink()
-                progress.advance(len(block.pairs) - advanced[result])
+                task.progress.advance(len(block.pairs) - advanced[result])
     finally:
         with suppress(RuntimeError):  # of a disk without room, perhaps, for which the others stopped
             for block in blocks:
                 if block.result.exists():  # of one that was stopped
-                    copy_matches(block.result, database, block.pairs)
-        shutil.rmtree(parts, ignore_errors=True)
+                    copy_matches(block.result, task.database, block.pairs)
+        shutil.rmtree(task.parts, ignore_errors=True)
 
 
 class _BlockProgress(TaskProgress):
@@ -173,13 +151,11 @@ def match_block(block: _Block, progress: Progress | None = None) -> Path:
     return its path. Where `progress` stops it, it writes what there is; a worker of a cluster has no `progress`, since
     nobody waits for what it had begun."""
     hush()
-    matching = pycolmap.FeatureMatchingOptions()
-    verification = verification_options(block.options)
-    apply_options(matching, block.options.colmap, "matches.colmap")
+    matching, verification = matching_options(block.options), verification_options(block.options)
     matching.num_threads = 1
     with task_folder() as folder:
         database, list_file = folder / "block.db", folder / "pairs.txt"
-        write_images(database, block.cameras)
+        part_databases.write_images(database, block.cameras)
         for file in block.features:
             copy = shutil.copyfile(file, folder / file.name)
             copy_features(copy, database)
@@ -210,12 +186,16 @@ def _write_matches(database: Path, folder: Path, block: _Block) -> None:
     write_bytes(block.result, (folder / "matches.db").read_bytes())
 
 
+def matching_options(options: MatchesOptions) -> pycolmap.FeatureMatchingOptions:
+    """Return pycolmap's options for matching. Raises `OptionError`."""
+    return apply_options(pycolmap.FeatureMatchingOptions(), options.colmap, "matches.colmap")
+
+
 def verification_options(options: MatchesOptions) -> pycolmap.TwoViewGeometryOptions:
     """Return pycolmap's options for verification. Raises `OptionError`."""
     verification = pycolmap.TwoViewGeometryOptions()
     verification.ransac.random_seed = SEED
-    apply_options(verification, options.verification, "matches.verification")
-    return verification
+    return apply_options(verification, options.verification, "matches.verification")
 
 
 def _most_features(opened: pycolmap.Database) -> int:

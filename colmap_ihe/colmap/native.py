@@ -19,7 +19,7 @@ from colmap_ihe.machine.libraries import pycolmap as pycolmap
 from colmap_ihe.machine.progress import Progress
 
 _T = TypeVar("_T")
-_POLL_SECONDS = 0.25
+_POLL_SECONDS, _STOP_SECONDS = 0.25, 60.0
 _LOGS_KEPT = 4
 _logs_to: list[Path] = []
 pycolmap.logging.alsologtostderr = False
@@ -50,9 +50,12 @@ class _Mergeable(Protocol):
     def todict(self) -> dict[str, Any]: ...
 
 
-def apply_options(target: _Mergeable, values: Mapping[str, Any], section: str) -> None:
-    """Set pycolmap's own options, and the threads that are left to COLMAP to as many as a run is limited to. COLMAP
-    checks names and types itself. Raises `OptionError` that names `section`."""
+_Options = TypeVar("_Options", bound=_Mergeable)
+
+
+def apply_options(target: _Options, values: Mapping[str, Any], section: str) -> _Options:
+    """Set pycolmap's own options, and the threads that are left to COLMAP to as many as a run is limited to; return
+    the options. COLMAP checks names and types itself. Raises `OptionError` that names `section`."""
     if (most := threads.limit()) is not None:
         fill(target, dict.fromkeys(("num_threads", "num_workers"), most))
     try:
@@ -62,6 +65,7 @@ def apply_options(target: _Mergeable, values: Mapping[str, Any], section: str) -
         raise OptionError(
             f"{section}: {first}", hint=f"see the options of pycolmap.{type(target).__name__}"
         ) from error
+    return target
 
 
 def fill(target: _Mergeable, values: Mapping[str, int]) -> None:
@@ -154,18 +158,13 @@ def called(
                 reported = now
     except BaseException:
         token.cancel()
-        if cancellable:
-            _wait_for(thread)
+        until = time.monotonic() + _STOP_SECONDS
+        while cancellable and thread.is_alive() and time.monotonic() < until:
+            thread.join(_POLL_SECONDS)
         raise
     if failures:
         raise translated(failures[0]) from failures[0]
     return results[0]
-
-
-def _wait_for(thread: threading.Thread, seconds: float = 60.0) -> None:
-    end = time.monotonic() + seconds
-    while thread.is_alive() and time.monotonic() < end:
-        thread.join(_POLL_SECONDS)
 
 
 def translated(error: BaseException) -> BaseException:

@@ -22,9 +22,8 @@ _BYTES_A_FEATURE = 420  # of the images of a block; measured with benchmarks/lim
 
 def matches_bytes(features: int, images: int) -> int:
     """Return the bytes of memory of a process that matches blocks of `images` images with so many features each."""
-    return _PROCESS_BYTES + _BYTES_A_FEATURE * features * min(
-        images, _GROUPS_A_BLOCK * _most_of_a_group(features)
-    )
+    together = min(images, _GROUPS_A_BLOCK * _most_of_a_group(features))
+    return _PROCESS_BYTES + _BYTES_A_FEATURE * features * together
 
 
 def _most_of_a_group(features: int) -> int:

@@ -46,6 +46,4 @@ def patchmatch_depth_maps(
 
 def patchmatch_options(values: Mapping[str, Any]) -> pycolmap.PatchMatchOptions:
     """Return pycolmap's options with `values` set. Raises `OptionError`."""
-    native = pycolmap.PatchMatchOptions()
-    apply_options(native, values, "dense.patchmatch")
-    return native
+    return apply_options(pycolmap.PatchMatchOptions(), values, "dense.patchmatch")

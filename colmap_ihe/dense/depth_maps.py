@@ -41,10 +41,8 @@ class DepthCounts:
 
 @dataclass(frozen=True)
 class _Job:
-    """Hold all that one depth map needs: small enough to be sent to another machine that sees the same folder.
-
-    The first name and camera are the reference's.
-    """
+    """Hold all that one depth map needs: small enough to be sent to another machine that sees the same folder. The
+    first name and camera are the reference's."""
 
     dense_dir: Path
     names: tuple[str, ...]
@@ -84,7 +82,7 @@ def sgm_depth_maps(
         unfinished.unlink()
     progress.start(len(jobs), "depth maps")
     with nullcontext(executor) if executor else ThreadPoolExecutor(cores()) as workers:
-        _run_all(dense_dir, jobs, workers, at_once, counts, progress)
+        _run_all(jobs, _stop_file(dense_dir), workers, at_once or len(jobs), counts, progress)
     return counts
 
 
@@ -108,21 +106,20 @@ def _plan(
 
 
 def _run_all(
-    dense_dir: Path,
     jobs: list[_Job],
+    stop_file: Path,
     executor: Executor,
-    at_once: int | None,
+    at_once: int,
     counts: DepthCounts,
     progress: Progress,
 ) -> None:
     """Make every depth map, and count; on cancellation tell the workers through a file, wherever they run."""
-    stop_file = _stop_file(dense_dir)
     stop_file.unlink(missing_ok=True)
     waiting: set[Future[_Counts]] = set()
     left = jobs[::-1]
     try:
         while waiting or left:
-            while left and len(waiting) < (at_once or len(jobs)):
+            while left and len(waiting) < at_once:
                 waiting.add(executor.submit(_make_maps, left.pop()))
             done, waiting = wait(waiting, timeout=0.2, return_when=FIRST_COMPLETED)
             progress.check()
@@ -147,10 +144,8 @@ def _run_all(
 
 
 def _make_maps(job: _Job) -> _Counts:
-    """Write the depth and normal map of one reference, unless they exist.
-
-    Returns its name, its pixels, those with depth, and the pairs left out with the reason.
-    """
+    """Write the maps of one reference, unless they exist. Return its name, its pixels, those with depth, and the pairs
+    left out with the reason."""
     name = job.names[0]
     depth_path, normal_path = depth_file(job.dense_dir, name), normal_file(job.dense_dir, name)
     stop_file = _stop_file(job.dense_dir)
@@ -183,9 +178,8 @@ def camera_of(model: pycolmap.Reconstruction, image_id: int) -> PinholeCamera:
     """Return the camera of an undistorted image, with its pose."""
     image = model.images[image_id]
     camera = model.cameras[image.camera_id]
-    return PinholeCamera(
-        camera.calibration_matrix(), image.cam_from_world().matrix(), (camera.width, camera.height)
-    )
+    size = (camera.width, camera.height)
+    return PinholeCamera(camera.calibration_matrix(), image.cam_from_world().matrix(), size)
 
 
 def depth_file(dense_dir: Path, name: str) -> Path:

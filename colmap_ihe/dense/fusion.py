@@ -62,9 +62,7 @@ def fusion_bytes(pixels: int) -> int:
 
 def fusion_options(values: Mapping[str, Any]) -> pycolmap.StereoFusionOptions:
     """Return `FUSION_DEFAULTS` with `values` over them. Raises `OptionError`."""
-    native = pycolmap.StereoFusionOptions(**FUSION_DEFAULTS)
-    apply_options(native, values, "dense.colmap")
-    return native
+    return apply_options(pycolmap.StereoFusionOptions(**FUSION_DEFAULTS), values, "dense.colmap")
 
 
 def _fused(workspace: Path, out: Path, options: pycolmap.StereoFusionOptions, progress: Progress) -> int:

@@ -62,10 +62,8 @@ class Maps:
         row, column = np.nonzero(grid)
         depth = grid[row, column].astype(np.float64)
         pixel = np.stack([column, row], axis=1) * step
-        rays = (
-            np.column_stack([pixel + 0.5, np.ones(len(row))])
-            @ np.linalg.inv(self._camera(index).calibration_matrix()).T
-        )
+        from_pixels = np.linalg.inv(self._camera(index).calibration_matrix())
+        rays = np.column_stack([pixel + 0.5, np.ones(len(row))]) @ from_pixels.T
         return image.cam_from_world().inverse() * (rays * depth[:, None]), pixel, depth
 
     def write_cell(self, cell: Cell, work: Path) -> list[int]:
@@ -118,10 +116,7 @@ class Maps:
             model.add_camera_with_trivial_rig(camera)
             near = self._sparse_points(cell, index)
             image = pycolmap.Image(
-                name=_name(index),
-                keypoints=np.zeros((len(near), 2)),
-                camera_id=image_id,
-                image_id=image_id,
+                name=_name(index), keypoints=np.zeros((len(near), 2)), camera_id=image_id, image_id=image_id
             )
             model.add_image_with_trivial_frame(image, self._image(index).cam_from_world())
             for row, point in enumerate(near):

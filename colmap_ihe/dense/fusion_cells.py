@@ -74,10 +74,8 @@ def cells_of(coverage: PixelCoverage, price: Price, most: float) -> list[Cell]:
                 low, high = whole.low.copy(), whole.high.copy()
                 low[axis] = high[axis] = np.median(inner[:, axis])
                 pairs.append([_cell(coverage, price, *box) for box in ((whole.low, high), (low, whole.high))])
-            dearer, _, halves = min(
-                (max(half.cost for half in pair), n, pair) for n, pair in enumerate(pairs)
-            )
-            if dearer <= _LEAST_GAIN * whole.cost:
+            halves = min(pairs, key=lambda pair: max(half.cost for half in pair))
+            if max(half.cost for half in halves) <= _LEAST_GAIN * whole.cost:
                 for half in halves:
                     yield from cut(half)
                 return

@@ -50,12 +50,7 @@ class Surface:
 
 
 def reconstruct_surface(
-    cloud: Path,
-    mesh: Path,
-    faces: int,
-    *,
-    options: Mapping[str, Any] | None = None,
-    progress: Progress = SILENT,
+    cloud: Path, mesh: Path, faces: int, options: Mapping[str, Any] | None = None, progress: Progress = SILENT
 ) -> Surface:
     """Mesh the PLY file `cloud`, with normals and colours, to `mesh` with at most `faces` faces.
 
@@ -63,7 +58,11 @@ def reconstruct_surface(
     where the points give no surface, `NativeError`.
     """
     progress.start(4, "parts of the surface")
-    points = _sound(read_ply(cloud)["vertex"])
+    points = read_ply(cloud)["vertex"]
+    normals = columns(points, _NORMAL)
+    finite = np.isfinite(columns(points, "xyz")).all(axis=1) & np.isfinite(normals).all(axis=1)
+    points = points[finite & normals.any(axis=1)]
+    del normals
     _require_points(len(points))
     depth = _depth(columns(points, "xyz"), faces)
     native = poisson_options({"depth": depth, "trim": depth - _LEVELS_TRIMMED, **(options or {})})
@@ -99,9 +98,7 @@ def reconstruct_surface(
 
 def poisson_options(values: Mapping[str, Any]) -> pycolmap.PoissonMeshingOptions:
     """Return pycolmap's options with `values` set. Raises `OptionError`."""
-    native = pycolmap.PoissonMeshingOptions()
-    apply_options(native, values, "mesh.colmap")
-    return native
+    return apply_options(pycolmap.PoissonMeshingOptions(), values, "mesh.colmap")
 
 
 def thinned(points: Rows, cells_per_unit: float) -> Rows:
@@ -125,10 +122,7 @@ def nearest_colours(vertices: Float32, points: Rows) -> UInt8:
 
 
 def _poisson(cloud: Path, mesh: Path, options: pycolmap.PoissonMeshingOptions, progress: Progress) -> None:
-    """Run Poisson in a process of its own, which can be stopped; on some clouds it aborts its process.
-
-    Raises `Cancelled`, `NativeError`.
-    """
+    """Run Poisson in a process of its own, which can be stopped; on some clouds it aborts its process."""
     try:
         with ColmapProcesses() as processes:
             processes.call(_meshed, (cloud, mesh, options.todict()), progress)
@@ -143,14 +137,6 @@ def _meshed(job: tuple[Path, Path, dict[str, Any]], _progress: Progress) -> None
     cloud, mesh, options = job
     settings = pycolmap.PoissonMeshingOptions(**options)
     called(pycolmap.poisson_meshing, cloud, mesh, settings, progress=SILENT, cancellable=False)
-
-
-def _sound(points: Rows) -> Rows:
-    """Remove points that are not numbers or have no normal."""
-    normals = columns(points, _NORMAL)
-    finite = np.isfinite(columns(points, "xyz")).all(axis=1) & np.isfinite(normals).all(axis=1)
-    sound: Rows = points[finite & normals.any(axis=1)]
-    return sound
 
 
 def _require_points(count: int) -> None:

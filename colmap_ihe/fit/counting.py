@@ -22,8 +22,7 @@ from colmap_ihe.errors import PhotographError
 from colmap_ihe.grey.contrast import Contrast
 from colmap_ihe.grey.conversions import CONVERSIONS, SetFit
 from colmap_ihe.grey.convert import coded_share
-from colmap_ihe.grey.histogram import Histogram
-from colmap_ihe.grey.sums import Sums, Weighting
+from colmap_ihe.grey.histogram import Histogram, Sums, Weighting
 from colmap_ihe.grey.weights import Encoding
 from colmap_ihe.machine import decoder_pool as decoders
 from colmap_ihe.machine.decoder_process import nonsense

@@ -14,15 +14,13 @@ from numpy.typing import NDArray
 from colmap_ihe.errors import DiskFullError, KnownError, WeightsError
 from colmap_ihe.fit.counting import CountOptions, SetCounts, gather
 from colmap_ihe.fit.histogram_file import StoredCounts
-from colmap_ihe.fit.trial import coarse_grid, measure
+from colmap_ihe.fit.trial import Trial, coarse_grid, measure
 from colmap_ihe.fit.trial_result import REFERENCE, SAME, TrialResult, choose, in_words
 from colmap_ihe.grey.conversions import CONVERSIONS
-from colmap_ihe.grey.convert import Tone
 from colmap_ihe.grey.equalise import curve_of
-from colmap_ihe.grey.histogram import Histogram, mass_of
+from colmap_ihe.grey.histogram import Histogram, Weighting, mass_of
 from colmap_ihe.grey.ihe import count_levels, fit_cells, fit_histogram, white_point
-from colmap_ihe.grey.sums import Weighting
-from colmap_ihe.grey.weights import FIXED, Encoding, Formula, Grey, Triplet, Weights, triplets
+from colmap_ihe.grey.weights import FIXED, Encoding, Formula, Grey, Triplet, Weights, shares, triplets
 from colmap_ihe.machine.executor import in_order
 from colmap_ihe.machine.progress import Progress
 from colmap_ihe.photographs.colour_counts import sampled
@@ -30,14 +28,6 @@ from colmap_ihe.photographs.decode import encoding_of, read_photograph
 from colmap_ihe.photographs.discover import Capture
 from colmap_ihe.photographs.each import LeftOut
 from colmap_ihe.project.options import FitOptions
-
-
-@dataclass(frozen=True)
-class Trial:
-    """Describe how COLMAP will see the photographs: the tone of linear ones, and the longer side in pixels."""
-
-    tone: Tone = "sqrt"
-    max_image_size: int = 3200
 
 
 @dataclass(frozen=True)
@@ -180,30 +170,18 @@ class _SetFit:
             guarded = self.options.guard == "noise"
             return self.flattest(self.gathered.contrast.admitted(grid) if guarded else grid)
         if method == "snr":
-            return self.weights(method, _shares(self.gathered.contrast.best(grid)))
+            return self.weights(method, shares(self.gathered.contrast.best(grid)))
         if method in FIXED:
             return self.weights(method, FIXED[method])
         histogram, formula = self.gathered.histogram, self.gathered.formula
-        return Formula(
-            method=method,
-            parameters=() if formula is None else formula.finish(),
-            encoding=self.encoding,
-            white=1.0 if formula is not None else self.white_of(FIXED["green"]),  # as its fit saw the values
-            images=histogram.images,
-            pixels=histogram.pixels,
-        )
+        parameters: tuple[float, ...] = () if formula is None else formula.finish()
+        white = 1.0 if formula is not None else self.white_of(FIXED["green"])  # as its fit saw the values
+        return Formula(method, parameters, self.encoding, white, histogram.images, histogram.pixels)
 
     def weights(self, method: str, triplet: tuple[float, float, float]) -> Weights:
-        histogram = self.gathered.histogram
-        return Weights(
-            *triplet,
-            method=method,
-            encoding=self.encoding,
-            white=self.white_of(triplet),
-            images=histogram.images,
-            pixels=histogram.pixels,
-            contrast=self.gathered.contrast.share_of(triplet),
-        )
+        images, pixels = self.gathered.histogram.images, self.gathered.histogram.pixels
+        white, contrast = self.white_of(triplet), self.gathered.contrast.share_of(triplet)
+        return Weights(*triplet, method, self.encoding, None, None, white, images, pixels, contrast)
 
     def with_curve(self, grey: Grey) -> Grey:
         """Return the same grey, able to be equalised where it is one that can be."""
@@ -258,15 +236,7 @@ class _SetFit:
         try:
             if trial.tone == "equalise":
                 greys, screen = ({n: self.with_curve(g) for n, g in some.items()} for some in (greys, screen))
-            return measure(
-                self.members,
-                greys,
-                self.executor,
-                self.progress,
-                tone=trial.tone,
-                max_image_size=trial.max_image_size,
-                screen=screen,
-            )
+            return measure(self.members, greys, self.executor, self.progress, trial, screen)
         except DiskFullError:
             raise
         except (KnownError, OSError, RuntimeError, KeyError) as error:
@@ -278,8 +248,3 @@ def _levels_of(
 ) -> NDArray[np.int64]:
     rgb = np.asarray(sampled(read_photograph(capture).rgb, sample), np.uint16)
     return count_levels(rgb, chosen, whites) * mass_of(rgb, weighting)
-
-
-def _shares(triplet: Triplet) -> tuple[float, float, float]:
-    red, green, blue = triplet
-    return red / 100, green / 100, blue / 100

@@ -20,8 +20,7 @@ from colmap_ihe.errors import WeightsError
 from colmap_ihe.fit.counting import SetCounts
 from colmap_ihe.grey import kernels
 from colmap_ihe.grey.contrast import Contrast
-from colmap_ihe.grey.histogram import Histogram
-from colmap_ihe.grey.sums import Sums
+from colmap_ihe.grey.histogram import Histogram, Sums
 from colmap_ihe.grey.weights import Encoding
 from colmap_ihe.machine.files import read_at_most, write_bytes
 from colmap_ihe.machine.libraries import __version__
@@ -113,9 +112,8 @@ def _stored(head: Mapping[str, Any], bodies: bytes) -> StoredCounts:
         measured = [(_text(c["key"]), Contrast.from_dict(c, sums.encoding)) for c in part["contrast"]]
         if len(keys) != sums.images or not sums.images or sums.encoding in gathered:
             raise ValueError(f"{len(keys)} names for {sums.images} photographs")
-        gathered[sums.encoding] = SetCounts(
-            histogram, sorted(keys), sorted(measured, key=lambda pair: pair[0])
-        )
+        measured.sort(key=lambda pair: pair[0])
+        gathered[sums.encoding] = SetCounts(histogram, sorted(keys), measured)
     if at != len(bodies) or not gathered:
         raise ValueError("its parts do not fill it")
     sample, development = head["sample"], head["development"]

@@ -107,7 +107,7 @@ def find_overlaps(
             break
     if not overlaps:
         return [], f"no two of the {len(pictures)} photographs looked at overlap clearly"
-    spread = _evenly(len(overlaps), count)
+    spread = sorted({int(i) for i in np.linspace(0, len(overlaps) - 1, min(len(overlaps), count)).round()})
     return [overlaps[i] for i in [*spread, *(i for i in range(len(overlaps)) if i not in spread)]], ""
 
 
@@ -126,10 +126,6 @@ def _pairs_in_turn(count: int) -> Iterator[list[tuple[int, int]]]:
     others = sorted((p for p in combinations(range(count), 2) if p[1] - p[0] > 1), key=lambda p: p[1] - p[0])
     for begin in range(0, min(len(others), _PAIRS_TRIED), 10):
         yield others[begin : begin + 10]
-
-
-def _evenly(count: int, chosen: int) -> list[int]:
-    return sorted({int(i) for i in np.linspace(0, count - 1, min(count, chosen)).round()})
 
 
 def _shared(

@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass
+from types import MappingProxyType
 
 import cv2
 import numpy as np
@@ -22,7 +23,7 @@ from colmap_ihe.fit.overlaps import Box, Overlap, find_overlaps
 from colmap_ihe.fit.trial_result import REFERENCE, Counts, TrialResult, summed_up
 from colmap_ihe.grey.conversions import CONVERSIONS
 from colmap_ihe.grey.convert import Tone, to_grey
-from colmap_ihe.grey.weights import Encoding, Formula, Grey, Weights, triplets
+from colmap_ihe.grey.weights import Encoding, Formula, Grey, Weights, shares, triplets
 from colmap_ihe.machine.executor import in_order, threads_of
 from colmap_ihe.machine.progress import Progress
 from colmap_ihe.photographs.decode import encoding_of, read_photograph
@@ -62,25 +63,30 @@ class _View:
 _Views = tuple[_View, _View]
 
 
+@dataclass(frozen=True)
+class Trial:
+    """Describe how COLMAP will see the photographs: the tone of linear ones, and the longer side in pixels."""
+
+    tone: Tone = "sqrt"
+    max_image_size: int = 3200
+
+
 def measure(
     captures: Sequence[Capture],
     greys: Mapping[str, Grey],
     executor: Executor,
     progress: Progress,
-    *,
-    tone: Tone,
-    max_image_size: int = 3200,
-    screen: Mapping[str, Grey] | None = None,
+    trial: Trial,
+    screen: Mapping[str, Grey] = MappingProxyType({}),
 ) -> TrialResult:
     """Return verified matches of each of `greys` on at most three pairs of photographs.
 
     One of `greys` is named "rec709", and all are for one encoding; captures of another are passed over. The
-    best of `screen` on one pair, in smaller windows, is measured with the others. `max_image_size`: the
-    longer side in pixels at which COLMAP will work. The same photographs give the same answer. Photographs
-    that cannot be read are passed over; without a pair that overlaps the result has none, and says why.
-    Raises ValueError for greys as above, `NativeError`, `Cancelled`.
+    best of `screen` on one pair, in smaller windows, is measured with the others. The same photographs give the same
+    answer. Photographs that cannot be read are passed over; without a pair that overlaps the result has none, and says
+    why. Raises ValueError for greys as above, `NativeError`, `Cancelled`.
     """
-    encodings = {g.encoding for g in (*greys.values(), *(screen or {}).values())}
+    encodings = {g.encoding for g in (*greys.values(), *screen.values())}
     if REFERENCE not in greys or len(encodings) != 1:
         raise ValueError(f"{sorted(greys)=} {encodings=}, expected {REFERENCE} among them and one encoding")
     members = [c for c in captures if encoding_of(c) in encodings]
@@ -88,19 +94,15 @@ def measure(
         return TrialResult(reason=f"a pair takes two photographs, and there are {len(members)} of this kind")
     with quiet(), threads_of(executor) as threads:
         overlaps, reason = find_overlaps(members, PAIRS + bool(screen), threads, progress)
-        bench = _Bench(threads, progress, tone, max_image_size, greys[REFERENCE])
-        return _measure(overlaps, reason, greys, screen or {}, bench)
+        bench = _Bench(threads, progress, trial, greys[REFERENCE])
+        return _measure(bench, overlaps, greys, screen, reason)
 
 
 def coarse_grid(encoding: Encoding, step: float = 0.25) -> dict[str, Weights]:
     """Return the triplets of a coarse grid, to be screened, by the name they have among candidates; of a linear set
     still without its white points."""
-    return {
-        f"{i / 100:g} {j / 100:g} {k / 100:g}": Weights(
-            i / 100, j / 100, k / 100, method="grid", encoding=encoding
-        )
-        for i, j, k in triplets(step)
-    }
+    grid = (shares(triplet) for triplet in triplets(step))
+    return {" ".join(f"{w:g}" for w in weights): Weights(*weights, "grid", encoding) for weights in grid}
 
 
 @dataclass(frozen=True)
@@ -109,8 +111,7 @@ class _Bench:
 
     executor: Executor
     progress: Progress
-    tone: Tone
-    max_image_size: int
+    trial: Trial
     reference: Grey
 
     def load(self, overlap: Overlap) -> tuple[_Pixels, _Pixels] | None:
@@ -129,19 +130,19 @@ class _Bench:
     def views(self, overlap: Overlap, both: tuple[_Pixels, _Pixels], pixels: float) -> _Views:
         """Return windows of so many pixels at working resolution."""
         sizes = [(rgb.shape[1], rgb.shape[0]) for rgb in both]
-        scales = [min(1.0, self.max_image_size / max(size)) for size in sizes]
+        scales = [min(1.0, self.trial.max_image_size / max(size)) for size in sizes]
         sides = [round(pixels**0.5 / scale) for scale in scales]
         boxes = overlap.boxes((sizes[0], sizes[1]), (sides[0], sides[1]))
-        first, second = (
-            _View(rgb, box, scale, max(_LEAST_KEPT, round(_KEPT * self.share(rgb, box, scale))))
-            for rgb, box, scale in zip(both, boxes, scales, strict=True)
-        )
+        first, second = map(self.view, both, boxes, scales)
         return first, second
+
+    def view(self, rgb: _Pixels, box: Box, scale: float) -> _View:
+        return _View(rgb, box, scale, max(_LEAST_KEPT, round(_KEPT * self.share(rgb, box, scale))))
 
     def share(self, rgb: _Pixels, box: Box, scale: float) -> float:
         """Return how many of the photograph's features lie in the box, going by its blobs at half working
         resolution."""
-        grey = to_grey(rgb, self.reference, self.tone)
+        grey = to_grey(rgb, self.reference, self.trial.tone)
         height, width = (max(8, round(n * scale / 2)) for n in grey.shape)
         half = np.asarray(cv2.resize(grey, (width, height), interpolation=cv2.INTER_AREA), np.float32)
         band = cv2.GaussianBlur(half, (0, 0), _BLOB) - cv2.GaussianBlur(half, (0, 0), _BLOB * 2 ** (1 / 3))
@@ -155,7 +156,7 @@ class _Bench:
     def features(self, views: _Views, greys: Sequence[Grey], first_octave: int) -> list[list[Features]]:
         """Return the features of both windows in each grey that COLMAP would keep, at places in whole photographs."""
         jobs = [(view, grey) for grey in greys for view in views]
-        windows = list(in_order(self.executor, lambda job: _window(*job, self.tone), jobs))
+        windows = list(in_order(self.executor, lambda job: _window(*job, self.trial.tone), jobs))
         found = features_of(windows, self.progress, first_octave=first_octave)
         whole = [
             _in_photograph(f.coarsest(view.kept), view) for f, (view, _) in zip(found, jobs, strict=True)
@@ -175,19 +176,19 @@ class _Bench:
 
         self.progress.start(len(unlike), "greys")
         counted: dict[object, Counts] = {}
-        found = self.features(views, list(unlike.values()), first_octave)
-        for look, counts in zip(unlike, in_order(self.executor, count, found), strict=True):
+        features = self.features(views, list(unlike.values()), first_octave)
+        for look, counts in zip(unlike, in_order(self.executor, count, features), strict=True):
             counted[look] = counts
             self.progress.advance()
         return [counted[_look(grey)] for grey in greys]
 
 
 def _measure(
+    bench: _Bench,
     overlaps: Sequence[Overlap],
-    reason: str,
     greys: Mapping[str, Grey],
     screen: Mapping[str, Grey],
-    bench: _Bench,
+    reason: str,
 ) -> TrialResult:
     """Measure the greys. The grid is screened on a pair that is not measured afterwards, if there is one to spare: a
     grey that was lucky there has no luck left."""
@@ -200,7 +201,10 @@ def _measure(
         if both is None:
             continue
         if first_octave is None:
-            first_octave = _first_octave(bench, bench.views(overlap, both, _WINDOW))
+            # Where COLMAP has its fill of features of two pixels and more, which takes a quarter of the time.
+            views = bench.views(overlap, both, _WINDOW)
+            coarse = sum(map(len, bench.features(views, [bench.reference], 0)[0]))
+            first_octave = 0 if coarse >= sum(view.kept for view in views) else -1
         pixels = _WINDOW / (1 if first_octave == 0 else _FINER)
         if screen:
             small = bench.views(overlap, both, pixels / _SCREENED)
@@ -216,12 +220,6 @@ def _measure(
     if overlaps and not found:
         reason = "the photographs that overlap cannot be read in full"
     return summed_up(names, list(tried), found, reason)
-
-
-def _first_octave(bench: _Bench, views: _Views) -> int:
-    """Return 0 where COLMAP has its fill of features of two pixels and more, which takes a quarter of the time."""
-    found = bench.features(views, [bench.reference], 0)[0]
-    return 0 if sum(map(len, found)) >= sum(view.kept for view in views) else -1
 
 
 def _window(view: _View, grey: Grey, tone: Tone) -> NDArray[np.uint8]:

@@ -74,14 +74,10 @@ class TrialResult:
 def trial_result_from_dict(values: Any) -> TrialResult:
     """Read what `as_dict` wrote. Raises KeyError, TypeError or ValueError for anything that `as_dict` could not have
     written."""
-    return TrialResult(
-        tuple((str(first), str(second)) for first, second in values["pairs"]),
-        tuple(
-            (name, Candidate(**{**c, "by_pair": tuple(c["by_pair"])}))
-            for name, c in values["candidates"].items()
-        ),
-        str(values["reason"]),
-    )
+    pairs = tuple((str(first), str(second)) for first, second in values["pairs"])
+    named = values["candidates"].items()
+    candidates = tuple((name, Candidate(**{**c, "by_pair": tuple(c["by_pair"])})) for name, c in named)
+    return TrialResult(pairs, candidates, str(values["reason"]))
 
 
 def summed_up(

@@ -7,13 +7,12 @@ from typing import Any
 
 import numpy as np
 import yaml
-from numpy.typing import NDArray
 
 from colmap_ihe.errors import WeightsError
 from colmap_ihe.grey.convert import to_grey
 from colmap_ihe.grey.weights import Grey, grey_from_dict
-from colmap_ihe.machine.files import read_at_most, write_bytes
-from colmap_ihe.project.safe_yaml import MOST_BYTES, parse_yaml
+from colmap_ihe.machine.files import write_bytes
+from colmap_ihe.project.safe_yaml import read_yaml
 
 
 def write_weights(file: Path, grey: Grey) -> None:
@@ -25,10 +24,9 @@ def read_weights(file: Path) -> Grey:
     """Read a weights file, as `fit -o` writes it. Raises `WeightsError`."""
     hint = "write one with `colmap-ihe fit IMAGES -o weights.yaml`"
     try:
-        values = parse_yaml(read_at_most(file, MOST_BYTES).decode("utf-8"))
-    except (OSError, ValueError) as error:
-        reason = error.strerror if isinstance(error, OSError) else str(error)
-        raise WeightsError(f"{file}: cannot be read ({reason})", hint=hint) from error
+        values = read_yaml(file)
+    except ValueError as error:
+        raise WeightsError(f"{file}: cannot be read ({error})", hint=hint) from error
     if isinstance(values, dict) and values.get("weights") is None and "parameters" in values:
         return _read_formula(file, values)
     triplet = values.get("weights") if isinstance(values, dict) else None
@@ -49,9 +47,7 @@ def read_weights(file: Path) -> Grey:
 def _read_formula(file: Path, values: dict[str, Any]) -> Grey:
     """Read the conversion that is no triplet, tried on a few pixels."""
     grey = grey_from_dict(values, str(file))
-    dark: NDArray[np.uint8] | NDArray[np.uint16] = np.zeros((8, 8, 3), np.uint8)
-    if grey.encoding == "linear":
-        dark = np.zeros((8, 8, 3), np.uint16)
+    dark = np.zeros((8, 8, 3), np.uint8 if grey.encoding == "coded" else np.uint16)
     try:
         to_grey(dark, grey)
     except (ValueError, TypeError, KeyError, IndexError) as error:

@@ -30,8 +30,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from colmap_ihe.grey import bands
-from colmap_ihe.grey.weights import Encoding, triplets
+from colmap_ihe.grey import kernels
+from colmap_ihe.grey.weights import Encoding, Triplet, triplets
 
 CLOSENESS = 0.998
 """A triplet is admitted whose contrast is at least this share of the best one's."""
@@ -109,14 +109,13 @@ class Contrast:
     def from_dict(cls, values: Mapping[str, Any], encoding: Encoding) -> Contrast:
         """Read what `as_dict` wrote. Raises ValueError, TypeError or KeyError for anything that `as_dict` could not
         have written."""
-        found = cls(encoding)
-        found.signal, found.noise = (
-            np.array(values[name], np.float64).reshape(3, 3) for name in ("signal", "noise")
-        )
-        for of in (found.signal, found.noise):
-            if not (np.abs(of) <= _MOST).all() or (of != of.T).any() or (of != _on_grid(of)).any():
+        contrast = cls(encoding)
+        for name in ("signal", "noise"):
+            sums = np.array(values[name], np.float64).reshape(3, 3)
+            if not (np.abs(sums) <= _MOST).all() or (sums != sums.T).any() or (sums != _on_grid(sums)).any():
                 raise ValueError("sums of contrast that are none")
-        return found
+            setattr(contrast, name, sums)
+        return contrast
 
     def snr_of(self, grid: Sequence[tuple[float, float, float]] | _F64) -> _F64:
         """Return sqrt(w'Cw / w'Nw) of each triplet, in hundredths: (n,) float64; all 0 while nothing was measured."""
@@ -131,24 +130,22 @@ class Contrast:
         red, green, blue = (100 * w for w in triplet)
         return float(self.snr_of([(red, green, blue)])[0]) / best if best > 0 else None
 
-    def best(self, grid: Sequence[tuple[int, int, int]]) -> tuple[int, int, int]:
+    def best(self, grid: Sequence[Triplet]) -> Triplet:
         """Return the triplet of greatest contrast; of equals the nearest to Rec.709."""
-        w = np.asarray(grid, np.float64)
-        snr, away = self.snr_of(w), ((w - _REC709) ** 2).sum(axis=1)
-        return grid[int(np.lexsort((away, -snr))[0])]
+        return grid[int(np.lexsort((_away(grid), -self.snr_of(grid)))[0])]
 
-    def admitted(
-        self, grid: Sequence[tuple[int, int, int]], closeness: float = CLOSENESS
-    ) -> list[tuple[int, int, int]]:
-        """Return those whose contrast is at least `closeness` of the best one's, in the order given. Only the nearest
+    def admitted(self, grid: Sequence[Triplet]) -> list[Triplet]:
+        """Return those whose contrast is at least `CLOSENESS` of the best one's, in the order given. Only the nearest
         to Rec.709 where its contrast is `DEFAULT_ENOUGH`; all where no detail was measured."""
-        w = np.asarray(grid, np.float64)
-        snr, away = self.snr_of(w), ((w - _REC709) ** 2).sum(axis=1)
-        default = int(np.argmin(away))
+        snr, default = self.snr_of(grid), int(np.argmin(_away(grid)))
         if snr.max() > 0 and snr[default] >= DEFAULT_ENOUGH * snr.max():
             return [grid[default]]
-        least = closeness * snr.max()
+        least = CLOSENESS * snr.max()
         return [t for t, value in zip(grid, snr, strict=True) if value >= least]
+
+
+def _away(grid: Sequence[Triplet]) -> _F64:
+    return np.asarray(((np.asarray(grid, np.float64) - _REC709) ** 2).sum(axis=1))
 
 
 def _on_grid(sums: _F64) -> _F64:
@@ -170,7 +167,7 @@ def _tiles(rgb: _Pixels) -> Iterator[_Pixels]:
 
 
 @cache
-def _band(most: int) -> bands.Band:
+def _band(most: int) -> kernels.Band:
     """Return the band of detail, and where to look for it, of values of which `most` is full scale."""
     coarse = _SIGMA * (_WIDTH**2 - 1) ** 0.5
     taps = [cv2.getGaussianKernel(7, sigma, cv2.CV_32F)[3:, 0] for sigma in (_SIGMA, coarse)]
@@ -185,13 +182,13 @@ def _full_scale(tile: _Pixels) -> int:
 def _detail(tiles: Sequence[_Pixels]) -> _F64 | None:
     """Return (3, 3): the mean of d d' in the detail band, over pixels that are not on or beside saturated or black
     ones; None if there are none."""
-    start = _MARGIN - 2 * bands.BAND_REACH
+    start = _MARGIN - 2 * kernels.BAND_REACH
     most = 4 * _full_scale(tiles[0])  # of sums of 2x2 values
     total = np.zeros(7)
     for tile in tiles:
         height, width = (n // 2 * 2 for n in tile.shape[:2])
         if min(height, width) > 2 * _MARGIN:
-            total += bands.measure_detail(tile[start : height - start, start : width - start], _band(most))
+            total += kernels.measure_detail(tile[start : height - start, start : width - start], _band(most))
     return _symmetric(total[:6] / total[6] / most**2) if total[6] else None
 
 
@@ -233,9 +230,9 @@ def _blocks(tile: _Pixels) -> NDArray[np.float32]:
     height, width = ((n - 2 * _MARGIN) // _BLOCK * _BLOCK for n in tile.shape[:2])
     if height <= 0 or width <= 0:
         return np.zeros((0, 8), np.float32)
-    start, more = _MARGIN - bands.BAND_REACH, 2 * bands.BAND_REACH
+    start, more = _MARGIN - kernels.BAND_REACH, 2 * kernels.BAND_REACH
     around = tile[start : start + height + more, start : start + width + more]
-    return bands.measure_blocks(around, _band(_full_scale(tile)))
+    return kernels.measure_blocks(around, _band(_full_scale(tile)))
 
 
 def _symmetric(products: _F64) -> _F64:

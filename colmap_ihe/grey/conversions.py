@@ -43,7 +43,7 @@ class SetFit(Protocol):
     def finish(self) -> tuple[float, ...]: ...
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class Conversion:
     """Describe one name of `--method`.
 
@@ -55,13 +55,13 @@ class Conversion:
 
     name: str
     scope: Scope
-    does: str
     properties: frozenset[Property]
     source: str
-    local: bool = False
+    does: str
     convert: Callable[[Float32], Float32] | None = None
     new_fit: Callable[[], SetFit] | None = None
     apply: Callable[[Float32, Any], Float32] | None = None
+    local: bool = False
 
 
 _SEES: frozenset[Property] = frozenset({"feature discriminability", "chrominance awareness"})
@@ -71,126 +71,46 @@ _KEEPS: frozenset[Property] = frozenset({"greyscale preservation"})
 _CONSISTENT: frozenset[Property] = frozenset({"colour consistency"})
 _FIXED = _MAPS | _KEEPS | _CONSISTENT
 
+_PAPER = "the paper of 2016"
 _TRIPLETS = {
     "rec709": ("luma of HDTV; COLMAP's default", "ITU-R BT.709-6, 3.2"),
     "rgb2gray": ("luma of standard definition; MATLAB's rgb2gray", "ITU-R BT.601; MATLAB, rgb2gray"),
-    "photoshop": (".4 .4 .2, Photoshop's black and white", "the paper of 2016"),
-    "mean": ("(R + G + B) / 3", "the paper of 2016"),
+    "photoshop": (".4 .4 .2, Photoshop's black and white", _PAPER),
+    "mean": ("(R + G + B) / 3", _PAPER),
     "red": ("the red channel", "one channel"),
     "green": ("the green channel", "one channel"),
     "blue": ("the blue channel", "one channel"),
 }
 
 _ALL = [
-    Conversion(
-        name="ihe",
-        scope="set",
-        does="the weights whose grey histogram over the set is flattest",
-        properties=_SEES | _FIXED,
-        source="the paper of 2016",
-    ),
-    Conversion(
-        name="auto",
-        scope="set",
-        does="the one of several candidates that matches best on a few pairs of the set",
-        properties=_SEES | _FIXED,
-        source="ours",
-    ),
-    Conversion(
-        name="snr",
-        scope="set",
-        does="the weights whose detail stands out of their noise best",
-        properties=_SEES | _FIXED,
-        source="ours",
-    ),
-    *(
-        Conversion(name=name, scope="colour", does=does, properties=_FIXED, source=source)
-        for name, (does, source) in _TRIPLETS.items()
-    ),
-    Conversion(
-        name="cie-y",
-        scope="colour",
-        does="the grey of the same luminance",
-        properties=_FIXED,
-        source="IEC 61966-2-1",
-        convert=cie_y,
-    ),
-    Conversion(
-        name="value",
-        scope="colour",
-        does="the greatest of R, G and B",
-        properties=_FIXED,
-        source="Smith, SIGGRAPH 1978",
-        convert=value,
-    ),
-    Conversion(
-        name="decolorize",
-        scope="image",
-        does="luminance, and the chrominance it shows least, stretched",
-        properties=_SEES | _MAPS | _KEEPS,
-        source="Grundland and Dodgson, Pattern Recognition 40, 2007",
-        convert=decolorize,
-    ),
-    Conversion(
-        name="decolorize-set",
-        scope="set",
-        does="decolorize with axis and quantiles of the whole set",
-        properties=_SEES | _FIXED,
-        source="Benedetti et al., VSMM 2012",
-        new_fit=DecolorizeSet,
-        apply=apply_decolorize,
-    ),
-    Conversion(
-        name="realtime",
-        scope="image",
-        does="the one of 66 triplets that keeps contrasts of colour best",
-        properties=_SEES | _MAPS | _KEEPS,
-        source="Lu, Xu and Jia, SIGGRAPH Asia 2012",
-        convert=realtime,
-    ),
-    Conversion(
-        name="realtime-set",
-        scope="set",
-        does="realtime with the pairs of pixels of the whole set",
-        properties=_SEES | _FIXED,
-        source="Lu, Xu and Jia, SIGGRAPH Asia 2012; over a set, ours",
-        new_fit=RealtimeSet,
-        apply=weighed,
-    ),
-    Conversion(
-        name="contrast-preserving",
-        scope="image",
-        does="a polynomial of the colour that keeps contrasts, stretched",
-        properties=_SEES | _MAPS,
-        source="Lu, Xu and Jia, ICCP 2012; cv2.decolor",
-        convert=contrast_preserving,
-    ),
-    Conversion(
-        name="song",
-        scope="image",
-        does="the one of 66 triplets that guides a bilateral filter most like colour",
-        properties=_SEES | _MAPS | _KEEPS,
-        source="Song et al., SIGGRAPH Asia 2013",
-        convert=song,
-    ),
-    Conversion(
-        name="color2gray",
-        scope="image",
-        does="differences of grey after signed differences of colour",
-        properties=_SEES | (_MAPS - _UNSUPERVISED),
-        source="Gooch et al., SIGGRAPH 2005",
-        convert=color2gray,
-    ),
-    Conversion(
-        name="apparent",
-        scope="image",
-        does="lightness as it appears, sharpened where colour has more contrast",
-        properties=_SEES | _UNSUPERVISED,
-        source="Smith et al., Eurographics 2008",
-        local=True,
-        convert=apparent,
-    ),
-]
+    Conversion("ihe", "set", _SEES | _FIXED, _PAPER,
+               "the weights whose grey histogram over the set is flattest"),
+    Conversion("auto", "set", _SEES | _FIXED, "ours",
+               "the one of several candidates that matches best on a few pairs of the set"),
+    Conversion("snr", "set", _SEES | _FIXED, "ours",
+               "the weights whose detail stands out of their noise best"),
+    *(Conversion(name, "colour", _FIXED, source, does) for name, (does, source) in _TRIPLETS.items()),
+    Conversion("cie-y", "colour", _FIXED, "IEC 61966-2-1",
+               "the grey of the same luminance", cie_y),
+    Conversion("value", "colour", _FIXED, "Smith, SIGGRAPH 1978",
+               "the greatest of R, G and B", value),
+    Conversion("decolorize", "image", _SEES | _MAPS | _KEEPS, "Grundland and Dodgson, Pattern Recognition 40, 2007",
+               "luminance, and the chrominance it shows least, stretched", decolorize),
+    Conversion("decolorize-set", "set", _SEES | _FIXED, "Benedetti et al., VSMM 2012",
+               "decolorize with axis and quantiles of the whole set", None, DecolorizeSet, apply_decolorize),
+    Conversion("realtime", "image", _SEES | _MAPS | _KEEPS, "Lu, Xu and Jia, SIGGRAPH Asia 2012",
+               "the one of 66 triplets that keeps contrasts of colour best", realtime),
+    Conversion("realtime-set", "set", _SEES | _FIXED, "Lu, Xu and Jia, SIGGRAPH Asia 2012; over a set, ours",
+               "realtime with the pairs of pixels of the whole set", None, RealtimeSet, weighed),
+    Conversion("contrast-preserving", "image", _SEES | _MAPS, "Lu, Xu and Jia, ICCP 2012; cv2.decolor",
+               "a polynomial of the colour that keeps contrasts, stretched", contrast_preserving),
+    Conversion("song", "image", _SEES | _MAPS | _KEEPS, "Song et al., SIGGRAPH Asia 2013",
+               "the one of 66 triplets that guides a bilateral filter most like colour", song),
+    Conversion("color2gray", "image", _SEES | (_MAPS - _UNSUPERVISED), "Gooch et al., SIGGRAPH 2005",
+               "differences of grey after signed differences of colour", color2gray),
+    Conversion("apparent", "image", _SEES | _UNSUPERVISED, "Smith et al., Eurographics 2008",
+               "lightness as it appears, sharpened where colour has more contrast", apparent, local=True),
+]  # fmt: skip
 
 CONVERSIONS: Mapping[str, Conversion] = {conversion.name: conversion for conversion in _ALL}
 """Every name of `--method`."""

@@ -75,8 +75,7 @@ def coded_share(
     `tone` gives each channel with `white` (share of saturation) at 1."""
     if rgb.dtype == np.uint8:
         return np.multiply(rgb, np.float32(1 / 255), dtype=np.float32)
-    share = np.minimum(np.arange(DEPTH) / (white * (DEPTH - 1)), 1.0)
-    return np.asarray(np.sqrt(share) if tone == "sqrt" else share, np.float32)[rgb]
+    return np.asarray(_toned(white, tone), np.float32)[rgb]
 
 
 def _by_formula(rgb: NDArray[np.float32], formula: Formula) -> NDArray[np.uint8]:
@@ -95,8 +94,12 @@ def tone_table(white: float, tone: Tone) -> NDArray[np.uint8]:
     is "sqrt" or "linear", else ValueError: equalising takes a curve, not a white point."""
     if tone == "equalise":
         raise ValueError(f"{tone=}, expected 'sqrt' or 'linear'")
+    return np.asarray(np.round(255 * _toned(white, tone)), np.uint8)
+
+
+def _toned(white: float, tone: Tone) -> NDArray[np.float64]:
     share = np.minimum(np.arange(DEPTH) / (white * (DEPTH - 1)), 1.0)
-    return np.asarray(np.round(255 * (np.sqrt(share) if tone == "sqrt" else share)), np.uint8)
+    return np.sqrt(share) if tone == "sqrt" else share
 
 
 def to_colour(

@@ -49,9 +49,7 @@ def _grey_counts(histogram: Histogram, triplet: tuple[float, float, float]) -> N
         some = slice(first, first + _AT_ONCE)
         low, high = boxes.low[:, some].astype(np.float64), boxes.high[:, some].astype(np.float64)
         middle, square = np.zeros(low.shape[1]), np.zeros(low.shape[1])
-        for share, a, b in zip(
-            shares, low, high, strict=True
-        ):  # in this order, so that sums are always the same
+        for share, a, b in zip(shares, low, high, strict=True):  # in order: sums are always the same
             middle += share * (a + b) / 2
             square += (share * (b - a)) ** 2
         half = np.sqrt(square) / 2

@@ -24,7 +24,7 @@ from colmap_ihe.grey.contrast import Contrast
 from colmap_ihe.grey.equalise import curve_of
 from colmap_ihe.grey.histogram import LINEAR_EDGES, Histogram
 from colmap_ihe.grey.rules import LEVELS, linear_rules
-from colmap_ihe.grey.weights import FIXED, Triplet, Weights, triplets
+from colmap_ihe.grey.weights import FIXED, Triplet, Weights, shares, triplets
 
 Recount = Callable[[Sequence[Triplet], Sequence[int]], NDArray[np.int64]]
 """Counts the grey levels of n triplets, with their white points, over the whole set: (n, 256) int64."""
@@ -59,9 +59,8 @@ def fit_weights(
     admitted = contrast.admitted(grid) if guard == "noise" else grid
 
     def recount(chosen: Sequence[Triplet], whites: Sequence[int]) -> NDArray[np.int64]:
-        return np.asarray(
-            sum(count_levels(np.asarray(i, np.uint16), chosen, whites) for i in images), np.int64
-        )
+        counts = (count_levels(np.asarray(rgb, np.uint16), chosen, whites) for rgb in images)
+        return np.asarray(sum(counts), np.int64)
 
     if histogram.encoding == "coded":
         return fit_histogram(histogram, admitted)
@@ -69,11 +68,7 @@ def fit_weights(
     return replace(weights, curve=curve_of(histogram, weights.triplet))
 
 
-def fit_histogram(
-    histogram: Histogram,
-    grid: Sequence[Triplet],
-    recount: Recount | None = None,
-) -> Weights:
+def fit_histogram(histogram: Histogram, grid: Sequence[Triplet], recount: Recount | None = None) -> Weights:
     """Return the IHE weights of a set among the triplets of `grid`, by a loop over all of them and every pixel.
 
     Coded sets need nothing but their histogram. Linear sets need `recount` too, which is called once.
@@ -105,25 +100,14 @@ def fit_cells(histogram: Histogram, grid: Sequence[Triplet]) -> Weights:
         estimates = estimates_of(pyramid.boxes(bits), linear_rules(alive, whites))
         best = np.argsort(estimates, kind="stable")[:kept]
         alive = [alive[i] for i in best]
-    red, green, blue = (w / 100 for w in alive[0])
-    mass = int(histogram.occupied()[1].sum())
-    return Weights(
-        red,
-        green,
-        blue,
-        encoding="linear",
-        score=float(estimates[best[0]]) / mass**2 - 1 / LEVELS,
-        white=_share(whites[best[0]]),
-        images=histogram.images,
-        pixels=histogram.pixels,
-    )
+    score = float(estimates[best[0]]) / int(histogram.occupied()[1].sum()) ** 2 - 1 / LEVELS
+    return _weights(histogram, alive[0], score, _share(whites[best[0]]))
 
 
 def flatness(histogram: Histogram, triplet: tuple[float, float, float]) -> float:
     """Return how many grey levels weights would fill if they filled them evenly, 1 to 256: 1 / sum y^2, of a linear
     set by estimate and with the set's own white point. The weights are rounded to hundredths."""
-    red, green = round(100 * triplet[0]), round(100 * triplet[1])
-    whole = [(red, green, 100 - red - green)]
+    whole = [_hundredths(triplet)]
     mass = int(histogram.occupied()[1].sum())
     if histogram.encoding == "coded":
         return mass**2 / _squares(histogram.levels(whole)[whole[0]])
@@ -149,8 +133,12 @@ def count_levels(
 
 def white_point(histogram: Histogram, triplet: tuple[float, float, float]) -> float:
     """Return the white point of a linear grey over the set, as a share of saturation, in (0, 1]."""
-    red, green = round(triplet[0] * 100), round(triplet[1] * 100)
-    return _share(whites_of(Pyramid(histogram).boxes(_WHITE_BITS), [(red, green, 100 - red - green)])[0])
+    return _share(whites_of(Pyramid(histogram).boxes(_WHITE_BITS), [_hundredths(triplet)])[0])
+
+
+def _hundredths(triplet: tuple[float, float, float]) -> Triplet:
+    red, green = round(100 * triplet[0]), round(100 * triplet[1])
+    return red, green, 100 - red - green
 
 
 def _share(white: int) -> float:
@@ -173,16 +161,13 @@ def _best(histogram: Histogram, counted: _Counted, white: dict[Triplet, int] | N
 
     winner = min(close, key=rank)
     counts = counted[winner]
-    red, green, blue = (w / 100 for w in winner)
-    return Weights(
-        red,
-        green,
-        blue,
-        method="ihe",
-        encoding=histogram.encoding,
-        score=_squares(counts) / int(counts.sum()) ** 2 - 1 / LEVELS,
-        tones=int(np.count_nonzero(counts)),
-        white=1.0 if white is None else _share(white[winner]),
-        images=histogram.images,
-        pixels=histogram.pixels,
-    )
+    score = _squares(counts) / int(counts.sum()) ** 2 - 1 / LEVELS
+    share = 1.0 if white is None else _share(white[winner])
+    return _weights(histogram, winner, score, share, int(np.count_nonzero(counts)))
+
+
+def _weights(
+    histogram: Histogram, triplet: Triplet, score: float, white: float, tones: int | None = None
+) -> Weights:
+    images, pixels = histogram.images, histogram.pixels
+    return Weights(*shares(triplet), "ihe", histogram.encoding, score, tones, white, images, pixels)

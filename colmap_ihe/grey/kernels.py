@@ -1,21 +1,68 @@
-"""Call the compiled loops (kernels.c) of the fit: colours counted, and grey levels of what was counted."""
+"""Call the compiled loops (kernels.c): colours counted, grey levels of what was counted, and bands of detail.
+
+Loaded as a plain shared library: ctypes gives up the interpreter's lock for the time of a call, so threads
+run side by side. Arrays are checked here, for C does not.
+"""
 
 from __future__ import annotations
 
 import ctypes
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from colmap_ihe.grey.compiled import C, at, check, length
+from colmap_ihe.errors import CapabilityError
 from colmap_ihe.grey.rules import LEVELS, Rules
 from colmap_ihe.grey.weights import Triplet
 
 CELLS = 1 << 24
 FULL = 65535
+PACKED_BYTES = 14  # of a cell, at the most
+_PACKED_AT_ONCE = 1 << 20
 _RUN = 16  # places that kernels.c counts together
+_SUMS = 8  # of a band, in a block or a tile
+
+Band = NDArray[np.float32]
+"""(10,): the taps of two Gaussians of 7, from the middle outwards, whose difference is a band of detail; then the
+least and the greatest value, of a pixel's brightest channel, with which the pixel counts."""
+
+BAND_REACH = 6
+"""Pixels around one that its value in a band comes from."""
+
+
+def _load() -> ctypes.CDLL:
+    path = Path(__file__).with_name("libkernels.so")
+    try:
+        library = ctypes.CDLL(str(path))
+    except OSError as error:
+        raise CapabilityError(
+            f"{path}: the compiled part of colmap-ihe cannot be loaded ({error})",
+            hint="install colmap-ihe with pip, which builds it, as in `pip install .` in its clone",
+        ) from error
+    for name in ("occupied", "gather", "pack_cells", "pack_table"):
+        getattr(library, name).restype = ctypes.c_size_t
+    return library
+
+
+C = _load()
+
+
+def check(array: NDArray[np.generic], dtype: type[np.generic], shape: tuple[int, ...]) -> None:
+    """Raise ValueError for an array of another dtype or shape, or one that is not C-contiguous."""
+    if array.dtype != dtype or array.shape != shape or not array.flags.c_contiguous:
+        raise ValueError(f"{array.shape=} {array.dtype=}, expected contiguous {shape} {np.dtype(dtype)}")
+
+
+def at(array: NDArray[np.generic]) -> ctypes.c_void_p:
+    """Return the address of an array, valid until the call is over."""
+    return array.ctypes.data_as(ctypes.c_void_p)  # which keeps it alive
+
+
+length = ctypes.c_size_t
+"""A number of things, as C takes it."""
 
 
 class Table:
@@ -33,10 +80,6 @@ class Table:
     def clear(self, place: NDArray[Any]) -> None:
         """Set the counts at places (M,) to 0."""
         self.low[place] = self.high[place] = 0
-
-
-PACKED_BYTES = 14  # of a cell, at the most
-_PACKED_AT_ONCE = 1 << 20
 
 
 def held(table: Table, *, emptied: bool = False) -> bytes:
@@ -201,3 +244,38 @@ def _check_boxes(planes: NDArray[np.float32], mass: NDArray[np.uint64], rules: R
     check(planes, np.float32, (3, len(mass)))
     check(mass, np.uint64, (len(mass),))
     check(rules, np.float32, (len(rules), 6))
+
+
+def measure_detail(tile: NDArray[np.generic], band: Band) -> NDArray[np.float64]:
+    """Return, of the band of a tile, (H, W, 3) uint8 or uint16, at half its size and of sums of 2x2 values, the sums
+    of the products RR, GG, BB, RG, RB, GB, and how many pixels they are of: (7,). A pixel counts with all within 3 of
+    it. `2 * BAND_REACH` pixels at each side of the tile are taken for their values alone."""
+    out = np.zeros(_SUMS)
+    _measure(C.measure_detail, tile, 2 * BAND_REACH, band, out)
+    return out[:-1]
+
+
+def measure_blocks(tile: NDArray[np.generic], band: Band) -> NDArray[np.float32]:
+    """Return, of the band of a tile, (H, W, 3) uint8 or uint16, for each block of 8x8 pixels the sums of the products
+    RR, GG, BB, RG, RB, GB, the sum of the values, and how many pixels count: (n, 8). `BAND_REACH` pixels at each side
+    of the tile are taken for their values alone."""
+    down, across = ((n - 2 * BAND_REACH) // 8 for n in tile.shape[:2])
+    out = np.empty((down * across, _SUMS), np.float32)
+    _measure(C.measure_blocks, tile, BAND_REACH, band, out)
+    return out
+
+
+def _measure(
+    function: Callable[..., None], tile: NDArray[np.generic], reach: int, band: Band, out: NDArray[Any]
+) -> None:
+    height, width = tile.shape[:2]
+    pixels = tile.dtype in (np.uint8, np.uint16) and tile.shape[2:] == (3,)
+    if not pixels or min(height, width) < 2 * reach + 2:
+        raise ValueError(f"{tile.shape=} {tile.dtype=}, expected at least {2 * reach + 2} pixels each way")
+    check(band, np.float32, (10,))
+    size = tile.itemsize
+    if tile.strides[1:] != (3 * size, size) or tile.strides[0] < 0 or not tile.flags.aligned:
+        tile = np.array(tile, order="C")
+    scratch = np.empty((8, height, width), np.float32)
+    sizes = (length(n) for n in (tile.strides[0], size == 2, height, width))
+    function(at(tile), *sizes, at(band), at(scratch), at(out))

@@ -28,26 +28,17 @@ BLOCK = 64
 _STRIP = 512  # rows at once, which bounds the memory
 
 
-def wallis(
-    grey: NDArray[np.uint8],
-    block: int = BLOCK,
-    *,
-    target_mean: float = TARGET_MEAN,
-    target_deviation: float = TARGET_DEVIATION,
-    contrast: float = CONTRAST,
-    brightness: float = BRIGHTNESS,
-) -> NDArray[np.uint8]:
+def wallis(grey: NDArray[np.uint8], block: int = BLOCK) -> NDArray[np.uint8]:
     """Return the enhanced image, (H, W) uint8, of grey (H, W) uint8, to the nearest level.
 
     The image is cut into blocks as near to `block` pixels a side as goes evenly, one at least; beyond the outermost
-    centres their statistics hold. `contrast` and `brightness` in [0, 1) and [0, 1]: 0 and 0 would be a black
-    picture, not the same one. An even block has no deviation to divide by: its noise grows by c / (1 - c) at most.
-    Masks are not known here, and what they leave out counts like the rest. Raises ValueError for anything else.
+    centres their statistics hold. An even block has no deviation to divide by: its noise grows by c / (1 - c) at
+    most. Masks are not known here, and what they leave out counts like the rest. Raises ValueError for anything else.
     """
     if grey.ndim != 2 or grey.dtype != np.uint8 or not grey.size:
         raise ValueError(f"{grey.shape=} {grey.dtype=}, expected (H, W) uint8")
-    if not (0 < contrast < 1 and 0 <= brightness <= 1 and target_deviation > 0 and block > 0):
-        raise ValueError(f"{contrast=} {brightness=} {target_deviation=} {block=}, expected 0 < contrast < 1")
+    if block < 1:
+        raise ValueError(f"{block=}, expected at least 1")
     rows, columns = (_edges(n, block) for n in grey.shape)
     mean, deviation = _statistics(grey, rows, columns)
     across = _places(columns)
@@ -57,8 +48,8 @@ def wallis(
     for top in range(0, len(grey), _STRIP):
         strip = slice(top, top + _STRIP)
         m, s = _between(mean, down[strip]), _between(deviation, down[strip])
-        gain = contrast * target_deviation / (contrast * s + (1 - contrast) * target_deviation)
-        out = (grey[strip] - m) * gain + brightness * target_mean + (1 - brightness) * m
+        gain = CONTRAST * TARGET_DEVIATION / (CONTRAST * s + (1 - CONTRAST) * TARGET_DEVIATION)
+        out = (grey[strip] - m) * gain + BRIGHTNESS * TARGET_MEAN + (1 - BRIGHTNESS) * m
         result[strip] = np.clip(out, 0, 255) + 0.5
     return result
 

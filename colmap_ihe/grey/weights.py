@@ -33,6 +33,7 @@ FIXED: Mapping[str, tuple[float, float, float]] = {
 """Conversions with fixed weights, by the name they have on the command line."""
 
 _HINT = "write one with `colmap-ihe fit IMAGES -o weights.yaml`"
+_COMMON = ("images", "pixels", "encoding", "white")
 _SUM_TOLERANCE = 2e-3  # MATLAB's rgb2gray is published as .2989 .5870 .1140, which is .9999
 
 
@@ -81,21 +82,12 @@ class Weights:
 
     def as_dict(self) -> dict[str, Any]:
         """Return plain values for JSON and YAML; `grey_from_dict` reads them back."""
-        return {
-            "method": self.method,
-            "weights": list(self.triplet),
-            "score": self.score,
-            "tones": self.tones,
-            "contrast": self.contrast,
-            "images": self.images,
-            "pixels": self.pixels,
-            "encoding": self.encoding,
-            "white": self.white,
-            **({"curve": list(self.curve)} if self.curve else {}),
-        }
+        fields = {name: getattr(self, name) for name in ("score", "tones", "contrast", *_COMMON)}
+        curve = {"curve": list(self.curve)} if self.curve else {}
+        return {"method": self.method, "weights": list(self.triplet), **fields, **curve}
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class Formula:
     """Describe a conversion that is no triplet: `method` names it in `conversions.CONVERSIONS`, `parameters` are what
     it found of the set, if anything. The other fields as in `Weights`."""
@@ -116,17 +108,8 @@ class Formula:
 
     def as_dict(self) -> dict[str, Any]:
         """Return plain values for JSON and YAML, with the keys of `Weights.as_dict`; `grey_from_dict` reads them."""
-        return {
-            "method": self.method,
-            "weights": None,
-            "parameters": list(self.parameters),
-            "score": None,
-            "tones": None,
-            "images": self.images,
-            "pixels": self.pixels,
-            "encoding": self.encoding,
-            "white": self.white,
-        }
+        values = {"method": self.method, "weights": None, "parameters": list(self.parameters)}
+        return {**values, "score": None, "tones": None, **{name: getattr(self, name) for name in _COMMON}}
 
 
 def _check_encoding(encoding: str, white: float) -> None:
@@ -166,21 +149,20 @@ def grey_from_dict(values: Any, source: str = "weights") -> Grey:
             parameters = tuple(float(v) for v in values["parameters"])
             return Formula(method=str(values["method"]), parameters=parameters, **common)
         red, green, blue = (float(w) for w in values["weights"])
-        return Weights(
-            red=red,
-            green=green,
-            blue=blue,
-            method=str(values.get("method", "file")),
-            score=None if values.get("score") is None else float(values["score"]),
-            tones=None if values.get("tones") is None else int(values["tones"]),
-            contrast=None if values.get("contrast") is None else float(values["contrast"]),
-            curve=tuple(values.get("curve") or ()),
-            **common,
-        )
+        for name, kind in (("score", float), ("tones", int), ("contrast", float)):
+            common[name] = None if values.get(name) is None else kind(values[name])
+        curve = tuple(values.get("curve") or ())
+        return Weights(red, green, blue, str(values.get("method", "file")), curve=curve, **common)
     except (KeyError, TypeError, ValueError, AttributeError, OverflowError) as error:
         raise WeightsError(
             f"{source}: not a weights file ({error}); expected `weights: [r, g, b]`", hint=_HINT
         ) from error
+
+
+def shares(triplet: Triplet) -> tuple[float, float, float]:
+    """Return weights in hundredths as shares of one."""
+    red, green, blue = triplet
+    return red / 100, green / 100, blue / 100
 
 
 def triplets(step: float = 0.01) -> list[tuple[int, int, int]]:

@@ -11,8 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from colmap_ihe.grey.contrast import Contrast
-from colmap_ihe.grey.histogram import Histogram
-from colmap_ihe.grey.sums import Sums, Weighting
+from colmap_ihe.grey.histogram import Histogram, Sums, Weighting
 from colmap_ihe.grey.weights import Encoding
 from colmap_ihe.photographs.decode import decode_photograph
 from colmap_ihe.photographs.discover import Capture

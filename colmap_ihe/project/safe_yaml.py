@@ -5,12 +5,14 @@ from __future__ import annotations
 
 import unicodedata
 from collections.abc import Iterator, Mapping
+from pathlib import Path
 from typing import Any
 
 import yaml
 
-MOST_BYTES = 1_000_000
-"""Of a file."""
+from colmap_ihe.machine.files import read_at_most
+
+_MOST_BYTES = 1_000_000  # of a file
 _MOST_NODES = 100_000  # keys and values, with aliases unfolded
 _DEEPEST = 24
 _LONGEST = 10_000  # characters of one key or value
@@ -46,6 +48,14 @@ def parse_yaml(text: str) -> Any:
         raise ValueError(" ".join(str(error).split())[:300] or type(error).__name__) from error
     refuse_no_text(values)
     return values
+
+
+def read_yaml(path: Path) -> Any:
+    """Return `parse_yaml` of a file. Raises ValueError, in one line, where it cannot be read too."""
+    try:
+        return parse_yaml(read_at_most(path, _MOST_BYTES).decode("utf-8"))
+    except OSError as error:
+        raise ValueError(error.strerror or str(error)) from error
 
 
 def refuse_no_text(values: Any) -> None:
@@ -96,9 +106,8 @@ def _weigh(node: yaml.Node, known: dict[int, tuple[int, int] | None]) -> tuple[i
         if len(node.value) > _LONGEST:
             raise ValueError(f"a value of {len(node.value)} characters, expected at most {_LONGEST}")
     else:
-        parts = (
-            [one for pair in node.value for one in pair] if isinstance(node, yaml.MappingNode) else node.value
-        )
+        is_mapping = isinstance(node, yaml.MappingNode)
+        parts = [one for pair in node.value for one in pair] if is_mapping else node.value
         for part in parts:
             inner, below = _weigh(part, known)
             count, depth = count + inner, max(depth, below + 1)

@@ -6,24 +6,13 @@ import time
 from pathlib import Path
 
 import pytest
+from running import StopsWhen
 
 from colmap_ihe.colmap import mapping
 from colmap_ihe.colmap.mapping import MappingInput, map_in_process, native_options
 from colmap_ihe.errors import Cancelled, OptionError
-from colmap_ihe.machine.progress import SILENT, Progress, Silent
+from colmap_ihe.machine.progress import SILENT, Progress
 from colmap_ihe.project.options import SparseOptions
-
-
-class StopsSoon(Silent):
-    """Cancels when asked after 0.3 s."""
-
-    def __init__(self) -> None:
-        super().__init__()
-        self.end = time.monotonic() + 0.3
-
-    def check(self) -> None:
-        if time.monotonic() > self.end:
-            raise Cancelled
 
 
 def sleep(_given: MappingInput, _progress: Progress) -> None:
@@ -39,7 +28,7 @@ def test_stopped_at_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Non
     monkeypatch.setattr(mapping, "_map", sleep)
     began = time.monotonic()
     with pytest.raises(Cancelled):
-        map_in_process(given(tmp_path), StopsSoon())
+        map_in_process(given(tmp_path), StopsWhen(lambda _: time.monotonic() > began + 0.3))
     assert time.monotonic() - began < 10
 
 
@@ -49,12 +38,8 @@ def test_an_option_that_colmap_does_not_know_is_refused(tmp_path: Path) -> None:
 
 
 def test_the_hierarchical_mapper_takes_the_options_of_the_incremental_one(tmp_path: Path) -> None:
-    values = {
-        "num_workers": 3,
-        "ba_refine_focal_length": False,
-        "min_num_matches": 11,
-        "incremental_options": {"min_num_matches": 12, "min_model_size": 4},
-    }
+    values: dict[str, object] = {"num_workers": 3, "ba_refine_focal_length": False, "min_num_matches": 11}
+    values["incremental_options"] = {"min_num_matches": 12, "min_model_size": 4}
     settings = native_options(given(tmp_path, **values).options)
     assert settings.num_workers == 3
     parts = settings.incremental_options

@@ -11,13 +11,14 @@ from typing import Any
 
 import numpy as np
 import pytest
+from running import StopsWhen
 
 from colmap_ihe.colmap import matching
 from colmap_ihe.colmap import matching_in_blocks as match_blocks
 from colmap_ihe.colmap.matching import build_vocabulary, forget_matches, match_features, native_options
 from colmap_ihe.colmap.native import pycolmap
 from colmap_ihe.errors import Cancelled
-from colmap_ihe.machine.progress import SILENT, Silent
+from colmap_ihe.machine.progress import SILENT
 from colmap_ihe.project.options import MatchesOptions
 
 PAIRINGS: dict[str, dict[str, Any]] = {
@@ -80,12 +81,10 @@ def matched(database: Path) -> Matched:
     """By pair its putative matches and its inliers."""
     with pycolmap.Database.open(database) as opened:
         ids, geometries = opened.read_two_view_geometries()
+        pairs = map(pycolmap.pair_id_to_image_pair, ids)
         return {
-            pycolmap.pair_id_to_image_pair(i): (
-                opened.read_matches(*pycolmap.pair_id_to_image_pair(i)).tobytes(),
-                geometry.inlier_matches.tobytes(),
-            )
-            for i, geometry in zip(ids, geometries, strict=True)
+            pair: (opened.read_matches(*pair).tobytes(), geometry.inlier_matches.tobytes())
+            for pair, geometry in zip(pairs, geometries, strict=True)
         }
 
 
@@ -163,25 +162,6 @@ def test_a_pair_without_a_match_is_done_too(
     assert match_features(database, tmp_path, MatchesOptions(), 8, 0, executor, SILENT) == found
 
 
-class Follows(Silent):
-    """Stops after `most` pairs."""
-
-    def __init__(self, most: int) -> None:
-        super().__init__()
-        self.most, self.done, self.total = most, 0, 0
-
-    def start(self, total: int, unit: str = "images") -> None:
-        self.total = total
-
-    def advance(self, count: int = 1) -> None:
-        self.done += count
-        self.check()
-
-    def check(self) -> None:
-        if self.done >= self.most:
-            raise Cancelled
-
-
 def test_what_was_matched_is_kept_when_it_is_stopped(
     database: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -189,11 +169,11 @@ def test_what_was_matched_is_kept_when_it_is_stopped(
     monkeypatch.setattr(match_blocks, "batch_of", lambda _features: 1)
     with ThreadPoolExecutor(2) as here:
         with pytest.raises(Cancelled):
-            match_features(database, tmp_path, SLOW, 8, 0, here, Follows(1))
+            match_features(database, tmp_path, SLOW, 8, 0, here, StopsWhen(lambda done: done >= 1))
         kept = matched(database)
         assert 0 < len(kept) < 22  # of blocks of 16 and of 6 that were begun
         assert not (tmp_path / "parts").exists()
-        progress = Follows(29)
+        progress = StopsWhen(lambda done: done >= 29)
         match_features(database, tmp_path, MatchesOptions(), 8, 0, here, progress)
     assert (progress.done, progress.total) == (28, 28)
     assert kept.items() <= matched(database).items()
@@ -204,8 +184,6 @@ def test_on_a_gpu_colmap_has_its_threads(
 ) -> None:
     monkeypatch.setattr(matching, "cuda_devices", lambda: 1)
     monkeypatch.setattr(matching, "match_in_processes", None)
-    options = MatchesOptions.model_validate(
-        {"colmap": {"use_gpu": True, "num_threads": 1}}
-    )  # which it has not here
+    options = MatchesOptions(colmap={"use_gpu": True, "num_threads": 1})  # which it has not here
     with ThreadPoolExecutor(2) as here:
         assert match_features(database, tmp_path, options, 8, 0, here, SILENT).pairs_matched == 28

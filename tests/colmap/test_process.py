@@ -13,12 +13,13 @@ from typing import Any
 
 import pytest
 from processes import is_gone, soon
+from running import StopsWhen
 
 from colmap_ihe.colmap.native import logged_to, pycolmap
 from colmap_ihe.colmap.process import ColmapProcesses
 from colmap_ihe.errors import Cancelled, NativeError, OptionError
 from colmap_ihe.machine import threads
-from colmap_ihe.machine.progress import SILENT, Progress, Silent
+from colmap_ihe.machine.progress import SILENT, Progress
 
 
 def about(what: str, _progress: Progress) -> Any:
@@ -62,23 +63,8 @@ def unspeakable(_argument: None, _progress: Progress) -> Any:
     return lambda: None
 
 
-class Counts(Silent):
-    done = 0
-
-    def advance(self, count: int = 1) -> None:
-        self.done += count
-
-
-class Until(Silent):
-    """Stops once there is a file."""
-
-    def __init__(self, file: Path) -> None:
-        super().__init__()
-        self.file = file
-
-    def check(self) -> None:
-        if self.file.exists():
-            raise Cancelled
+def until(file: Path) -> StopsWhen:
+    return StopsWhen(lambda _: file.exists())
 
 
 def test_a_process_is_kept_for_the_next_call_and_ends_with_the_last() -> None:
@@ -92,7 +78,7 @@ def test_a_process_is_kept_for_the_next_call_and_ends_with_the_last() -> None:
 
 def test_one_for_each_call_at_a_time() -> None:
     with ColmapProcesses() as apart, ThreadPoolExecutor(2) as two:
-        watches = [Counts(), Counts()]
+        watches = [StopsWhen(lambda _: False) for _ in range(2)]
         assert [*two.map(lambda progress: apart.call(count, 20, progress), watches)] == ["counted"] * 2
         assert [progress.done for progress in watches] == [40, 40]
         assert len({*two.map(lambda _: apart.call(about, "pid", SILENT), range(2))}) <= 2
@@ -114,19 +100,19 @@ def test_the_log_is_beside_ours(tmp_path: Path) -> None:
 def test_stopped_at_once_without_grace(tmp_path: Path) -> None:
     began = time.monotonic()
     with ColmapProcesses() as apart, pytest.raises(Cancelled):
-        apart.call(never, tmp_path / "begun", Until(tmp_path / "begun"))
+        apart.call(never, tmp_path / "begun", until(tmp_path / "begun"))
     assert time.monotonic() - began < 20
 
 
 def test_what_was_begun_is_finished_within_its_grace(tmp_path: Path) -> None:
     with ColmapProcesses() as apart, pytest.raises(Cancelled):
-        apart.call(keep, tmp_path / "a.txt", Until(tmp_path / "a.begun"), grace_seconds=60)
+        apart.call(keep, tmp_path / "a.txt", until(tmp_path / "a.begun"), grace_seconds=60)
     assert (tmp_path / "a.txt").read_text() == "kept"
 
 
 def test_ended_after_its_grace(tmp_path: Path) -> None:
     with ColmapProcesses() as apart, pytest.raises(Cancelled):
-        apart.call(never, tmp_path / "begun", Until(tmp_path / "begun"), grace_seconds=0.5)
+        apart.call(never, tmp_path / "begun", until(tmp_path / "begun"), grace_seconds=0.5)
 
 
 def test_what_it_raises_is_raised_here() -> None:
@@ -155,7 +141,7 @@ def test_ends_with_us(tmp_path: Path) -> None:
     script = (
         "import os, sys; from pathlib import Path; import test_process as t;"
         " a = t.ColmapProcesses(); print(a.call(t.about, 'pid', t.SILENT), flush=True);"
-        " a.call(t.never, Path(sys.argv[1]), t.Until(Path('/nowhere')))"
+        " a.call(t.never, Path(sys.argv[1]), t.until(Path('/nowhere')))"
     )
     ours = subprocess.Popen(
         [sys.executable, "-c", script, str(tmp_path / "begun")],

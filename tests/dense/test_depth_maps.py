@@ -14,6 +14,7 @@ import pytest
 from numpy.typing import NDArray
 from PIL import Image
 from plane import COLOUR, NORMAL, SIZE, VIEWS, make_project, plane_depth
+from running import StopsWhen
 
 from colmap_ihe.colmap.native import cuda_devices, pycolmap
 from colmap_ihe.dense import backend as dense
@@ -23,7 +24,6 @@ from colmap_ihe.dense.fusion import fuse
 from colmap_ihe.dense.ply import COLOURS, columns, read_ply
 from colmap_ihe.dense.undistort import undistort
 from colmap_ihe.errors import Cancelled, CapabilityError, OptionError, ProjectError
-from colmap_ihe.machine.progress import Silent
 
 NAMES = list(VIEWS)
 
@@ -107,21 +107,13 @@ def test_maps_that_are_there_are_kept_and_missing_ones_made(project: Path, count
     assert {path for path in before if before[path] != after[path]} == {missing}
 
 
-class _StopsAfter(Silent):
-    """Cancelled as soon as one unit is done."""
-
-    def advance(self, count: int = 1) -> None:
-        self.cancelled = True
-        super().advance(count)
-
-
 def test_cancelled_depth_maps_leave_whole_files_only(project: Path, counts: DepthCounts) -> None:
     folder = project / "dense" / "stereo"
     contents = {path: path.read_bytes() for path in folder.rglob("*.geometric.bin")}
     for path in contents:
         path.unlink()
     with pytest.raises(Cancelled), ThreadPoolExecutor(1) as executor:
-        sgm_depth_maps(project / "dense", executor=executor, progress=_StopsAfter())
+        sgm_depth_maps(project / "dense", executor=executor, progress=StopsWhen(lambda done: done))
     left = [path for path in folder.rglob("*") if path.is_file() and path.suffix != ".cfg"]
     assert 0 < len(left) < len(contents)
     assert all(path.read_bytes() == contents[path] for path in left)
@@ -146,17 +138,12 @@ def test_a_map_under_way_is_told_to_stop(project: Path, monkeypatch: pytest.Monk
             stopped.append(True)
             raise
 
-    class CancelledWhileRunning(Silent):
-        def check(self) -> None:
-            self.cancelled = bool(started)
-            super().check()
-
     missing = project / "dense" / "stereo" / "depth_maps" / f"{NAMES[4]}.geometric.bin"
     content = missing.read_bytes()
     missing.unlink()
     monkeypatch.setattr(depth_maps, "depth_and_normals", endless)
     with pytest.raises(Cancelled), ThreadPoolExecutor(1) as executor:
-        sgm_depth_maps(project / "dense", executor=executor, progress=CancelledWhileRunning())
+        sgm_depth_maps(project / "dense", executor=executor, progress=StopsWhen(lambda _: started))
     assert len(stopped) == 1
     assert not (project / "dense" / "stereo" / ".stop").exists()
     missing.write_bytes(content)
@@ -178,8 +165,7 @@ def test_a_missing_colour_twin_is_named(project: Path, tmp_path: Path) -> None:
 
 
 def test_cancelling_is_heard(project: Path, tmp_path: Path) -> None:
-    progress = Silent()
-    progress.cancelled = True
+    progress = StopsWhen(lambda _: True)
     folders = (project / "sparse", project / "grey", project / "colour", tmp_path / "dense")
     with pytest.raises(Cancelled):
         undistort(*folders, progress=progress)
@@ -206,9 +192,8 @@ def test_maps_are_written_as_colmap_reads_them(tmp_path: Path) -> None:
     # The format as in COLMAP's scripts/python/read_write_dense.py: columns fastest, then rows, then channels.
     content = (tmp_path / "normals.bin").read_bytes()
     assert content[:6] == b"4&3&3&"
-    assert np.array_equal(
-        np.frombuffer(content[6:], "<f4").reshape((4, 3, 3), order="F").transpose(1, 0, 2), normals
-    )
+    written_normals = np.frombuffer(content[6:], "<f4").reshape((4, 3, 3), order="F").transpose(1, 0, 2)
+    assert np.array_equal(written_normals, normals)
 
 
 def test_backends(monkeypatch: pytest.MonkeyPatch) -> None:

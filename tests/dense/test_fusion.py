@@ -10,6 +10,7 @@ import pytest
 from numpy.typing import NDArray
 from PIL import Image
 from plane import SIZE, Centre, K, make_project
+from running import StopsWhen
 
 from colmap_ihe.colmap.native import pycolmap
 from colmap_ihe.dense import fusion
@@ -18,7 +19,6 @@ from colmap_ihe.dense.fusion_cells import PixelCoverage, Price, cells_of
 from colmap_ihe.dense.ply import columns, read_ply
 from colmap_ihe.dense.undistort import mask_of, read_mask, undistort
 from colmap_ihe.errors import Cancelled
-from colmap_ihe.machine.progress import Silent
 
 STRIP = {f"{n:02}.png": (0.5 * n, 0.0, 0.0) for n in range(14)}
 FEW = dict(list(STRIP.items())[:5])
@@ -46,8 +46,7 @@ def strip(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_cells_give_the_cloud_that_one_fusion_gives(strip: Path) -> None:
     count = fusion.fuse(strip)
     whole = positions(strip)
-    runs = Silent()
-    assert fusion.fuse(strip, most_bytes=4 * A_MAP, progress=runs) == pytest.approx(count, rel=0.02)
+    assert fusion.fuse(strip, most_bytes=4 * A_MAP) == pytest.approx(count, rel=0.02)
     parts = positions(strip)
     assert not list(strip.glob("fused.part*"))
     assert not (strip / "stereo" / ".cell").exists()
@@ -79,13 +78,9 @@ def test_every_point_of_cells_says_which_images_see_it(strip: Path) -> None:
 
 
 def test_cells_can_be_cancelled_and_leave_nothing(strip: Path) -> None:
-    class AfterOne(Silent):
-        def advance(self, count: int = 1) -> None:
-            self.cancelled = True
-
     before = positions(strip)
     with pytest.raises(Cancelled):
-        fusion.fuse(strip, most_bytes=4 * A_MAP, progress=AfterOne())
+        fusion.fuse(strip, most_bytes=4 * A_MAP, progress=StopsWhen(lambda done: done))
     assert not list(strip.glob("fused.part*"))
     assert not (strip / "stereo" / ".cell").exists()
     assert np.array_equal(positions(strip), before)

@@ -3,21 +3,22 @@
 from __future__ import annotations
 
 import os
-import threading
 import time
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
+from running import StopsWhen
 
 from colmap_ihe.dense import mesh as surface
 from colmap_ihe.dense.ply import Rows, read_mesh, read_ply, write_mesh, write_rows
 from colmap_ihe.dense.texture.mesh import Mesh, face_normals
 from colmap_ihe.errors import Cancelled, MappingError, NativeError, OptionError, ProjectError
-from colmap_ihe.machine.progress import Progress, Silent
+from colmap_ihe.machine.progress import Progress
 
 _FIELDS = [
-    *((n, "<f4") for n in ("x", "y", "z", "nx", "ny", "nz")),
+    *((n, "<f4") for n in ["x", "y", "z", "nx", "ny", "nz"]),
     *((n, "u1") for n in ("red", "green", "blue")),
 ]
 
@@ -35,10 +36,14 @@ def sphere(count: int = 20_000, radius: float = 1.0, centre: tuple[float, float,
     return cloud_of(radius * normals + centre, normals, colours)
 
 
+def meshed(folder: Path, faces: int = 1000, **more: Any) -> surface.Surface:
+    return surface.reconstruct_surface(folder / "cloud.ply", folder / "mesh.ply", faces, **more)
+
+
 @pytest.mark.parametrize("scale", [0.01, 1000.0])
 def test_a_sphere_of_any_size(tmp_path: Path, scale: float) -> None:
     write_rows(tmp_path / "cloud.ply", sphere(radius=scale))
-    result = surface.reconstruct_surface(tmp_path / "cloud.ply", tmp_path / "mesh.ply", 1500)
+    result = meshed(tmp_path, 1500)
     mesh = read_mesh(tmp_path / "mesh.ply")
     assert len(mesh.faces) == result.faces
     assert 1400 < result.faces <= 1500 < result.faces_before < 8 * 1500
@@ -54,7 +59,7 @@ def test_what_floats_is_removed_and_holes_stay_open(tmp_path: Path) -> None:
     dome = sphere()
     speck = sphere(2000, radius=0.02, centre=(0, 0, -2))
     write_rows(tmp_path / "cloud.ply", np.concatenate([dome[dome["z"] > 0.2], speck]))
-    surface.reconstruct_surface(tmp_path / "cloud.ply", tmp_path / "mesh.ply", 2000)
+    meshed(tmp_path, 2000)
     z = read_mesh(tmp_path / "mesh.ply").vertices[:, 2]
     assert -0.1 < z.min() < 0.25
 
@@ -62,10 +67,7 @@ def test_what_floats_is_removed_and_holes_stay_open(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     "points",
     [
-        sphere(0),
-        sphere(1),
-        sphere(99),
-        sphere(500, radius=0.0),
+        *(sphere(0), sphere(1), sphere(99), sphere(500, radius=0.0)),
         cloud_of(np.full((500, 3), np.nan), np.ones((500, 3)), np.zeros((500, 3))),
         cloud_of(np.random.default_rng(0).random((500, 3)), np.zeros((500, 3)), np.zeros((500, 3))),
     ],
@@ -74,7 +76,7 @@ def test_what_floats_is_removed_and_holes_stay_open(tmp_path: Path) -> None:
 def test_a_cloud_that_gives_no_surface(tmp_path: Path, points: Rows) -> None:
     write_rows(tmp_path / "cloud.ply", points)
     with pytest.raises(MappingError, match="a surface needs 100 points") as caught:
-        surface.reconstruct_surface(tmp_path / "cloud.ply", tmp_path / "mesh.ply", 1000)
+        meshed(tmp_path)
     assert "--no-mesh" in caught.value.hint
     assert not (tmp_path / "mesh.ply").exists()
 
@@ -82,9 +84,7 @@ def test_a_cloud_that_gives_no_surface(tmp_path: Path, points: Rows) -> None:
 def test_a_trim_that_leaves_nothing(tmp_path: Path) -> None:
     write_rows(tmp_path / "cloud.ply", sphere())
     with pytest.raises(MappingError, match="no surface is dense enough"):
-        surface.reconstruct_surface(
-            tmp_path / "cloud.ply", tmp_path / "mesh.ply", 1000, options={"trim": 40.0}
-        )
+        meshed(tmp_path, options={"trim": 40.0})
 
 
 def abort(_job: object, _progress: Progress) -> None:
@@ -99,7 +99,7 @@ def test_colmap_may_abort(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> No
     write_rows(tmp_path / "cloud.ply", sphere())
     monkeypatch.setattr(surface, "_meshed", abort)
     with pytest.raises(NativeError, match=r"Poisson meshing: COLMAP died \(SIGABRT\)") as caught:
-        surface.reconstruct_surface(tmp_path / "cloud.ply", tmp_path / "mesh.ply", 1000)
+        meshed(tmp_path)
     assert "--no-mesh" in caught.value.hint
     assert [p.name for p in tmp_path.iterdir()] == ["cloud.ply"]
 
@@ -107,10 +107,9 @@ def test_colmap_may_abort(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> No
 def test_it_stops_when_asked_to(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     write_rows(tmp_path / "cloud.ply", sphere())
     monkeypatch.setattr(surface, "_meshed", sleep)
-    progress = Silent()
-    threading.Timer(0.5, lambda: setattr(progress, "cancelled", True)).start()
+    end = time.monotonic() + 0.5
     with pytest.raises(Cancelled):
-        surface.reconstruct_surface(tmp_path / "cloud.ply", tmp_path / "mesh.ply", 1000, progress=progress)
+        meshed(tmp_path, progress=StopsWhen(lambda _: time.monotonic() > end))
     assert [p.name for p in tmp_path.iterdir()] == ["cloud.ply"]
 
 

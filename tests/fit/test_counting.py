@@ -17,16 +17,16 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from PIL import Image
+from running import StopsWhen
 
 from colmap_ihe.errors import Cancelled, PhotographError, ProjectError
 from colmap_ihe.fit import counting as gathering
 from colmap_ihe.fit.counting import ChunkCounts, CountOptions, SetCounts, chunks, count, gather
 from colmap_ihe.grey.contrast import Contrast
-from colmap_ihe.grey.histogram import Histogram
-from colmap_ihe.grey.sums import Weighting
+from colmap_ihe.grey.histogram import Histogram, Weighting
 from colmap_ihe.machine import decoder_pool as decoders
 from colmap_ihe.machine.decoder_process import Decoder
-from colmap_ihe.machine.progress import SILENT, Silent
+from colmap_ihe.machine.progress import SILENT
 from colmap_ihe.photographs.colour_counts import ColourCounter, count_photograph, hand_over_counts
 from colmap_ihe.photographs.decode import read_photograph
 from colmap_ihe.photographs.discover import Capture
@@ -42,10 +42,7 @@ def photograph(folder: Path, number: int, does: str = "") -> Capture:
 
 
 def counting(
-    method: str = "ihe",
-    weighting: Weighting = "pixel",
-    sample: float = 1.0,
-    strict: bool = False,
+    method: str = "ihe", weighting: Weighting = "pixel", sample: float = 1.0, strict: bool = False
 ) -> CountOptions:
     return CountOptions(method, weighting, sample, contrast=True, strict=strict)
 
@@ -160,26 +157,18 @@ def test_several_killers_in_one_chunk(tmp_path: Path) -> None:
 @pytest.mark.usefixtures("faulty")
 def test_strict_stops_at_the_first_that_cannot_be_used(tmp_path: Path) -> None:
     captures = [photograph(tmp_path, n, "crash" if n == 1 else "") for n in range(3)]
-    with (
-        ThreadPoolExecutor(2) as threads,
-        pytest.raises(PhotographError, match=r"1crash\.jpg: the decoder crashed"),
-    ):
-        gather(captures, counting(strict=True), threads, SILENT, {})
-    with ThreadPoolExecutor(2) as threads, pytest.raises(ProjectError, match="none of the 1 photographs"):
-        gather([captures[1]], counting(), threads, SILENT, {})
+    with ThreadPoolExecutor(2) as threads:
+        with pytest.raises(PhotographError, match=r"1crash\.jpg: the decoder crashed"):
+            gather(captures, counting(strict=True), threads, SILENT, {})
+        with pytest.raises(ProjectError, match="none of the 1 photographs"):
+            gather([captures[1]], counting(), threads, SILENT, {})
 
 
 @pytest.mark.usefixtures("faulty")
 def test_a_chunk_ends_soon_after_it_is_cancelled(tmp_path: Path) -> None:
     captures = [photograph(tmp_path, n, "hang" if n else "") for n in range(2)]
-
-    class Impatient(Silent):
-        def check(self) -> None:
-            if time.monotonic() > began + 1:
-                raise Cancelled
-
-    progress = Impatient()
     began = time.monotonic()
+    progress = StopsWhen(lambda _: time.monotonic() > began + 1)
     with ThreadPoolExecutor(1) as threads, pytest.raises(Cancelled):
         gather(captures, counting(), threads, progress, {})
     assert time.monotonic() - began < 8

@@ -16,7 +16,8 @@ from PIL import Image
 from colmap_ihe.errors import NativeError
 from colmap_ihe.fit import counting as gathering
 from colmap_ihe.fit import fit_set as fitting
-from colmap_ihe.fit.fit_set import Fit, Trial, fit_captures
+from colmap_ihe.fit.fit_set import Fit, fit_captures
+from colmap_ihe.fit.trial import Trial
 from colmap_ihe.fit.trial_result import Candidate, TrialResult
 from colmap_ihe.grey.ihe import fit_weights
 from colmap_ihe.grey.weights import Formula, Weights
@@ -46,11 +47,14 @@ def fitted(folder: Path, options: FitOptions, workers: int = 2, trial: Trial | N
         return fit_captures(discover(folder).captures, options, executor, SILENT, strict=True, trial=trial)
 
 
+def weights(folder: Path, options: FitOptions | None = None, trial: Trial | None = None) -> Weights:
+    main = fitted(folder, options or FitOptions(), trial=trial).main
+    assert isinstance(main, Weights)
+    return main
+
+
 def test_the_guard_keeps_the_fit_off_the_noisy_channel(photographs: Path) -> None:
-    paper = fitted(photographs, FitOptions(guard="none")).main
-    guarded = fitted(photographs, FitOptions()).main
-    assert isinstance(paper, Weights)
-    assert isinstance(guarded, Weights)
+    paper, guarded = weights(photographs, FitOptions(guard="none")), weights(photographs)
     assert paper.blue > 0.8
     assert guarded.blue < 0.1
     assert paper.score is not None
@@ -75,18 +79,14 @@ def test_files_and_arrays_give_the_same_weights(photographs: Path) -> None:
     images = [noisy_blue(seed) for seed in range(3)]
     guards: tuple[Literal["noise", "none"], ...] = ("noise", "none")
     for guard in guards:
-        found = fitted(photographs, FitOptions(guard=guard)).main
-        in_memory = fit_weights(images, guard=guard)
-        assert isinstance(found, Weights)
+        found, in_memory = weights(photographs, FitOptions(guard=guard)), fit_weights(images, guard=guard)
         assert (found.triplet, found.score) == (in_memory.triplet, in_memory.score)
 
 
 def test_auto_without_a_pair_is_the_guarded_fit_and_says_so(photographs: Path) -> None:
     found = fitted(photographs, FitOptions(method="auto"))
-    guarded = fitted(photographs, FitOptions()).main
     assert isinstance(found.main, Weights)
-    assert isinstance(guarded, Weights)
-    assert found.main.triplet == guarded.triplet
+    assert found.main.triplet == weights(photographs).triplet
     assert found.main.method == "auto"
     told = found.tried["coded"].as_dict()
     assert told["chosen"] == "ihe"
@@ -110,15 +110,10 @@ def test_contrast_of_a_large_set_is_measured_in_some_photographs(
     photographs: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(gathering, "_CONTRAST_OF", 2)
-    some = fitted(photographs, FitOptions(method="snr")).main
-    (
-        photographs / "1.png"
-    ).unlink()  # of three in the order of names, two steps apart: the first and the last
+    some = weights(photographs, FitOptions(method="snr"))
+    (photographs / "1.png").unlink()  # of three in the order of names: the first and the last stay
     monkeypatch.undo()
-    assert isinstance(some, Weights)
-    both = fitted(photographs, FitOptions(method="snr")).main
-    assert isinstance(both, Weights)
-    assert some.triplet == both.triplet
+    assert some.triplet == weights(photographs, FitOptions(method="snr")).triplet
     assert some.images == 3
 
 
@@ -142,8 +137,7 @@ def test_a_triplet_of_the_grid_is_as_complete_as_any(
     candidate = Candidate(0, 0, 0, (0,), 0, 0)
     monkeypatch.setattr(fitting, "measure", lambda *_, **__: TrialResult(candidates=(("rec709", candidate),)))
     monkeypatch.setattr(fitting, "choose", lambda _: "0 0.75 0.25")
-    found = fitted(photographs, FitOptions(method="auto")).main
-    assert isinstance(found, Weights)
+    found = weights(photographs, FitOptions(method="auto"))
     assert (found.triplet, found.images, found.method) == ((0, 0.75, 0.25), 3, "auto")
     assert found.pixels == 3 * 240 * 320
     assert found.contrast is not None

@@ -3,28 +3,20 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Mapping, Sequence
-from concurrent.futures import Executor
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from colmap_ihe.fit import trial_result
 from colmap_ihe.fit.overlaps import LOOKED_AT
-from colmap_ihe.fit.trial import coarse_grid, measure
-from colmap_ihe.fit.trial_result import (
-    Candidate,
-    Counts,
-    TrialResult,
-    choose,
-    gain_of,
-    in_words,
-    summed_up,
-    trial_result_from_dict,
-)
+from colmap_ihe.fit.trial import Trial, coarse_grid, measure
+from colmap_ihe.fit.trial_result import Candidate, Counts, TrialResult, choose, gain_of, in_words
 from colmap_ihe.grey.weights import FIXED, Formula, Grey, Weights
 from colmap_ihe.machine.executor import local_executor
 from colmap_ihe.machine.progress import SILENT, Silent
@@ -33,6 +25,7 @@ from colmap_ihe.photographs.png import encode_png
 
 SIZE = (280, 210)
 GREYS = {name: Weights(*FIXED[name], method=name) for name in ("rec709", "mean", "green")}
+REC709 = {"rec709": GREYS["rec709"]}
 
 Rgb = NDArray[np.uint8]
 
@@ -82,10 +75,15 @@ def photographs(folder: Path, planes: Mapping[str, Rgb]) -> Sequence[Capture]:
     return discover(folder).captures
 
 
-@pytest.fixture
-def executor() -> Iterator[Executor]:
-    with local_executor() as workers:
-        yield workers
+def views_of(plane: Rgb, folder: Path, count: int = 2, suffix: str = "jpg") -> Sequence[Capture]:
+    return photographs(folder, {f"{n}.{suffix}": view(plane, n) for n in range(count)})
+
+
+def tried(
+    captures: Sequence[Capture], greys: Mapping[str, Grey], trial: Trial | None = None, **more: Any
+) -> TrialResult:
+    with local_executor() as executor:
+        return measure(captures, greys, executor, trial=trial or Trial(), **({"progress": SILENT} | more))
 
 
 def of(measured: TrialResult, name: str) -> Candidate:
@@ -94,16 +92,11 @@ def of(measured: TrialResult, name: str) -> Candidate:
     return found
 
 
-def test_pairs_are_found_among_decoys_and_every_grey_measured_on_them(
-    tmp_path: Path, executor: Executor
-) -> None:
+def test_pairs_are_found_among_decoys_and_every_grey_measured_on_them(tmp_path: Path) -> None:
     plane = colourful(1)
-    captures = photographs(
-        tmp_path,
-        {"a.jpg": colourful(5)[:210, :280], "z.jpg": colourful(6)[:210, :280]}
-        | {f"m{n}.jpg": view(plane, n) for n in range(3)},
-    )
-    measured = measure(captures, GREYS, executor, SILENT, tone="sqrt")
+    decoys = {"a.jpg": colourful(5)[:210, :280], "z.jpg": colourful(6)[:210, :280]}
+    captures = photographs(tmp_path, decoys | {f"m{n}.jpg": view(plane, n) for n in range(3)})
+    measured = tried(captures, GREYS)
     assert measured.pairs[:2] == (("m0.jpg", "m1.jpg"), ("m1.jpg", "m2.jpg"))
     assert all(name.startswith("m") for pair in measured.pairs for name in pair)
     for name in GREYS:
@@ -113,67 +106,56 @@ def test_pairs_are_found_among_decoys_and_every_grey_measured_on_them(
         assert abs(found.gain) < 0.3
     assert of(measured, "rec709").gain == of(measured, "rec709").error == 0
     assert 0 < of(measured, "mean").error < 0.1
-    assert trial_result_from_dict(json.loads(json.dumps(measured.as_dict()))) == measured
+    assert trial_result.trial_result_from_dict(json.loads(json.dumps(measured.as_dict()))) == measured
 
 
-def test_where_luma_sees_nothing_another_grey_wins(tmp_path: Path, executor: Executor) -> None:
-    plane = isoluminant(2)
-    captures = photographs(tmp_path, {f"{n}.png": view(plane, n) for n in range(2)})
+def test_where_luma_sees_nothing_another_grey_wins(tmp_path: Path) -> None:
+    captures = views_of(isoluminant(2), tmp_path, suffix="png")
     greys: dict[str, Grey] = {**GREYS, "red": Weights(*FIXED["red"], method="red")}
-    measured = measure(captures, greys, executor, SILENT, tone="sqrt")
+    measured = tried(captures, greys)
     assert of(measured, "rec709").inliers == 0
     assert of(measured, "red").inliers > 100
     assert choose(measured) == "red"
     assert "COLMAP's default grey 0" in in_words(measured, "red")
 
 
-def test_the_best_of_a_grid_joins_the_candidates(tmp_path: Path, executor: Executor) -> None:
-    plane = isoluminant(3)
-    captures = photographs(tmp_path, {f"{n}.png": view(plane, n) for n in range(2)})
-    measured = measure(
-        captures, {"rec709": GREYS["rec709"]}, executor, SILENT, tone="sqrt", screen=coarse_grid("coded")
-    )
+def test_the_best_of_a_grid_joins_the_candidates(tmp_path: Path) -> None:
+    captures = views_of(isoluminant(3), tmp_path, suffix="png")
+    measured = tried(captures, REC709, screen=coarse_grid("coded"))
     (best,) = [name for name, _ in measured.candidates if name != "rec709"]
     assert best in coarse_grid("coded")
     assert choose(measured) == best
     assert len(coarse_grid("coded")) == 15
 
 
-def test_the_same_grey_under_two_names_makes_no_difference(tmp_path: Path, executor: Executor) -> None:
-    plane = colourful(4)
-    captures = photographs(tmp_path, {f"{n}.jpg": view(plane, n) for n in range(2)})
+def test_the_same_grey_under_two_names_makes_no_difference(tmp_path: Path) -> None:
+    captures = views_of(colourful(4), tmp_path)
     twin = replace(GREYS["rec709"], method="ihe")
-    by_image = Formula(method="realtime")
-    greys: dict[str, Grey] = {"rec709": GREYS["rec709"], "ihe": twin, "realtime": by_image}
-    measured = measure(captures, greys, executor, SILENT, tone="sqrt")
+    greys: dict[str, Grey] = {**REC709, "ihe": twin, "realtime": Formula("realtime")}
+    measured = tried(captures, greys)
     assert (of(measured, "ihe").gain, of(measured, "ihe").error) == (0, 0)
     assert choose(measured) in ("rec709", "realtime")
     assert "no difference" in in_words(measured, "ihe")
     assert of(measured, "realtime").inliers > 100
-    assert measure(captures[::-1], greys, executor, SILENT, tone="sqrt") == measured
+    assert tried(captures[::-1], greys) == measured
 
 
-def test_large_photographs_are_measured_at_the_size_colmap_works_at(
-    tmp_path: Path, executor: Executor
-) -> None:
-    plane = colourful(8)
-    captures = photographs(tmp_path, {f"{n}.jpg": view(plane, n) for n in range(2)})
-    whole = measure(captures, {"rec709": GREYS["rec709"]}, executor, SILENT, tone="sqrt")
-    less = measure(captures, {"rec709": GREYS["rec709"]}, executor, SILENT, tone="sqrt", max_image_size=140)
+def test_large_photographs_are_measured_at_the_size_colmap_works_at(tmp_path: Path) -> None:
+    captures = views_of(colourful(8), tmp_path)
+    whole = tried(captures, REC709)
+    less = tried(captures, REC709, Trial(max_image_size=140))
     assert 20 < of(less, "rec709").inliers < 0.5 * of(whole, "rec709").inliers
 
 
 @pytest.mark.slow
-def test_raw_photographs(small_demo: Path, executor: Executor) -> None:
+def test_raw_photographs(small_demo: Path) -> None:
     captures = discover(small_demo / "images").captures[:3]
-    greys = {
-        name: Weights(*FIXED[name], method=name, encoding="linear", white=0.5) for name in ("rec709", "mean")
-    }
-    measured = measure(captures, greys, executor, SILENT, tone="sqrt")
+    greys = {n: replace(GREYS[n], encoding="linear", white=0.5) for n in ("rec709", "mean")}
+    measured = tried(captures, greys)
     assert len(measured.pairs) >= 2
     assert all(name.endswith(".dng") for pair in measured.pairs for name in pair)
     assert of(measured, "mean").inliers > 100
-    coded = measure(captures, GREYS, executor, SILENT, tone="sqrt")
+    coded = tried(captures, GREYS)
     assert coded == TrialResult(reason="a pair takes two photographs, and there are 0 of this kind")
 
 
@@ -186,48 +168,46 @@ class Counting(Silent):
         self.totals[unit] = max(total, self.totals.get(unit, 0))
 
 
-def test_of_a_large_set_few_photographs_are_looked_at(tmp_path: Path, executor: Executor) -> None:
-    plane = colourful(9)
-    views = photographs(tmp_path, {f"{n}.jpg": view(plane, n) for n in range(3)})
+def test_of_a_large_set_few_photographs_are_looked_at(tmp_path: Path) -> None:
+    views = views_of(colourful(9), tmp_path, count=3)
     many = [replace(views[n % 3], name=f"{n:04}.jpg") for n in range(1000)]
     progress = Counting()
-    measured = measure(many, {"rec709": GREYS["rec709"]}, executor, progress, tone="sqrt")
+    measured = tried(many, REC709, progress=progress)
     assert progress.totals == {"photographs looked at": LOOKED_AT, "greys": 1}
     assert len(measured.pairs) == 3
     assert int(measured.pairs[-1][0][:4]) - int(measured.pairs[0][0][:4]) > 500
 
 
-def test_broken_photographs_are_passed_over(tmp_path: Path, executor: Executor) -> None:
-    plane = colourful(10)
-    photographs(tmp_path, {f"{n}.jpg": view(plane, n) for n in range(3)})
+def test_broken_photographs_are_passed_over(tmp_path: Path) -> None:
+    views_of(colourful(10), tmp_path, count=3)
     (tmp_path / "00.jpg").write_bytes(b"no photograph")
     whole = (tmp_path / "0.jpg").read_bytes()
     (tmp_path / "0.jpg").write_bytes(whole[: len(whole) * 2 // 3])
-    measured = measure(discover(tmp_path).captures, GREYS, executor, SILENT, tone="sqrt")
+    measured = tried(discover(tmp_path).captures, GREYS)
     assert measured.pairs == (("1.jpg", "2.jpg"),)
 
 
 @pytest.mark.parametrize("names", [["a.jpg"], ["a.jpg", "b.jpg"]])
-def test_without_a_pair_there_is_a_reason(tmp_path: Path, executor: Executor, names: list[str]) -> None:
+def test_without_a_pair_there_is_a_reason(tmp_path: Path, names: list[str]) -> None:
     captures = photographs(tmp_path, {n: colourful(20 + i)[:210, :280] for i, n in enumerate(names)})
-    measured = measure(captures, GREYS, executor, SILENT, tone="sqrt")
+    measured = tried(captures, GREYS)
     assert not measured.pairs and not measured.candidates
     assert measured.reason
     assert choose(measured) == "rec709"
     assert in_words(measured, "mean").endswith(measured.reason)
-    assert trial_result_from_dict(json.loads(json.dumps(measured.as_dict()))) == measured
+    assert trial_result.trial_result_from_dict(json.loads(json.dumps(measured.as_dict()))) == measured
 
 
-def test_the_same_photograph_twice_is_no_pair(tmp_path: Path, executor: Executor) -> None:
+def test_the_same_photograph_twice_is_no_pair(tmp_path: Path) -> None:
     captures = photographs(tmp_path, {n: colourful(30)[:210, :280] for n in ("a.jpg", "b.jpg")})
-    assert "overlap" in measure(captures, GREYS, executor, SILENT, tone="sqrt").reason
+    assert "overlap" in tried(captures, GREYS).reason
 
 
-def test_greys_without_the_reference_or_of_two_encodings_are_refused(executor: Executor) -> None:
+def test_greys_without_the_reference_or_of_two_encodings_are_refused() -> None:
     linear = Weights(1, 0, 0, encoding="linear")
     for greys in ({"mean": GREYS["mean"]}, {"rec709": GREYS["rec709"], "red": linear}):
         with pytest.raises(ValueError, match="expected rec709"):
-            measure([], greys, executor, SILENT, tone="sqrt")
+            tried([], greys)
 
 
 def test_the_standard_error_is_the_spread_of_gains() -> None:
@@ -243,13 +223,11 @@ def test_the_standard_error_is_the_spread_of_gains() -> None:
 
 def sums(*inliers: int) -> TrialResult:
     """Of rec709 and ihe, spread evenly over 16 cells but for one match in ten."""
-    counts = [
-        Counts(9000, 2 * n, tuple(n // 16 + (n // 160 if cell % 2 else -(n // 160)) for cell in range(16)))
-        if number
-        else Counts(9000, 2 * n, (n // 16,) * 16)
-        for number, n in enumerate(inliers)
-    ]
-    return summed_up([("a", "b")], ["rec709", "ihe"], [counts])
+    counts = []
+    for number, n in enumerate(inliers):
+        cells = tuple(n // 16 + number * (n // 160 if cell % 2 else -(n // 160)) for cell in range(16))
+        counts.append(Counts(9000, 2 * n, cells))
+    return trial_result.summed_up([("a", "b")], ["rec709", "ihe"], [counts])
 
 
 def test_words_for_gains_losses_and_no_difference() -> None:

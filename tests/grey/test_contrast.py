@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import reduce
+from operator import add
 from typing import Any
 
 import cv2
@@ -55,9 +57,8 @@ def test_neither_order_nor_grouping_shows(encoding: Encoding) -> None:
     if encoding == "coded":
         images = [flat_with_noise(n, (2.0, 1.0, 3.0))[: 300 + 20 * n] for n in range(4)]
     whole = measured(images, encoding)
-    parts = (
-        measured(images[3:1:-1], encoding) + measured(images[:1], encoding) + measured(images[1:2], encoding)
-    )
+    grouped = (images[3:1:-1], images[:1], images[1:2])
+    parts = reduce(add, (measured(group, encoding) for group in grouped))
     np.testing.assert_array_equal(whole.signal, parts.signal)
     np.testing.assert_array_equal(whole.noise, parts.noise)
     assert np.linalg.eigvalsh(whole.noise)[0] > 0

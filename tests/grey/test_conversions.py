@@ -7,7 +7,7 @@ named here. Those that see chrominance get a blue and a green of one luma.
 from __future__ import annotations
 
 import inspect
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import fields
 from functools import reduce
 from operator import add
@@ -16,16 +16,20 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from numpy.typing import NDArray
-from oracle import scene
+from oracle import photograph
 from small_demo import ROOT
 
 from colmap_ihe.errors import PhotographError
 from colmap_ihe.grey.contrast import Contrast
-from colmap_ihe.grey.conversions import CONVERSIONS, PROPERTIES, Conversion, Property
+from colmap_ihe.grey.conversions import CONVERSIONS, PROPERTIES, Conversion, Property, SetFit
 from colmap_ihe.grey.convert import to_grey
 from colmap_ihe.grey.ihe import fit_weights
-from colmap_ihe.grey.methods.color2gray import THETA, color2gray
+from colmap_ihe.grey.methods.color2gray import THETA, color2gray, color2gray_exact
+from colmap_ihe.grey.methods.contrast_preserving import contrast_preserving
+from colmap_ihe.grey.methods.decolorize import decolorize
 from colmap_ihe.grey.methods.realtime import weighed
 from colmap_ihe.grey.srgb import lab
 from colmap_ihe.grey.weights import FIXED, Weights, triplets
@@ -57,11 +61,9 @@ def converted(conversion: Conversion, images: list[Float32]) -> list[Float32]:
     """The greys of a set, as the pipeline would make them."""
     if conversion.convert is not None:
         return [conversion.convert(image) for image in images]
-    if conversion.new_fit is not None and conversion.apply is not None:
-        fit = conversion.new_fit()
-        for image in images:
-            fit.add(image)
-        return [conversion.apply(image, fit.finish()) for image in images]
+    if conversion.apply is not None:
+        parameters = fitted(conversion, images).finish()
+        return [conversion.apply(image, parameters) for image in images]
     if conversion.name in FIXED:
         return [weighed(image, FIXED[conversion.name]) for image in images]
     assert conversion.name in ("ihe", "snr", "auto")
@@ -78,6 +80,14 @@ def measured(image: NDArray[np.uint8]) -> Contrast:
     contrast = Contrast()
     contrast.add(image)
     return contrast
+
+
+def fitted(conversion: Conversion, images: Sequence[Float32]) -> SetFit:
+    assert conversion.new_fit is not None
+    fit = conversion.new_fit()
+    for image in images:
+        fit.add(image)
+    return fit
 
 
 def coded(image: NDArray[Any]) -> Float32:
@@ -181,7 +191,7 @@ def colour_consistency(conversion: Conversion) -> bool:
 def greyscale_preservation(conversion: Conversion) -> bool:
     """R = G = B = v stays v beside colours, for all 256 values."""
     ramp = np.arange(256, dtype=np.float32).reshape(16, 16) / np.float32(255)
-    image = scene(8, 64, 64).astype(np.float32) / np.float32(255)
+    image = photograph(8, 64, 64)
     image[16:32, 16:32] = ramp[..., None]
     (grey,) = converted(conversion, [image])
     return float(np.abs(grey[16:32, 16:32] - ramp).max()) < 0.5 * LEVEL
@@ -274,7 +284,7 @@ MADE = [c for c in CONVERSIONS.values() if c.convert or c.new_fit]
 def test_any_size_gives_one_finite_grey_a_pixel_the_same_each_time(
     conversion: Conversion, size: tuple[int, int]
 ) -> None:
-    image = scene(9, *size).astype(np.float32) / np.float32(255)
+    image = photograph(9, *size)
     before = image.copy()
     try:
         (grey,), (again,) = converted(conversion, [image]), converted(conversion, [image])
@@ -296,3 +306,32 @@ def test_another_shape_or_dtype_is_refused_with_what_came(conversion: Conversion
     for wrong in (np.zeros((4, 4), np.float32), np.zeros((4, 4, 3), np.uint8)):
         with pytest.raises(ValueError, match=r"expected \(H, W, 3\) float32"):
             converted(conversion, [wrong])  # type: ignore[list-item]
+
+
+@pytest.mark.parametrize("name", ["decolorize-set", "realtime-set"])
+@settings(max_examples=12)  # each set holds 128 MB
+@given(order=st.permutations(range(4)), cut=st.integers(0, 4))
+def test_order_and_grouping_change_nothing(name: str, order: list[int], cut: int) -> None:
+    conversion, images = CONVERSIONS[name], [photograph(n, 30 + n, 40) for n in range(4)]
+    whole = fitted(conversion, images)
+    parts = [fitted(conversion, [images[n] for n in part]) for part in (order[:cut], order[cut:])]
+    total = parts[0] + parts[1]
+    assert total.finish() == whole.finish()
+    for counted in ("sums", "pairs", "images", "axis"):
+        assert getattr(total, counted, None) == getattr(whole, counted, None)
+
+
+@pytest.mark.parametrize("name", ["decolorize-set", "realtime-set"])
+def test_an_empty_set_is_refused(name: str) -> None:
+    with pytest.raises(ValueError, match="no photographs"):
+        fitted(CONVERSIONS[name], []).finish()
+
+
+@pytest.mark.parametrize(
+    ("convert", "off"), [(decolorize, 1e-6), (color2gray_exact, 2e-4), (contrast_preserving, 0)]
+)
+def test_a_photograph_without_colour_stays_as_it_is(
+    convert: Callable[[Float32], Float32], off: float
+) -> None:
+    ramp = np.linspace(0, 1, 256, dtype=np.float32).reshape(16, 16, 1).repeat(3, axis=2)
+    np.testing.assert_allclose(convert(ramp), ramp[..., 0], rtol=0, atol=off)

@@ -12,7 +12,6 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from colmap_ihe.grey.convert import to_colour, to_grey, tone_table
-from colmap_ihe.grey.histogram import Histogram
 from colmap_ihe.grey.ihe import fit_histogram
 from colmap_ihe.grey.weights import FIXED, Weights, triplets
 
@@ -63,10 +62,8 @@ def test_isoluminant_colours_come_apart_that_rec709_merges() -> None:
     rgb[:, :16], rgb[:, 16:] = green, blue
     default = to_grey(rgb, Weights(*FIXED["rec709"]))
     assert abs(int(default[0, 0]) - int(default[0, 31])) <= 1
-    histogram = Histogram()
     noisy = rgb + np.random.default_rng(1).integers(0, 12, rgb.shape, np.uint8)
-    histogram.add(noisy)
-    fitted = to_grey(rgb, fit_histogram(histogram, triplets()))
+    fitted = to_grey(rgb, fit_histogram(oracle.pooled([noisy]), triplets()))
     assert abs(int(fitted[0, 0]) - int(fitted[0, 31])) > 8
 
 
@@ -112,11 +109,9 @@ def test_linear_weights_are_applied_before_the_tone_curve() -> None:
 @pytest.mark.parametrize(
     ("encoding", "rgb"),
     [
-        ("coded", np.zeros((4, 4), np.uint8)),
-        ("coded", np.zeros((4, 4, 4), np.uint8)),
+        *(("coded", np.zeros(shape, np.uint8)) for shape in ((4, 4), (4, 4, 4))),
         ("coded", np.zeros((4, 4, 3), np.uint16)),
-        ("linear", np.zeros((4, 4, 3), np.uint8)),
-        ("linear", np.zeros((4, 4, 3), np.float64)),
+        *(("linear", np.zeros((4, 4, 3), dtype)) for dtype in (np.uint8, np.float64)),
     ],
 )
 def test_what_does_not_fit_the_weights_is_refused_with_what_came(encoding: Any, rgb: NDArray[Any]) -> None:

@@ -11,6 +11,7 @@ import yaml
 from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
+from oracle import pooled
 
 from colmap_ihe.errors import WeightsError
 from colmap_ihe.grey.convert import to_grey, tone_table
@@ -35,15 +36,8 @@ def photographs(seed: int = 0, count: int = 3) -> list[NDArray[np.uint16]]:
     return found
 
 
-def pooled(images: list[NDArray[np.uint16]]) -> Histogram:
-    histogram = Histogram("linear")
-    for rgb in images:
-        histogram.add(rgb)
-    return histogram
-
-
 def weights_of(images: list[NDArray[np.uint16]], triplet: tuple[float, float, float]) -> Weights:
-    return Weights(*triplet, encoding="linear", curve=curve_of(pooled(images), triplet))
+    return Weights(*triplet, encoding="linear", curve=curve_of(pooled(images, "linear"), triplet))
 
 
 def grey_counts(
@@ -53,13 +47,10 @@ def grey_counts(
     counts = np.zeros(65536)
     edges = [int(np.ceil(65535 * (c / 256) ** 2)) for c in range(256)] + [65536]
     for codes, pixels in colours.items():
-        middle = sum(
-            w / sum(triplet) * (edges[c] + edges[c + 1] - 1) / 2 for w, c in zip(triplet, codes, strict=True)
-        )
-        square = sum(
-            (w / sum(triplet) * (edges[c + 1] - 1 - edges[c])) ** 2
-            for w, c in zip(triplet, codes, strict=True)
-        )
+        middle = square = 0.0
+        for w, c in zip(triplet, codes, strict=True):
+            middle += w / sum(triplet) * (edges[c] + edges[c + 1] - 1) / 2
+            square += (w / sum(triplet) * (edges[c + 1] - 1 - edges[c])) ** 2
         first, last = round(middle - square**0.5 / 2), round(middle + square**0.5 / 2)
         first, last = min(max(first, 0), 65535), min(max(last, 0), 65535)
         for value in range(first, last + 1):
@@ -74,7 +65,7 @@ def test_the_curve_is_that_of_its_definition(triplet: tuple[float, float, float]
     colours = {c: int(n) for c, n in zip(codes, rng.integers(5, 60, len(codes)), strict=True)}
     values = np.repeat(np.array(codes), list(colours.values()), axis=0)
     lowest = np.ceil(65535 * (values / 256) ** 2).astype(np.uint16)
-    table = equalising_table(curve_of(pooled([lowest[None]]), triplet))
+    table = equalising_table(curve_of(pooled([lowest[None]], "linear"), triplet))
     counts = grey_counts(colours, triplet)
     below = np.cumsum(counts) - counts
     exact = 256 * (below + counts / 2) / counts.sum()
@@ -90,9 +81,8 @@ def test_pixels_fall_where_counting_them_one_by_one_puts_them(triplet: tuple[flo
     weights = weights_of(images, triplet)
     shares = np.array(triplet) / sum(triplet)
     greys = np.concatenate([(rgb @ shares).ravel() for rgb in images])
-    ranks = np.searchsorted(np.sort(greys), greys, side="left") + np.searchsorted(
-        np.sort(greys), greys, side="right"
-    )
+    ordered = np.sort(greys)
+    ranks = np.searchsorted(ordered, greys, side="left") + np.searchsorted(ordered, greys, side="right")
     exact = np.floor(256 * ranks / 2 / len(greys))
     levels = np.concatenate([to_grey(rgb, weights, "equalise").ravel() for rgb in images])
     assert np.abs(levels - exact).max() <= 2
@@ -123,7 +113,7 @@ def test_the_same_colour_is_the_same_grey_in_every_image() -> None:
 def test_brighter_is_never_darker(
     colours: list[tuple[int, int, int]], triplet: tuple[float, float, float]
 ) -> None:
-    table = equalising_table(curve_of(pooled([np.array([colours], np.uint16)]), triplet))
+    table = equalising_table(curve_of(pooled([np.array([colours], np.uint16)], "linear"), triplet))
     assert table.shape == (65536,)
     assert table.dtype == np.uint8
     assert (np.diff(table.astype(int)) >= 0).all()
@@ -138,10 +128,8 @@ def test_one_value_for_all_is_the_middle() -> None:
 def test_images_that_count_the_same_weigh_the_same() -> None:
     small, large = photographs(count=2)
     twice = [np.concatenate([large, large]), small]
-    by_image = Histogram("linear", "image")
-    for rgb in twice:
-        by_image.add(rgb)
-    expected = np.array(curve_of(pooled([small, large]), (0.3, 0.4, 0.3)))
+    by_image = pooled(twice, "linear", "image")
+    expected = np.array(curve_of(pooled([small, large], "linear"), (0.3, 0.4, 0.3)))
     found = np.array(curve_of(by_image, (0.3, 0.4, 0.3)))
     assert np.abs(found - expected).max() <= 1
 
@@ -149,7 +137,7 @@ def test_images_that_count_the_same_weigh_the_same() -> None:
 def test_linear_weights_of_a_fit_hold_their_curve_and_it_survives_files() -> None:
     images = photographs()
     weights = fit_weights(images, 0.25)
-    assert weights.curve == curve_of(pooled(images), weights.triplet)
+    assert weights.curve == curve_of(pooled(images, "linear"), weights.triplet)
     assert grey_from_dict(json.loads(json.dumps(weights.as_dict()))) == weights
     text = yaml.safe_dump(weights.as_dict(), default_flow_style=None)
     assert grey_from_dict(yaml.safe_load(text)) == weights
@@ -161,13 +149,8 @@ def test_linear_weights_of_a_fit_hold_their_curve_and_it_survives_files() -> Non
 @pytest.mark.parametrize(
     ("encoding", "curve"),
     [
-        ("linear", (1, 2, 3)),
-        ("linear", (5,) * 254 + (4,)),
-        ("linear", (-1,) * 255),
-        ("linear", (65537,) * 255),
-        ("linear", (1.5,) * 255),
-        ("linear", ("1",) * 255),
-        ("coded", tuple(range(255))),
+        *(("linear", (1, 2, 3)), ("linear", (5,) * 254 + (4,)), ("coded", tuple(range(255)))),
+        *(("linear", (value,) * 255) for value in (-1, 65537, 1.5, "1")),
     ],
 )
 def test_a_curve_that_is_none_is_refused(encoding: str, curve: tuple[Any, ...]) -> None:

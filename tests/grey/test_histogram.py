@@ -10,20 +10,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
-from oracle import scene
+from oracle import pooled, scene
 
-from colmap_ihe.grey.histogram import LINEAR_EDGES, Histogram
-from colmap_ihe.grey.sums import Weighting
+from colmap_ihe.grey.histogram import LINEAR_EDGES, Histogram, Weighting
 from colmap_ihe.grey.weights import Encoding
-
-
-def counted(
-    images: list[NDArray[Any]], encoding: Encoding = "coded", weighting: Weighting = "pixel"
-) -> Histogram:
-    histogram = Histogram(encoding, weighting)
-    for image in images:
-        histogram.add(image)
-    return histogram
 
 
 def same(first: Histogram, second: Histogram) -> bool:
@@ -37,7 +27,7 @@ def same(first: Histogram, second: Histogram) -> bool:
 def test_coded_colours_are_counted_exactly() -> None:
     image = scene(1, 90, 70)
     colours, counts = np.unique(image.reshape(-1, 3), axis=0, return_counts=True)
-    codes, mass = counted([image]).colours()
+    codes, mass = pooled([image]).colours()
     np.testing.assert_array_equal(codes, colours)
     np.testing.assert_array_equal(mass, counts)
 
@@ -46,7 +36,7 @@ def test_linear_values_lie_in_the_cell_that_counts_them() -> None:
     rng = np.random.default_rng(2)
     image = (65535 * rng.random((60, 80, 3)) ** 3).astype(np.uint16)
     image[0, :3] = [[0, 0, 0], [65535, 65535, 65535], [0, 65535, 1]]
-    codes, mass = counted([image], "linear").colours()
+    codes, mass = pooled([image], "linear").colours()
     assert mass.sum() == 60 * 80
     flat = image.reshape(-1, 3)
     for code, pixels in list(zip(codes, mass, strict=True))[::97]:
@@ -72,16 +62,16 @@ def test_order_and_grouping_change_nothing(
     images: list[NDArray[Any]] = [scene(n, 8 + 2 * n, 16 + n) for n in range(5)]
     if encoding == "linear":
         images = [image.astype(np.uint16) * 257 for image in images]
-    whole = counted(images, encoding, weighting)
+    whole = pooled(images, encoding, weighting)
     shuffled = [images[n] for n in order]
-    parts = counted(shuffled[:cut], encoding, weighting) + counted(shuffled[cut:], encoding, weighting)
+    parts = pooled(shuffled[:cut], encoding, weighting) + pooled(shuffled[cut:], encoding, weighting)
     assert same(whole, parts)
     assert whole.images == 5
     assert whole.pixels == sum(i.shape[0] * i.shape[1] for i in images)
 
 
 def test_adding_leaves_both_parts_as_they_were() -> None:
-    first, second = counted([scene(1, 20, 20)]), counted([scene(2, 20, 20)])
+    first, second = pooled([scene(1, 20, 20)]), pooled([scene(2, 20, 20)])
     before = first.table()
     total = first + second
     total.add(scene(3, 20, 20))
@@ -91,22 +81,19 @@ def test_adding_leaves_both_parts_as_they_were() -> None:
 
 def test_every_image_has_the_same_mass_under_weighting_image() -> None:
     small, large = np.zeros((10, 12, 3), np.uint8), np.full((300, 400, 3), 200, np.uint8)
-    _, masses = np.unique(counted([small, large], weighting="image").table(), return_counts=True)
+    _, masses = np.unique(pooled([small, large], weighting="image").table(), return_counts=True)
     assert masses.tolist() == [256**3 - 2, 1, 1]
-    _, mass = counted([small, large], weighting="image").colours()
+    _, mass = pooled([small, large], weighting="image").colours()
     assert abs(mass[0] / mass[1] - 1) < 1e-4
-    _, plain = counted([small, large]).colours()
+    _, plain = pooled([small, large]).colours()
     assert plain.tolist() == [120, 120_000]
 
 
 @pytest.mark.parametrize(
     ("encoding", "image"),
     [
-        ("coded", np.zeros((4, 4), np.uint8)),
-        ("coded", np.zeros((4, 4, 4), np.uint8)),
-        ("coded", np.zeros((4, 4, 3), np.uint16)),
-        ("coded", np.zeros((4, 4, 3), np.float32)),
-        ("coded", np.zeros((0, 4, 3), np.uint8)),
+        *(("coded", np.zeros(shape, np.uint8)) for shape in ((4, 4), (4, 4, 4), (0, 4, 3))),
+        *(("coded", np.zeros((4, 4, 3), dtype)) for dtype in (np.uint16, np.float32)),
         ("linear", np.zeros((4, 4, 3), np.uint8)),
     ],
 )
@@ -123,7 +110,7 @@ def test_coded_and_linear_do_not_add() -> None:
 
 
 def test_more_pixels_than_a_cell_of_32_bits_holds() -> None:
-    one = counted([np.full((40, 50, 3), 7, np.uint8), scene(1, 40, 50)])
+    one = pooled([np.full((40, 50, 3), 7, np.uint8), scene(1, 40, 50)])
     many = one
     for _ in range(22):
         many = many + many

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import Any
 
 import numpy as np
 import oracle
@@ -11,23 +10,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
-from oracle import Triplet, scene
+from oracle import Triplet, pooled, scene
 
-from colmap_ihe.grey.histogram import Histogram
+from colmap_ihe.grey.histogram import Histogram, Weighting
 from colmap_ihe.grey.ihe import count_levels, fit_histogram, white_point
-from colmap_ihe.grey.sums import Weighting
-from colmap_ihe.grey.weights import Encoding, Weights, triplets
+from colmap_ihe.grey.weights import Weights, triplets
 
 Counts = Callable[[Sequence[Triplet], Sequence[int]], NDArray[np.int64]]
-
-
-def pooled(
-    images: Sequence[NDArray[Any]], encoding: Encoding = "coded", weighting: Weighting = "pixel"
-) -> Histogram:
-    histogram = Histogram(encoding, weighting)
-    for image in images:
-        histogram.add(image)
-    return histogram
 
 
 def hundredths(weights: Weights) -> Triplet:

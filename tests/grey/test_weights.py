@@ -71,17 +71,8 @@ def test_weights_survive_yaml_and_json(
     two: tuple[int, int], encoding: Any, white: float, score: float | None, tones: int | None
 ) -> None:
     red, green = two
-    weights = Weights(
-        red / 100,
-        green / 100,
-        (100 - red - green) / 100,
-        encoding=encoding,
-        white=white,
-        score=score,
-        tones=tones,
-        images=11,
-        pixels=12345,
-    )
+    triplet = (red / 100, green / 100, (100 - red - green) / 100)
+    weights = Weights(*triplet, "ihe", encoding, score, tones, white, images=11, pixels=12345)
     assert grey_from_dict(yaml.safe_load(yaml.safe_dump(weights.as_dict()))) == weights
     assert grey_from_dict(json.loads(json.dumps(weights.as_dict()))) == weights
 
@@ -96,18 +87,9 @@ def test_a_file_with_nothing_but_weights_is_enough() -> None:
 @pytest.mark.parametrize(
     "values",
     [
-        None,
-        [],
-        "weights",
-        3,
-        {},
-        {"weights": None},
-        {"weights": [1, 0]},
-        {"weights": [0.25, 0.25, 0.25, 0.25]},
-        {"weights": ["a", "b", "c"]},
-        {"weights": [1, 0, 0], "white": "bright"},
-        {"weights": [1, 0, 0], "tones": []},
-        {"weights": [0.5, 0.5, 0.5]},
+        *(None, [], "weights", 3, {}, {"weights": None}, {"weights": [1, 0]}, {"weights": ["a", "b", "c"]}),
+        *({"weights": [0.25, 0.25, 0.25, 0.25]}, {"weights": [0.5, 0.5, 0.5]}),
+        *({"weights": [1, 0, 0], "white": "bright"}, {"weights": [1, 0, 0], "tones": []}),
         {"weights": [1, 0, 0], "encoding": ["coded"]},
     ],
 )

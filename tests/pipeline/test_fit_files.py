@@ -26,9 +26,8 @@ from colmap_ihe.fit.given_weights import misfit, warnings_of
 from colmap_ihe.fit.histogram_file import StoredCounts, digest_of, read_stored, stored_of, write_stored
 from colmap_ihe.fit.weights_file import read_weights
 from colmap_ihe.grey.contrast import Contrast
-from colmap_ihe.grey.histogram import Histogram
+from colmap_ihe.grey.histogram import Histogram, Weighting
 from colmap_ihe.grey.ihe import fit_cells
-from colmap_ihe.grey.sums import Weighting
 from colmap_ihe.grey.weights import Encoding, Weights, triplets
 from colmap_ihe.machine.progress import SILENT
 from colmap_ihe.pipeline.fit_files import fit_files

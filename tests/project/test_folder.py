@@ -20,14 +20,8 @@ from small_demo import ROOT
 from stage_records import records
 
 from colmap_ihe.errors import DiskFullError, ProjectError
-from colmap_ihe.machine.files import (
-    digest_file,
-    fingerprint_of,
-    read_json,
-    replace_folder,
-    write_bytes,
-    write_json,
-)
+from colmap_ihe.machine import files
+from colmap_ihe.machine.files import fingerprint_of, read_json, replace_folder, write_bytes
 from colmap_ihe.pipeline.reconstruct import reconstruct
 from colmap_ihe.pipeline.records import read_record
 from colmap_ihe.project.folder import Project
@@ -54,11 +48,8 @@ def test_a_write_makes_the_folders_above_and_leaves_nothing_else(tmp_path: Path)
 @pytest.mark.parametrize(
     ("code", "kind"),
     [
-        (errno.ENOSPC, DiskFullError),
-        (errno.EDQUOT, DiskFullError),
-        (errno.EACCES, ProjectError),
-        (errno.EIO, ProjectError),
-        (errno.EINVAL, OSError),
+        *((errno.ENOSPC, DiskFullError), (errno.EDQUOT, DiskFullError)),
+        *((errno.EACCES, ProjectError), (errno.EIO, ProjectError), (errno.EINVAL, OSError)),
     ],
 )
 def test_a_failed_write_leaves_the_old_file_and_no_other(
@@ -70,10 +61,7 @@ def test_a_failed_write_leaves_the_old_file_and_no_other(
     def fail(*_: Any) -> None:
         raise OSError(code, os.strerror(code))
 
-    if step == "fsync":
-        monkeypatch.setattr(os, "fsync", fail)
-    else:
-        monkeypatch.setattr(Path, "replace", fail)
+    monkeypatch.setattr(os if step == "fsync" else Path, step, fail)
     with pytest.raises(kind) as caught:
         write_bytes(target, b"new")
     if kind is DiskFullError:
@@ -98,25 +86,16 @@ def test_a_write_that_is_killed_leaves_the_old_file(tmp_path: Path) -> None:
 
 
 def test_json_keeps_names_that_are_not_ascii_readable(tmp_path: Path) -> None:
-    write_json(tmp_path / "a.json", {"façade/日本.jpg": [1, None]})
+    files.write_json(tmp_path / "a.json", {"façade/日本.jpg": [1, None]})
     assert "façade/日本.jpg" in (tmp_path / "a.json").read_text(encoding="utf-8")
     assert read_json(tmp_path / "a.json") == {"façade/日本.jpg": [1, None]}
 
 
-UNREADABLE = [
-    b"",
-    b"{",
-    b"[1]",
-    b"3",
-    b"\xff\xfe",
-    b'{"a": 1',
-    b"[" * 100_000,
-    b'{"a": ' * 100_000,
-    b"1" * 5000,
-]
-
-
-@pytest.mark.parametrize("content", UNREADABLE, ids=lambda content: content[:9])
+@pytest.mark.parametrize(
+    "content",
+    [b"", b"{", b"[1]", b"3", b"\xff\xfe", b'{"a": 1', b"[" * 100_000, b'{"a": ' * 100_000, b"1" * 5000],
+    ids=lambda content: content[:9],
+)
 def test_json_that_cannot_be_read_is_none(tmp_path: Path, content: bytes) -> None:
     (tmp_path / "a.json").write_bytes(content)
     assert read_json(tmp_path / "a.json") is None
@@ -162,21 +141,17 @@ def test_a_project_is_locked_while_another_process_works_and_free_when_it_is_kil
         other.kill()
         other.join(10)
         other.close()
-    with place.locked():
-        pass
-    with place.locked():
-        pass
+    for _ in range(2):
+        with place.locked():
+            pass
 
 
 def test_there_must_be_a_folder_of_photographs(tmp_path: Path) -> None:
-    with pytest.raises(ProjectError, match="no such folder of photographs") as caught:
-        Project.at(tmp_path)
-    assert "--images" in caught.value.hint
-    (tmp_path / "images").touch()
-    with pytest.raises(ProjectError, match="no such folder of photographs"):
-        Project.at(tmp_path)
-    with pytest.raises(ProjectError, match="no such folder of photographs"):
-        Project.at(tmp_path / "missing")
+    for root in (tmp_path / "missing", tmp_path, tmp_path):
+        with pytest.raises(ProjectError, match="no such folder of photographs") as caught:
+            Project.at(root)
+        assert "--images" in caught.value.hint
+        (tmp_path / "images").touch()
     (tmp_path / "photos").mkdir()
     with pytest.raises(ProjectError, match="is a file"):
         Project.at(tmp_path / "images", tmp_path / "photos")
@@ -249,5 +224,5 @@ def test_fingerprints_do_not_depend_on_the_order_of_keys_or_the_process() -> Non
 def test_digests_are_of_the_content(tmp_path: Path) -> None:
     for name, content in (("a", b"x" * 3_000_000), ("b", b"x" * 3_000_000), ("c", b"x" * 2_999_999 + b"y")):
         (tmp_path / name).write_bytes(content)
-    a, b, c = (digest_file(tmp_path / n) for n in "abc")
+    a, b, c = (files.digest_file(tmp_path / n) for n in "abc")
     assert a == b != c

@@ -48,38 +48,31 @@ def test_the_names_that_are_contracts() -> None:
 
 
 def test_a_file_changes_what_it_names_and_nothing_else(tmp_path: Path) -> None:
-    file = written(
-        tmp_path,
-        "fit:\n  step: 0.1\n  method: rec709\ncamera: {model: PINHOLE, params: [500, 501, 320, 240]}\n",
-    )
-    options = load_options(file)
+    text = "fit:\n  step: 0.1\n  method: rec709\ncamera: {model: PINHOLE, params: [500, 501, 320, 240]}\n"
+    options = load_options(written(tmp_path, text))
     assert (options.fit.step, options.fit.method) == (0.1, "rec709")
     assert options.camera.params == (500, 501, 320, 240)
     assert options.model_copy(update={"fit": Options().fit, "camera": Options().camera}) == Options()
 
 
 @pytest.mark.parametrize(
-    ("assignment", "section", "option", "value"),
+    ("assignment", "value"),
     [
-        ("fit.method=green", "fit", "method", "green"),
-        ("fit.step=0.05", "fit", "step", 0.05),
-        ("fit.step=1", "fit", "step", 1.0),
-        ("dense.enabled=false", "dense", "enabled", False),
-        ("dense.enabled=no", "dense", "enabled", False),
-        ("dense.max_image_size=2400", "dense", "max_image_size", 2400),
-        ("features.max_image_size=null", "features", "max_image_size", None),
-        (" sparse.seed=7", "sparse", "seed", 7),
-        ("features.colmap={use_gpu: false}", "features", "colmap", {"use_gpu": False}),
-        (
-            "features.colmap.sift.max_num_features=99",
-            "features",
-            "colmap",
-            {"sift": {"max_num_features": 99}},
-        ),
-        ("matches.pairing.overlap=5", "matches", "pairing", {"overlap": 5}),
+        ("fit.method=green", "green"),
+        ("fit.step=0.05", 0.05),
+        ("fit.step=1", 1.0),
+        ("dense.enabled=false", False),
+        ("dense.enabled=no", False),
+        ("dense.max_image_size=2400", 2400),
+        ("features.max_image_size=null", None),
+        (" sparse.seed=7", 7),
+        ("features.colmap={use_gpu: false}", {"use_gpu": False}),
+        ("features.colmap.sift.max_num_features=99", {"sift": {"max_num_features": 99}}),
+        ("matches.pairing.overlap=5", {"overlap": 5}),
     ],
 )
-def test_set_takes_yaml_values(assignment: str, section: str, option: str, value: Any) -> None:
+def test_set_takes_yaml_values(assignment: str, value: Any) -> None:
+    section, option = assignment.strip().partition("=")[0].split(".")[:2]
     found = getattr(getattr(load_options(None, [assignment]), section), option)
     assert found == value
     assert type(found) is type(value)
@@ -87,9 +80,7 @@ def test_set_takes_yaml_values(assignment: str, section: str, option: str, value
 
 def test_set_goes_over_the_file_and_the_last_one_wins(tmp_path: Path) -> None:
     file = written(tmp_path, "features:\n  colmap:\n    use_gpu: false\n    sift: {max_num_features: 5}\n")
-    options = load_options(
-        file, ["features.colmap.sift.max_num_features=6", "features.colmap.sift.max_num_features=7"]
-    )
+    options = load_options(file, [f"features.colmap.sift.max_num_features={n}" for n in (6, 7)])
     assert options.features.colmap == {"use_gpu": False, "sift": {"max_num_features": 7}}
 
 
@@ -116,30 +107,24 @@ def test_the_order_of_patterns_is_part_of_what_is_noted(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("assignments", "pattern", "known"),
+    ("pattern", "assigned", "known"),
     [
-        (["cameras.*.focal_length=24"], "*", {"focal_length": 24}),
-        (
-            ["cameras.*.focal_length=24", "cameras.*.sensor_width=36"],
-            "*",
-            {"focal_length": 24, "sensor_width": 36},
-        ),
-        (["cameras.drone/*.JPG.focal_length=8.8"], "drone/*.JPG", {"focal_length": 8.8}),
-        (["cameras.a.b/*.JPG={model: x, override: true}"], "a.b/*.JPG", {"model": "x", "override": True}),
+        ("*", [".focal_length=24"], {"focal_length": 24}),
+        ("*", [".focal_length=24", ".sensor_width=36"], {"focal_length": 24, "sensor_width": 36}),
+        ("drone/*.JPG", [".focal_length=8.8"], {"focal_length": 8.8}),
+        ("a.b/*.JPG", ["={model: x, override: true}"], {"model": "x", "override": True}),
     ],
 )
-def test_set_knows_cameras(assignments: list[str], pattern: str, known: dict[str, Any]) -> None:
-    found = load_options(None, assignments).cameras.root
+def test_set_knows_cameras(pattern: str, assigned: list[str], known: dict[str, Any]) -> None:
+    found = load_options(None, [f"cameras.{pattern}{text}" for text in assigned]).cameras.root
     assert {p: k.model_dump(exclude_unset=True) for p, k in found.items()} == {pattern: known}
 
 
 def test_set_changes_a_pattern_of_the_file_in_its_place(tmp_path: Path) -> None:
-    known = load_options(
-        written(tmp_path, CAMERAS), ["cameras.drone/*.JPG.focal_length=9", "cameras.x.model=y"]
-    )
-    assert list(known.cameras.root) == ["drone/*.JPG", "*", "x"]
-    assert known.cameras.root["drone/*.JPG"].focal_length == 9
-    assert known.cameras.root["drone/*.JPG"].sensor_width == 13.2
+    assigned = ["cameras.drone/*.JPG.focal_length=9", "cameras.x.model=y"]
+    known = load_options(written(tmp_path, CAMERAS), assigned).cameras.root
+    assert list(known) == ["drone/*.JPG", "*", "x"]
+    assert (known["drone/*.JPG"].focal_length, known["drone/*.JPG"].sensor_width) == (9, 13.2)
 
 
 def test_camera_parameters_become_numbers() -> None:
@@ -255,8 +240,6 @@ def test_no_value_at_all_gives_anything_but_options_or_an_option_error(value: An
 
 
 def test_a_cluster_may_be_just_its_address(tmp_path: Path) -> None:
-    (tmp_path / "project.yaml").write_text("cluster: local:4\n")
-    options = load_options(tmp_path / "project.yaml", ["cluster.patience=5"])
-    assert options.cluster.address == "local:4"
-    assert options.cluster.patience == 5
+    cluster = load_options(written(tmp_path, "cluster: local:4\n"), ["cluster.patience=5"]).cluster
+    assert (cluster.address, cluster.patience) == ("local:4", 5)
     assert load_options(None).cluster.address is None

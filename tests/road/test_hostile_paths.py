@@ -24,9 +24,8 @@ from colmap_ihe.photographs.discover import Capture, discover
 from colmap_ihe.pipeline.masks import write_masks
 from colmap_ihe.pipeline.output_folder import RECORD, Ledger
 from colmap_ihe.project.folder import Project
-from colmap_ihe.project.option_paths import named_paths
 from colmap_ihe.project.options import FitOptions
-from colmap_ihe.project.options_file import load_options
+from colmap_ihe.project.options_file import load_options, named_paths
 
 PACKAGE = Path(colmap_ihe.__file__).parent
 SOLVER = """sparse: {mapper: global, colmap: {mapper: {bundle_adjustment: {ceres: {solver_options:

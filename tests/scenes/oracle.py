@@ -14,6 +14,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from colmap_ihe.grey.histogram import Histogram, Weighting
+from colmap_ihe.grey.weights import Encoding
+
 REC709 = (0.2126, 0.7152, 0.0722)
 
 Triplet = tuple[int, int, int]
@@ -80,3 +83,18 @@ def scene(seed: int, height: int, width: int, colours: int = 40) -> NDArray[np.u
     rgb *= np.linspace(0.4, 1.1, width)[None, :, None]
     rgb += rng.normal(0, 4, rgb.shape)
     return np.clip(np.rint(rgb), 0, 255).astype(np.uint8)
+
+
+def photograph(seed: int, height: int = 40, width: int = 60) -> NDArray[np.float32]:
+    """A `scene` as conversions take it: float32 in [0, 1]."""
+    return scene(seed, height, width).astype(np.float32) / np.float32(255)
+
+
+def pooled(
+    images: Sequence[NDArray[Any]], encoding: Encoding = "coded", weighting: Weighting = "pixel"
+) -> Histogram:
+    """The package's histogram of a set."""
+    histogram = Histogram(encoding, weighting)
+    for image in images:
+        histogram.add(image)
+    return histogram

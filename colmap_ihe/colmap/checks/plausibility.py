@@ -40,14 +40,9 @@ def cameras_of(folder: Path, database: Path) -> list[SolvedCamera]:
     cameras = []
     for number, images in sorted(names.items(), key=lambda n: (-len(n[1]), n[0])):
         camera, prior = model.cameras[number], before[number]
-        cameras.append(
-            SolvedCamera(
-                tuple(sorted(images)),
-                prior.mean_focal_length() if prior.has_prior_focal_length else None,
-                camera.mean_focal_length(),
-                camera.focal_length_x / camera.focal_length_y,
-            )
-        )
+        known = prior.mean_focal_length() if prior.has_prior_focal_length else None
+        aspect = camera.focal_length_x / camera.focal_length_y
+        cameras.append(SolvedCamera(tuple(sorted(images)), known, camera.mean_focal_length(), aspect))
     return cameras
 
 
@@ -64,9 +59,8 @@ class Shape:
 def shape_of(folder: Path) -> Shape:
     """Return the shape of the model in `folder`."""
     model = pycolmap.Reconstruction(folder)
-    xyz = np.array([p.xyz for p in model.points3D.values() if p.track.length() > 2], np.float64).reshape(
-        -1, 3
-    )
+    places = [p.xyz for p in model.points3D.values() if p.track.length() > 2]
+    xyz = np.array(places, np.float64).reshape(-1, 3)
     axes = np.array([model.images[i].cam_from_world().rotation.matrix()[2] for i in model.reg_image_ids()])
     mean = axes.mean(axis=0)
     # Twice the widest from the mean: exact for a fan, and does not grow with the square of the photographs.

@@ -99,13 +99,9 @@ def conflicts_of(folder: Path, database: Path) -> Conflicts:
         if share > DOUBTFUL:
             blind.append((str(views[first].image.name), str(views[second].image.name), round(share, 3)))
     matched, torn = _torn(model, database)
-    return Conflicts(
-        near,
-        tuple(sorted(blind, key=lambda b: (-b[2], b[:2]))),
-        matched,
-        tuple(sorted(torn, key=lambda t: (-t[2], t[:2]))),
-        round(most, 3),
-    )
+    blind.sort(key=lambda b: (-b[2], b[:2]))
+    torn.sort(key=lambda t: (-t[2], t[:2]))
+    return Conflicts(near, tuple(blind), matched, tuple(torn), round(most, 3))
 
 
 def _torn(model: pycolmap.Reconstruction, database: Path) -> tuple[int, list[tuple[str, str, int]]]:
@@ -139,15 +135,9 @@ def _view(model: pycolmap.Reconstruction, image: pycolmap.Image, points: _Points
     pose = image.cam_from_world()
     depth = np.asarray(pose * points.xyz[rows])[:, 2] if len(rows) else np.zeros(1)
     near, far = np.percentile(depth, _DEPTHS)
-    return _View(
-        image,
-        model.cameras[image.camera_id],
-        np.asarray(image.projection_center()),
-        np.asarray(pose.rotation.matrix())[2],
-        ids,
-        rows,
-        (float(near) / _AROUND, float(far) * _AROUND),
-    )
+    depths = (float(near) / _AROUND, float(far) * _AROUND)
+    centre, axis = np.asarray(image.projection_center()), np.asarray(pose.rotation.matrix())[2]
+    return _View(image, model.cameras[image.camera_id], centre, axis, ids, rows, depths)
 
 
 def _side_by_side(views: list[_View]) -> list[tuple[int, int]]:

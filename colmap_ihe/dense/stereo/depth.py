@@ -28,6 +28,9 @@ _SPECKLE_PX = 60  # smaller patches are dropped, in pixels of each size
 _NORMAL_RADIUS_PX = 6  # half of the window of the normals
 
 
+_Match = tuple[RectifiedPair, StereoView]
+
+
 @dataclass(frozen=True)
 class DepthResult:
     """Hold the maps of one reference.
@@ -85,10 +88,7 @@ def depth_and_normals(
 
 
 def _match_at_size(
-    reference: StereoView,
-    matches: Sequence[tuple[RectifiedPair, StereoView]],
-    prior: Float32 | None,
-    check: Callable[[], None],
+    reference: StereoView, matches: Sequence[_Match], prior: Float32 | None, check: Callable[[], None]
 ) -> Float32:
     """Return inverse depth (H, W) float32, 0 for none, at the size of `reference`.
 
@@ -102,7 +102,11 @@ def _match_at_size(
             maps.append(match_whole_range(pair, reference, source))
         else:
             maps.append(match_around(pair, reference, source, prior))
-    one_pixel = [_one_pixel(pair) for pair, _ in matches]
+    # The change of inverse depth in the middle of the frame that moves a match by one pixel.
+    one_pixel = [
+        1.0 / float(pair.disparity_per_inverse_depth()[pair.height // 2, pair.width // 2])
+        for pair, _ in matches
+    ]
     inverse, merged = merge(maps, one_pixel)
     if not merged.any():
         return inverse
@@ -144,9 +148,3 @@ def _scaled(source: StereoView, size: tuple[int, int], reference: StereoView) ->
     """Return the size of `source` when `reference` has `size`."""
     scale = size[0] / reference.size[0]
     return max(1, round(source.size[0] * scale)), max(1, round(source.size[1] * scale))
-
-
-def _one_pixel(pair: RectifiedPair) -> float:
-    """Return the change of inverse depth in the middle of the frame that moves a match by one pixel."""
-    per_inverse_depth = pair.disparity_per_inverse_depth()
-    return 1.0 / float(per_inverse_depth[pair.height // 2, pair.width // 2])

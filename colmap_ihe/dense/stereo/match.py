@@ -27,7 +27,7 @@ def match_whole_range(pair: RectifiedPair, reference: StereoView, source: Stereo
     Matched from both sides; kept where the two agree within `LEFT_RIGHT_TOLERANCE_PX`.
     """
     first = math.floor(pair.disparities[0])
-    count = _multiple_of_16(pair.disparities[1] - first)
+    count = max(16, math.ceil((pair.disparities[1] - first) / 16) * 16)  # as OpenCV's matcher expects
     left = pair.reference_in_frame(reference.grey_u8, count)
     right = pair.source_in_frame(source.grey_u8, count, first)
     forth = _semi_global(left, right, 0, count)
@@ -92,8 +92,3 @@ def _grid(shape: tuple[int, ...]) -> tuple[Float32, Float32]:
 
 def _mirrored(image: UInt8) -> UInt8:
     return np.ascontiguousarray(image[:, ::-1])
-
-
-def _multiple_of_16(count: float) -> int:
-    """Round up to the multiple of 16 disparities that OpenCV's semi-global matcher expects."""
-    return max(16, math.ceil(count / 16) * 16)

@@ -20,9 +20,8 @@ def normals_from_inverse_depth(inverse_depth: Float32, K: Float64, radius_px: in
     ones, first, second = np.ones_like(offsets), offsets, offsets * offsets
 
     def moment(image: Float32, x: Float32, y: Float32) -> Float32:
-        return np.asarray(
-            cv2.sepFilter2D(image, cv2.CV_32F, x, y, borderType=cv2.BORDER_CONSTANT), np.float32
-        )
+        sums = cv2.sepFilter2D(image, cv2.CV_32F, x, y, borderType=cv2.BORDER_CONSTANT)
+        return np.asarray(sums, np.float32)
 
     count = np.maximum(moment(held, ones, ones), 1)
     mean_x, mean_y = moment(held, first, ones) / count, moment(held, ones, first) / count
@@ -37,17 +36,12 @@ def normals_from_inverse_depth(inverse_depth: Float32, K: Float64, radius_px: in
     safe = np.where(usable, determinant, 1)
     slope_x = np.where(usable, (xw * yy - yw * xy) / safe, 0) * np.float32(K[0, 0])
     slope_y = np.where(usable, (yw * xx - xw * xy) / safe, 0) * np.float32(K[1, 1])
-    return _unit_normals(inverse_depth, slope_x, slope_y, K)
-
-
-def _unit_normals(inverse_depth: Float32, slope_x: Float32, slope_y: Float32, K: Float64) -> Float32:
-    """Turn slopes of inverse depth by normalised x and y into normals."""
     height, width = inverse_depth.shape
     x = ((np.arange(width) + 0.5 - K[0, 2]) / K[0, 0]).astype(np.float32)[None, :]
     y = ((np.arange(height) + 0.5 - K[1, 2]) / K[1, 1]).astype(np.float32)[:, None]
     # (slope_x, slope_y, rest) points away from the camera.
     away = np.stack([slope_x, slope_y, inverse_depth - slope_x * x - slope_y * y], axis=-1)
     length = np.sqrt(np.square(away).sum(axis=-1))
-    held = (inverse_depth > 0) & (length > 0)
-    scale = np.where(held, -1 / np.where(held, length, 1), 0).astype(np.float32)
+    sound = (inverse_depth > 0) & (length > 0)
+    scale = np.where(sound, -1 / np.where(sound, length, 1), 0).astype(np.float32)
     return np.asarray(away * scale[..., None], np.float32)

@@ -113,7 +113,9 @@ def rectify(reference: PinholeCamera, source: PinholeCamera, points_world: Float
     depth = points[:, 2][points[:, 2] > 0]
     if not depth.size:
         raise PairLeftOutError("no sparse point lies in front of both views")
-    disparities = _robust_range(focal_px * baseline / depth)
+    low, high = np.percentile(focal_px * baseline / depth, [1, 99])
+    margin = 0.25 * (high - low) + 4.0  # for depths without sparse points
+    disparities = max(0.0, float(low - margin)), float(high + margin)
     left, top, width, height = _overlap(reference, source, from_reference, from_source, disparities)
     depth_row = rotation[:, 2] @ np.linalg.inv(to_pixels)
     return RectifiedPair(
@@ -159,13 +161,6 @@ def _scale_at_centre(plane_from_pixels: Float64, view: PinholeCamera) -> float:
     flat = corners[:, :2] / corners[:, 2:]
     (ax, ay), (bx, by) = flat[1] - flat[0], flat[2] - flat[0]
     return float(np.sqrt(abs(ax * by - ay * bx)))
-
-
-def _robust_range(disparity: Float64) -> tuple[float, float]:
-    """Return the range of most disparities, widened for depths without sparse points."""
-    low, high = np.percentile(disparity, [1, 99])
-    margin = 0.25 * (high - low) + 4.0
-    return max(0.0, float(low - margin)), float(high + margin)
 
 
 def _overlap(

@@ -54,9 +54,8 @@ def quality_in(mesh: Mesh, view: PinholeCamera, mask: Callable[[], UInt8 | None]
     corners = mesh.corners()
     normals = face_normals(corners)
     rays = view.centre - corners.mean(axis=1)
-    facing = (normals * rays).sum(axis=1) / np.maximum(
-        np.linalg.norm(normals, axis=1) * np.linalg.norm(rays, axis=1), 1e-30
-    )
+    lengths = np.linalg.norm(normals, axis=1) * np.linalg.norm(rays, axis=1)
+    facing = (normals * rays).sum(axis=1) / np.maximum(lengths, 1e-30)
     shown = pixels[mesh.faces]
     area = areas(shown)
     possible = (facing > _LEAST_FACING) & (np.nan_to_num(area) > 0)

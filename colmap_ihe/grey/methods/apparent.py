@@ -19,17 +19,8 @@ import cv2
 import numpy as np
 
 from colmap_ihe.errors import CapabilityError
-from colmap_ihe.grey.srgb import (
-    WHITE,
-    XYZ_FROM_RGB,
-    Float32,
-    bands,
-    checked,
-    grey_of_lightness,
-    lab,
-    lightness,
-    linear,
-)
+from colmap_ihe.grey import srgb
+from colmap_ihe.grey.srgb import WHITE, XYZ_FROM_RGB, Float32, bands, checked, grey_of_lightness, lightness
 
 LEVELS = 4
 GAIN = 0.5
@@ -56,7 +47,7 @@ def apparent(rgb: Float32) -> Float32:
     seen = apparent_lightness(checked(rgb))
     star, red, yellow = (np.empty(rgb.shape[:2], np.float32) for _ in range(3))
     for rows in bands(rgb):
-        star[rows], red[rows], yellow[rows] = np.moveaxis(lab(rgb[rows]), -1, 0)
+        star[rows], red[rows], yellow[rows] = np.moveaxis(srgb.lab(rgb[rows]), -1, 0)
     sharpened = _unsharp(seen, [star, red, yellow])
     for rows in bands(rgb):
         sharpened[rows] = grey_of_lightness(sharpened[rows])
@@ -74,7 +65,7 @@ def apparent_lightness(rgb: Float32) -> Float32:
     u_white, v_white = chromaticity_of_white()
     seen = np.empty(rgb.shape[:2], np.float32)
     for rows in bands(rgb):
-        x, y, z = np.moveaxis(linear(rgb[rows]) @ matrix, -1, 0)
+        x, y, z = np.moveaxis(srgb.linear(rgb[rows]) @ matrix, -1, 0)
         total = np.maximum(x + 15 * y + 3 * z, np.float32(1e-9))  # black has no hue, and L* = 0
         column = (4 * x / total - np.float32(u_white)) / np.float32(_STEP) + _LEFT
         row = (9 * y / total - np.float32(v_white)) / np.float32(_STEP) + _BELOW

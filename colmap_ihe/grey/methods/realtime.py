@@ -24,7 +24,7 @@ _NORM = 1.41
 _LEAST = 0.05
 _SEED = 2012
 _UNIT = 1 << 32  # of the fixed-point sums
-_TOWARDS_REC709 = ((GRID - np.array(FIXED["rec709"])) ** 2).sum(axis=1)
+TOWARDS_REC709: NDArray[np.float64] = ((GRID - np.array(FIXED["rec709"])) ** 2).sum(axis=1)
 
 
 class RealtimeSet:
@@ -43,9 +43,7 @@ class RealtimeSet:
         """Add one photograph: (H, W, 3) float32 in [0, 1], coded. Raises ValueError for anything else."""
         differences, contrast = pairs(checked(rgb))
         grey = differences @ GRID.T
-        fits = np.logaddexp(
-            -(((grey + contrast[:, None]) / _SIGMA) ** 2), -(((grey - contrast[:, None]) / _SIGMA) ** 2)
-        )
+        fits = np.logaddexp(*(-(((grey + c[:, None]) / _SIGMA) ** 2) for c in (contrast, -contrast)))
         self.sums = [a + round(float(b) * _UNIT) for a, b in zip(self.sums, fits.sum(axis=0), strict=True)]
         self.pairs += len(contrast)
         self.images += 1
@@ -64,7 +62,7 @@ class RealtimeSet:
         """
         if not self.images:
             raise ValueError("no photographs were added, expected at least one")
-        best = max(range(len(GRID)), key=lambda n: (self.sums[n], -float(_TOWARDS_REC709[n])))
+        best = max(range(len(GRID)), key=lambda n: (self.sums[n], -float(TOWARDS_REC709[n])))
         red, green, blue = (float(w) for w in GRID[best])
         return red, green, blue
 

@@ -12,9 +12,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from colmap_ihe.grey.methods.realtime import Triplet, weighed
+from colmap_ihe.grey.methods.realtime import TOWARDS_REC709, Triplet, weighed
 from colmap_ihe.grey.srgb import Float32, checked
-from colmap_ihe.grey.weights import FIXED, triplets
+from colmap_ihe.grey.weights import shares, triplets
 
 SIGMAS_SPACE = (1, 2, 3)
 """Pixels of the thumbnail."""
@@ -24,7 +24,7 @@ SIGMAS_RANGE = (0.05, 0.1, 0.2)
 
 SIDE = 64
 _GRID = triplets(0.1)
-_STEPS = ((10, -10), (-10, 10), (10, 0), (-10, 0), (0, 10), (0, -10))
+_STEPS = ((10, -10), (-10, 10), (10, 0), (-10, 0), (0, 10), (0, -10))  # the six at one step of 0.1
 _RADIUS = 3 * max(SIGMAS_SPACE)
 
 
@@ -43,10 +43,7 @@ def song_weights(rgb: Float32) -> Triplet:
     cost = costs(thumbnail(checked(rgb)))
     votes = sum(local_minima(line) for line in cost.reshape(-1, len(_GRID)))
     total = cost.sum(axis=(0, 1))
-    away = ((np.array(_GRID) / 100 - np.array(FIXED["rec709"])) ** 2).sum(axis=1)
-    best = np.lexsort((away, total, -np.asarray(votes)))[0]
-    red, green, blue = (w / 100 for w in _GRID[best])
-    return red, green, blue
+    return shares(_GRID[np.lexsort((TOWARDS_REC709, total, -np.asarray(votes)))[0]])
 
 
 def thumbnail(rgb: Float32) -> Float32:
@@ -95,10 +92,7 @@ def local_minima(cost: NDArray[np.float64]) -> NDArray[np.int64]:
     known = dict(zip(_GRID, cost, strict=True))
     lowest = []
     for red, green, blue in _GRID:
-        around = [
-            known.get((red + r, green + g, blue - r - g), np.inf)
-            for r, g in _STEPS  # the six at one step of 0.1
-        ]
+        around = [known.get((red + r, green + g, blue - r - g), np.inf) for r, g in _STEPS]
         lowest.append(known[red, green, blue] < min(around))
     return np.array(lowest, np.int64)
 

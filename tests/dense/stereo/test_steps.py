@@ -26,8 +26,7 @@ def _pixels(points: Float64, seen_by: PinholeCamera) -> Float64:
 
 
 @pytest.mark.parametrize(
-    "source",
-    [camera([0.5, 0, 0]), camera([-0.1, 0.6, 0.2], roll_deg=90), camera([1.2, 0.1, 0], yaw_deg=-15)],
+    "source", [camera([0.5, 0, 0]), camera([-0.1, 0.6, 0.2], roll_deg=90), camera([1.2, 0.1, 0], yaw_deg=-15)]
 )
 def test_a_point_lies_on_one_row_and_its_disparity_gives_its_depth(source: PinholeCamera) -> None:
     pair = rectify(REFERENCE, source, POINTS)
@@ -134,15 +133,8 @@ def test_refinement_takes_out_a_tenth_of_a_disparity_pixel() -> None:
 
 def test_sources_are_chosen_by_shared_points_and_angle() -> None:
     # Camera 4 shares only half of the points; 2 is too near, 5 too far, 6 has the baseline along the view.
-    centres: list[list[float]] = [
-        [0, 0, 0],
-        [0.02, 0, 0],
-        [0.5, 0, 0],
-        [0.8, 0, 0],
-        [4.0, 0, 0],
-        [0.1, 0, 0.6],
-    ]
-    cameras = {key: camera(centre) for key, centre in enumerate(centres, start=1)}
+    centres = [(0.0, 0.0), (0.02, 0.0), (0.5, 0.0), (0.8, 0.0), (4.0, 0.0), (0.1, 0.6)]
+    cameras = {key: camera([x, 0, z]) for key, (x, z) in enumerate(centres, start=1)}
     pairs = np.array([(row, key) for key in cameras for row in range(0, len(POINTS), 2 if key == 4 else 1)])
     seen_point, seen_by = pairs.T
     chosen, left_out = choose_sources(1, cameras, POINTS, seen_point, seen_by, 4)

@@ -25,12 +25,8 @@ def grid(side: int = 10, low: float = -1.0, high: float = 1.0, z: float = 0.0) -
     vertices = np.stack((x.ravel(), y.ravel(), np.full(x.size, z)), axis=1).astype(np.float32)
     corner = (np.arange(side)[:, None] * (side + 1) + np.arange(side)).ravel()
     step = side + 1
-    faces = np.concatenate(
-        (
-            np.stack((corner, corner + step, corner + 1), axis=1),
-            np.stack((corner + 1, corner + step, corner + step + 1), axis=1),
-        )
-    )
+    halves = ((corner, corner + step, corner + 1), (corner + 1, corner + step, corner + step + 1))
+    faces = np.concatenate([np.stack(half, axis=1) for half in halves])
     return Mesh(vertices, faces.astype(np.int32), np.full(vertices.shape, 77, np.uint8))
 
 
@@ -98,10 +94,8 @@ def test_a_face_covers_the_pixels_whose_centres_are_in_it() -> None:
     assert set(zip(rows.tolist(), columns.tolist(), strict=True)) == expected
     points = np.einsum("nk,kc->nc", part.weights, corners[0])
     assert np.allclose(points, np.stack((columns + 0.5, rows + 0.5), axis=1))
-    broken = np.array(
-        [[[1, 1], [np.nan, 1], [1, 5]], [[1, 1], [2, 2], [3, 3]], [[-9, -9], [-5, -9], [-9, -5]]]
-    )
-    assert sum(len(p.pixel) for p in covered(broken.astype(float), (8, 8))) == 0
+    for broken in ([[1, 1], [np.nan, 1], [1, 5]], [[1, 1], [2, 2], [3, 3]], [[-9, -9], [-5, -9], [-9, -5]]):
+        assert not any(len(part.pixel) for part in covered(np.array([broken], float), (8, 8)))
 
 
 def test_depth_has_the_nearest_face_in_front() -> None:

@@ -9,8 +9,7 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
-from numpy.typing import NDArray
-from oracle import scene
+from oracle import photograph
 
 from colmap_ihe.errors import CapabilityError
 from colmap_ihe.grey import srgb
@@ -19,10 +18,6 @@ from colmap_ihe.grey.methods import apparent as room
 with warnings.catch_warnings():
     warnings.simplefilter("ignore")
     colour: Any = pytest.importorskip("colour", reason="colour-science is not installed")
-
-
-def photograph(seed: int, height: int, width: int) -> NDArray[np.float32]:
-    return scene(seed, height, width).astype(np.float32) / np.float32(255)
 
 
 def test_lightness_is_that_of_colour_science_within_what_the_docstring_says() -> None:

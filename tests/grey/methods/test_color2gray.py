@@ -7,14 +7,10 @@ import math
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from oracle import scene
+from oracle import photograph
 
 from colmap_ihe.grey.methods.color2gray import ALPHA, THETA, color2gray, color2gray_exact, target
 from colmap_ihe.grey.srgb import grey_of_lightness, lab
-
-
-def photograph(seed: int, height: int, width: int) -> NDArray[np.float32]:
-    return scene(seed, height, width).astype(np.float32) / np.float32(255)
 
 
 def wanted(first: NDArray[np.float32], second: NDArray[np.float32]) -> float:
@@ -65,11 +61,6 @@ def test_colours_on_the_lattice_one_a_cell_are_exact() -> None:
     image[image == 1] = 31 / 32  # 1 shares its cell with 15 / 16
     image[image == 30 / 32] = 14 / 16
     np.testing.assert_allclose(color2gray(image), color2gray_exact(image), atol=1e-5)
-
-
-def test_a_photograph_without_colour_stays_as_it_is() -> None:
-    ramp = np.linspace(0, 1, 256, dtype=np.float32).reshape(16, 16, 1).repeat(3, axis=2)
-    np.testing.assert_allclose(color2gray_exact(ramp), ramp[..., 0], atol=2e-4)
 
 
 def test_two_isoluminant_colours_end_as_far_apart_as_the_target() -> None:

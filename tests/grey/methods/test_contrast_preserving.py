@@ -23,11 +23,6 @@ def test_it_is_what_opencv_gives_for_the_photograph_as_it_reads_it() -> None:
     assert len(np.unique(expected)) > 50
 
 
-def test_a_photograph_without_colour_stays_as_it_is() -> None:
-    ramp = np.linspace(0, 1, 256, dtype=np.float32).reshape(16, 16, 1).repeat(3, axis=2)
-    np.testing.assert_array_equal(contrast_preserving(ramp), ramp[..., 0])
-
-
 def test_an_answer_that_is_black_all_over_is_refused() -> None:
     image = np.zeros((64, 64, 3), np.float32)
     image[:, 32:] = (0.8, 0, 0)

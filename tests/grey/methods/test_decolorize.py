@@ -3,17 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 from numpy.typing import NDArray
-from oracle import scene
+from oracle import photograph
 
 from colmap_ihe.grey.methods.decolorize import DecolorizeSet, apply_decolorize, decolorize, quantiles
-
-
-def photograph(seed: int, height: int = 40, width: int = 60) -> NDArray[np.float32]:
-    return scene(seed, height, width).astype(np.float32) / np.float32(255)
 
 
 def restated(
@@ -74,20 +67,6 @@ def test_a_set_is_as_the_formula_says_over_all_pixels() -> None:
         np.testing.assert_allclose(apply_decolorize(image, fitted.finish()), expected, atol=2e-5)
 
 
-@settings(max_examples=8)  # each set holds 128 MB
-@given(st.permutations(range(4)), st.integers(0, 4))
-def test_order_and_grouping_change_nothing(order: list[int], cut: int) -> None:
-    images = [photograph(n, 20 + n, 30) for n in range(4)]
-    whole, first, second = DecolorizeSet(), DecolorizeSet(), DecolorizeSet()
-    for image in images:
-        whole.add(image)
-    for n in order[:cut]:
-        first.add(images[n])
-    for n in order[cut:]:
-        second.add(images[n])
-    assert (first + second).finish() == whole.finish()
-
-
 def test_a_set_of_one_or_of_the_same_twice_is_as_the_photograph_alone() -> None:
     image = photograph(3)
     once, twice = DecolorizeSet(), DecolorizeSet()
@@ -98,16 +77,6 @@ def test_a_set_of_one_or_of_the_same_twice_is_as_the_photograph_alone() -> None:
     np.testing.assert_array_equal(apply_decolorize(image, twice.finish()), decolorize(image))
 
 
-def test_a_photograph_without_colour_stays_as_it_is() -> None:
-    ramp = np.linspace(0, 1, 256, dtype=np.float32).reshape(16, 16, 1).repeat(3, axis=2)
-    np.testing.assert_allclose(decolorize(ramp), ramp[..., 0], atol=1e-6)
-
-
 def test_quantiles_are_the_least_value_with_that_share_at_or_below() -> None:
     values, mass = np.array([3.0, 1.0, 2.0]), np.array([1, 2, 7])  # 1 1 2 2 2 2 2 2 2 3
     assert quantiles(values, mass, [0.0, 0.2, 0.21, 0.9, 0.91, 1.0]) == [1, 1, 2, 2, 3, 3]
-
-
-def test_an_empty_set_is_refused() -> None:
-    with pytest.raises(ValueError, match="no photographs"):
-        DecolorizeSet().finish()

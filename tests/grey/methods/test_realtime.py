@@ -6,16 +6,10 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 from numpy.typing import NDArray
-from oracle import scene
+from oracle import photograph
 
 from colmap_ihe.grey.methods.realtime import GRID, RealtimeSet, pairs, realtime
-
-
-def photograph(seed: int, height: int = 90, width: int = 120) -> NDArray[np.float32]:
-    return scene(seed, height, width).astype(np.float32) / np.float32(255)
 
 
 def fitted(images: list[NDArray[np.float32]]) -> RealtimeSet:
@@ -59,7 +53,7 @@ def objective(images: list[NDArray[np.float32]]) -> NDArray[np.float64]:
 
 
 def test_the_sums_are_the_objective() -> None:
-    images = [photograph(1), photograph(2, 70, 200)]
+    images = [photograph(1, 90, 120), photograph(2, 70, 200)]
     found = fitted(images)
     expected = objective(images)
     np.testing.assert_allclose(np.array(found.sums) / 2**32 / found.pairs, expected, rtol=1e-6)
@@ -67,7 +61,7 @@ def test_the_sums_are_the_objective() -> None:
 
 
 def test_the_grey_is_the_weighted_sum() -> None:
-    image = photograph(3)
+    image = photograph(3, 90, 120)
     np.testing.assert_allclose(realtime(image), image @ np.array(fitted([image]).finish()), atol=1e-6)
 
 
@@ -88,18 +82,3 @@ def test_without_colour_the_weights_are_nearest_to_rec709() -> None:
 def test_pairs_of_a_large_photograph_are_no_more_than_of_a_small_one() -> None:
     large, _ = pairs(photograph(4, 600, 800))
     assert len(large) <= 64 * 64 + 2 * 32 * 32 + 200
-
-
-@settings(max_examples=25)
-@given(st.permutations(range(4)), st.integers(0, 4))
-def test_order_and_grouping_change_nothing(order: list[int], cut: int) -> None:
-    images = [photograph(n, 30 + n, 40) for n in range(4)]
-    parts = fitted([images[n] for n in order[:cut]]) + fitted([images[n] for n in order[cut:]])
-    whole = fitted(images)
-    assert (parts.sums, parts.pairs, parts.images) == (whole.sums, whole.pairs, whole.images)
-    assert parts.finish() == whole.finish()
-
-
-def test_an_empty_set_is_refused() -> None:
-    with pytest.raises(ValueError, match="no photographs"):
-        RealtimeSet().finish()
