@@ -54,11 +54,7 @@ class JsonLines:
     def show(self, state: BatchState, changed: Sequence[ProjectState]) -> None:
         for project in changed:
             self._print(
-                "project",
-                project=project.name,
-                state=project.state,
-                reason=project.reason,
-                hint=project.hint,
+                "project", project=project.name, state=project.state, reason=project.reason, hint=project.hint
             )
         if time.monotonic() >= self._next_batch:
             self._next_batch = time.monotonic() + _BATCH_SECONDS

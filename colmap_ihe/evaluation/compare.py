@@ -205,11 +205,7 @@ def _mapped(
 
 
 def _dense_points(
-    done: Reconstruction,
-    first: Reconstruction,
-    options: Options,
-    executor: Executor,
-    progress: RunProgress,
+    done: Reconstruction, first: Reconstruction, options: Options, executor: Executor, progress: RunProgress
 ) -> int | None:
     """Return the points of the dense cloud of a method with the cameras of the first; None without dense stereo."""
     if not options.dense.enabled:

@@ -157,11 +157,7 @@ def test_a_run_that_a_killed_batch_left_is_waited_for(tmp_path: Path, pretended:
     [(ProjectPreview(8, 0, 0, up_to_date=True), "done"), (ProjectPreview(reason="no photograph"), "failed")],
 )
 def test_nothing_is_started_for_what_needs_none(
-    tmp_path: Path,
-    pretended: Pretended,
-    monkeypatch: pytest.MonkeyPatch,
-    preview: ProjectPreview,
-    state: str,
+    tmp_path: Path, pretended: Pretended, monkeypatch: pytest.MonkeyPatch, preview: ProjectPreview, state: str
 ) -> None:
     monkeypatch.setattr(driver, "preview_project", lambda *_: preview)
     assert states(batch(projects(tmp_path, "a"), progress=Listener())) == {"a": state}

@@ -14,11 +14,7 @@ from PIL import Image
 def test_convert_writes_grey_images_with_exif(capsys: Captured, photos: Path, tmp_path: Path) -> None:
     result = json_of(capsys, "convert", photos, tmp_path / "grey", "--method", "green")
     assert result["weights"] == [0, 1, 0]
-    assert result["grey"] == {
-        "a.jpg": "a.png",
-        "b.jpg": "b.png",
-        "côté nord/c d.jpg": "côté nord/c d.png",
-    }
+    assert result["grey"] == {"a.jpg": "a.png", "b.jpg": "b.png", "côté nord/c d.jpg": "côté nord/c d.png"}
     for source, target in result["grey"].items():
         with Image.open(tmp_path / "grey" / target) as grey, Image.open(photos / source) as rgb:
             assert grey.mode == "L"
