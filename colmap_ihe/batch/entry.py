@@ -121,9 +121,8 @@ class Entry:
         return self._shown
 
     def _show(self, folder: BatchFolder, stopped: bool) -> ProjectState:
-        state: State = (
-            "stopped" if stopped and self.state in ("waiting", "copying", "running") else self.state
-        )
+        is_open = self.state in ("waiting", "copying", "running")
+        state: State = "stopped" if stopped and is_open else self.state
         values: dict[str, Any] = {"reason": self.reason, "hint": self.hint}
         if self.preview is not None:
             values["photographs"] = self.preview.photographs
