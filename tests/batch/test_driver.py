@@ -25,6 +25,7 @@ from colmap_ihe.pipeline.job import Outcome, ProjectJob, StageProgress
 from colmap_ihe.project.folder import Project
 
 GB = 10**9
+Patch = pytest.MonkeyPatch
 Endings = dict[str, list[Outcome]]
 
 
@@ -111,9 +112,7 @@ def test_memory_that_ran_out_beside_others_is_tried_again_alone(
     assert jobs[0].memory_bytes == GB
 
 
-def test_with_a_gpu_one_at_a_time(
-    tmp_path: Path, pretended: Pretended, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_gpu_has_one_at_a_time(tmp_path: Path, pretended: Pretended, monkeypatch: Patch) -> None:
     def most_at_once() -> int:
         display = Listener()
         root = projects(tmp_path / str(len(pretended.jobs)), "a", "b", "c", "d")
@@ -190,9 +189,7 @@ def test_an_executor_may_run_projects_elsewhere(tmp_path: Path) -> None:
 
 
 @pytest.mark.usefixtures("pretended")
-def test_stopped_by_hand_it_says_so_and_ends_its_runs(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_stopped_by_hand_it_says_so_and_ends_its_runs(tmp_path: Path, monkeypatch: Patch) -> None:
     def run(job: ProjectJob, _follow: Callable[[StageProgress], None] | None = None) -> Outcome:
         end = time.monotonic() + 20
         while not Path(job.stop_file).exists():

@@ -14,13 +14,9 @@ from colmap_ihe.machine.libraries import __version__
 @pytest.mark.parametrize(
     "arguments",
     [
-        *([], ["nonsense"], ["reconstruct"], ["fit"], ["convert", "a"]),
+        *([], ["nonsense"], ["reconstruct"], ["fit"], ["convert", "a"], ["fit", ".", "--method", "best"]),
         *(["reconstruct", ".", "--until", "nowhere"], ["reconstruct", ".", "--from", "sparce"]),
-        *(
-            ["fit", ".", "--method", "best"],
-            ["convert", "a", "b", "--format", "gif"],
-            ["fit", ".", "--step", "fine"],
-        ),
+        *(["convert", "a", "b", "--format", "gif"], ["fit", ".", "--step", "fine"]),
         ["convert", "a", "b", "--method", "red", "--weights", "w.yaml"],
     ],
     ids=" ".join,
@@ -53,9 +49,7 @@ def test_the_version_is_printed(capsys: Captured) -> None:
 @pytest.mark.parametrize(
     "words", [["--jobs", "0"], ["--time-limit", "soon"], ["--time-limit", "0h"], ["--settle", "30"]]
 )
-def test_other_lengths_and_counts_are_wrong_usage(
-    words: list[str], capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_other_lengths_and_counts_are_wrong_usage(words: list[str], capsys: Captured) -> None:
     with pytest.raises(SystemExit) as caught:
         main(["batch", ".", *words])
     assert caught.value.code == 2

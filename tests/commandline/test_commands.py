@@ -108,9 +108,7 @@ def test_options_in_the_project_file_count(capsys: Captured, new_project: Make) 
     ("assignment", "words"),
     [("fit.stepp=0.1", "unknown option 'fit.stepp'"), ("step", "expected stage.option=value")],
 )
-def test_a_bad_assignment_is_one_line(
-    capsys: Captured, new_project: Make, assignment: str, words: str
-) -> None:
+def test_a_bad_assignment(capsys: Captured, new_project: Make, assignment: str, words: str) -> None:
     assert words in failure_of(capsys, "reconstruct", new_project(2), "--set", assignment)
 
 
@@ -145,9 +143,7 @@ def test_a_focal_length_on_the_command_line_reaches_colmap(capsys: Captured, new
     assert states["captures"] == states["features"] == "stale"
 
 
-def test_half_of_what_a_focal_length_needs_is_one_line(
-    capsys: Captured, new_project: Make, tmp_path: Path
-) -> None:
+def test_half_of_what_a_focal_length_needs(capsys: Captured, new_project: Make, tmp_path: Path) -> None:
     project = new_project(3)
     without_exif(project)
     for command in (("reconstruct", project), ("convert", project / "images", tmp_path / "out")):

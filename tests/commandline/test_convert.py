@@ -26,17 +26,14 @@ def test_convert_writes_grey_images_with_exif(capsys: Captured, photos: Path, tm
 def test_convert_to_other_formats(
     capsys: Captured, photos: Path, tmp_path: Path, file_format: str, suffix: str
 ) -> None:
-    result = json_of(
-        capsys, "convert", photos, tmp_path / "grey", "--method", "mean", "--format", file_format
-    )
+    options = ("--method", "mean", "--format", file_format)
+    result = json_of(capsys, "convert", photos, tmp_path / "grey", *options)
     assert {Path(name).suffix for name in result["grey"].values()} == {suffix}
     with Image.open(tmp_path / f"grey/a{suffix}") as grey:
         assert (grey.mode, grey.size) == ("L", (480, 320))
 
 
-def test_convert_refuses_a_folder_with_somebodys_files(
-    capsys: Captured, photos: Path, tmp_path: Path
-) -> None:
+def test_convert_refuses_somebodys_folder(capsys: Captured, photos: Path, tmp_path: Path) -> None:
     (tmp_path / "thesis").mkdir()
     (tmp_path / "thesis/chapter.txt").write_text("mine")
     line = failure_of(capsys, "convert", photos, tmp_path / "thesis", "--method", "red")
@@ -44,9 +41,7 @@ def test_convert_refuses_a_folder_with_somebodys_files(
     assert [p.name for p in (tmp_path / "thesis").iterdir()] == ["chapter.txt"]
 
 
-def test_convert_again_leaves_files_that_somebody_put_beside(
-    capsys: Captured, photos: Path, tmp_path: Path
-) -> None:
+def test_convert_again_leaves_somebodys_files(capsys: Captured, photos: Path, tmp_path: Path) -> None:
     json_of(capsys, "convert", photos, tmp_path / "grey", "--method", "red")
     (tmp_path / "grey/survey.psx").write_text("the project of another program")
     json_of(capsys, "convert", photos, tmp_path / "grey", "--method", "blue")

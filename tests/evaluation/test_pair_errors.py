@@ -19,9 +19,7 @@ from colmap_ihe.evaluation.significance import LEFT_OUT, standard_error, verdict
 from colmap_ihe.evaluation.truth import F64
 
 
-def pose(
-    turn_deg: tuple[float, float, float] = (0, 0, 0), centre: tuple[float, float, float] = (0, 0, 0)
-) -> F64:
+def pose(turn_deg: tuple[float, ...] = (0, 0, 0), centre: tuple[float, ...] = (0, 0, 0)) -> F64:
     rotation, _ = cv2.Rodrigues(np.radians(np.array(turn_deg, float)))
     return np.column_stack([rotation, -rotation @ np.array(centre, float)])
 
@@ -35,14 +33,10 @@ def test_efficiency_is_over_all_matches_and_not_the_mean_of_pairs() -> None:
 @pytest.mark.parametrize(
     ("turn", "kind"),
     [
-        ((0, 0, 0), "parallel"),
-        ((3, 4, 2), "parallel"),
-        ((0, 20, 0), "rotated"),
-        ((0, 0, 90), "rotated"),
-        ((15, 4, 1), "tilted"),
-        ((-15, 0, 0), "tilted"),
+        ((0, 0, 0), "parallel"), ((3, 4, 2), "parallel"), ((0, 20, 0), "rotated"),
+        ((0, 0, 90), "rotated"), ((15, 4, 1), "tilted"), ((-15, 0, 0), "tilted"),
     ],
-)
+)  # fmt: skip
 def test_movements_are_told_apart(turn: tuple[float, float, float], kind: str) -> None:
     assert movement(pose((5, 5, 0)), pose((5, 5, 0), (1, 0, 0))) == "parallel"
     assert movement(pose(), pose(turn, (2, 1, 0))) == kind

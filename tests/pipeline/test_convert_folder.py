@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 from icc import rgb_profile
 from PIL import Image
+from told import Told
 
 import colmap_ihe.pipeline.convert_folder
 from colmap_ihe import Weights, convert_folder
@@ -22,7 +23,6 @@ from colmap_ihe.colmap.native import pycolmap
 from colmap_ihe.errors import Cancelled, KnownError, PhotographError, ProjectError, WeightsError
 from colmap_ihe.grey.convert import to_grey
 from colmap_ihe.grey.wallis import wallis
-from colmap_ihe.machine.progress import Silent
 from colmap_ihe.photographs.decode import read_photograph
 from colmap_ihe.photographs.discover import discover
 from colmap_ihe.photographs.encode import Format
@@ -34,21 +34,6 @@ QUICK = FitOptions(step=0.1)
 Noted = dict[str, tuple[int, bytes]]
 
 
-class Told(Silent):
-    """Keeps what it is told."""
-
-    def __init__(self) -> None:
-        super().__init__()
-        self.warnings: list[str] = []
-        self.up_to_date: list[str] = []
-
-    def warn(self, text: str) -> None:
-        self.warnings.append(text)
-
-    def kept(self, name: str) -> None:
-        self.up_to_date.append(name)
-
-
 @pytest.fixture
 def photos(tmp_path: Path) -> Path:
     folder = tmp_path / "photos"
@@ -56,6 +41,18 @@ def photos(tmp_path: Path) -> Path:
     for seed, name in enumerate(["a.png", "b.jpg", "north/c.tif"]):
         draw(folder / name, seed)
     return folder
+
+
+@pytest.fixture
+def out(tmp_path: Path) -> Path:
+    return tmp_path / "grey"
+
+
+@pytest.fixture
+def before(photos: Path, out: Path) -> Noted:
+    """What `out` holds after the photographs were converted to it."""
+    convert_folder(photos, out, weights=GREEN)
+    return noted(out)
 
 
 def draw(file: Path, seed: int) -> None:
@@ -69,22 +66,20 @@ def noted(folder: Path) -> Noted:
 
 
 def rewritten(before: Noted, folder: Path) -> set[str]:
-    return {
-        name for name, (time, _) in noted(folder).items() if name not in before or before[name][0] != time
-    }
+    after = noted(folder)
+    return {name for name, (time, _) in after.items() if name not in before or before[name][0] != time}
 
 
-def test_subfolders_are_kept(photos: Path, tmp_path: Path) -> None:
-    _, grey, left_out = convert_folder(photos, tmp_path / "grey", weights=GREEN)
+def test_subfolders_are_kept(photos: Path, out: Path) -> None:
+    _, grey, left_out = convert_folder(photos, out, weights=GREEN)
     assert grey == {"a.png": "a.png", "b.jpg": "b.png", "north/c.tif": "north/c.png"}
     assert left_out == {}
-    assert set(noted(tmp_path / "grey")) == set(grey.values())
+    assert set(noted(out)) == set(grey.values())
 
 
-def test_only_what_a_changed_photograph_makes_stale_is_written_again(photos: Path, tmp_path: Path) -> None:
-    out = tmp_path / "grey"
-    convert_folder(photos, out, weights=GREEN)
-    before = noted(out)
+def test_only_what_a_changed_photograph_makes_stale_is_written_again(
+    photos: Path, out: Path, before: Noted
+) -> None:
     for file in photos.rglob("*.*"):
         os.utime(file, (1, 1))  # a copy, or a checkout: the content is the same
     told = Told()
@@ -102,11 +97,8 @@ def test_only_what_a_changed_photograph_makes_stale_is_written_again(photos: Pat
     "change", [{"weights": BLUE}, {"options": ConvertOptions(format="jpeg")}, {"version": "9.9"}]
 )
 def test_other_weights_format_and_version_make_all_stale(
-    photos: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, change: dict[str, Any]
+    photos: Path, out: Path, before: Noted, monkeypatch: pytest.MonkeyPatch, change: dict[str, Any]
 ) -> None:
-    out = tmp_path / "grey"
-    convert_folder(photos, out, weights=GREEN)
-    before = noted(out)
     if version := change.pop("version", ""):
         monkeypatch.setattr(colmap_ihe.pipeline.convert_folder, "__version__", version)
     _, grey, _ = convert_folder(photos, out, **{"weights": GREEN, **change})
@@ -171,8 +163,8 @@ def test_a_curve_that_is_not_used_makes_nothing_stale(small_demo: Path, tmp_path
     assert told.up_to_date == ["convert"]
 
 
-def test_wallis_makes_all_stale_and_warns(photos: Path, tmp_path: Path) -> None:
-    out, told = tmp_path / "grey", Told()
+def test_wallis_makes_all_stale_and_warns(photos: Path, out: Path) -> None:
+    told = Told()
     convert_folder(photos, out, weights=GREEN, progress=told)
     assert not told.warnings
     before = noted(out)
@@ -201,10 +193,7 @@ def test_the_fit_is_kept_while_the_set_and_its_options_are_the_same(photos: Path
     assert "fit" not in told.up_to_date
 
 
-def test_a_grey_image_that_is_gone_is_written_again(photos: Path, tmp_path: Path) -> None:
-    out = tmp_path / "grey"
-    convert_folder(photos, out, weights=GREEN)
-    before = noted(out)
+def test_a_grey_image_that_is_gone_is_written_again(photos: Path, out: Path, before: Noted) -> None:
     (out / "b.png").unlink()
     convert_folder(photos, out, weights=GREEN)
     assert rewritten(before, out) == {"b.png"}
@@ -212,9 +201,8 @@ def test_a_grey_image_that_is_gone_is_written_again(photos: Path, tmp_path: Path
 
 
 def test_what_an_interrupted_run_has_written_is_kept(
-    photos: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    photos: Path, out: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    out = tmp_path / "grey"
     written: list[Path] = []
 
     def stop_after_one(path: Path, content: bytes) -> None:
@@ -233,11 +221,8 @@ def test_what_an_interrupted_run_has_written_is_kept(
     assert len(noted(out)) == 3
 
 
-def test_a_killed_run_leaves_files_that_are_known_to_be_ours(photos: Path, tmp_path: Path) -> None:
+def test_a_killed_run_leaves_files_that_are_known_to_be_ours(photos: Path, out: Path, before: Noted) -> None:
     """As after SIGKILL: the record says what was to be written, and not that it was."""
-    out = tmp_path / "grey"
-    convert_folder(photos, out, weights=GREEN)
-    before = noted(out)
     record = json.loads((out / RECORD).read_text())
     for file in record["files"].values():
         file["digest"] = ""
@@ -251,9 +236,9 @@ def test_a_killed_run_leaves_files_that_are_known_to_be_ours(photos: Path, tmp_p
     assert len(rewritten(before, out)) == 4
 
 
-def test_a_file_that_somebody_changed_is_kept_and_never_written_over(photos: Path, tmp_path: Path) -> None:
-    out, told = tmp_path / "grey", Told()
-    convert_folder(photos, out, weights=GREEN)
+@pytest.mark.usefixtures("before")
+def test_a_file_that_somebody_changed_is_kept_and_never_written_over(photos: Path, out: Path) -> None:
+    told = Told()
     (out / "a.png").write_bytes(b"retouched")
     convert_folder(photos, out, weights=GREEN, progress=told)
     assert any("a.png was changed since" in text for text in told.warnings)
@@ -264,9 +249,8 @@ def test_a_file_that_somebody_changed_is_kept_and_never_written_over(photos: Pat
     assert (out / "a.png").read_bytes() == b"retouched"
 
 
-def test_a_strangers_file_in_the_way_is_refused(photos: Path, tmp_path: Path) -> None:
-    out = tmp_path / "grey"
-    convert_folder(photos, out, weights=GREEN)
+@pytest.mark.usefixtures("before")
+def test_a_strangers_file_in_the_way_is_refused(photos: Path, out: Path) -> None:
     (out / "d.png").write_bytes(b"somebody's")
     draw(photos / "d.png", 3)
     before = noted(out)
@@ -275,39 +259,31 @@ def test_a_strangers_file_in_the_way_is_refused(photos: Path, tmp_path: Path) ->
     assert noted(out) == before
 
 
-def test_the_grey_images_of_another_set_are_not_thrown_away(photos: Path, tmp_path: Path) -> None:
-    out = tmp_path / "grey"
-    convert_folder(photos, out, weights=GREEN)
+def test_the_grey_images_of_another_set_are_not_thrown_away(tmp_path: Path, out: Path, before: Noted) -> None:
     (tmp_path / "second").mkdir()
     draw(tmp_path / "second/x.png", 9)
-    before = noted(out)
     with pytest.raises(ProjectError, match="holds grey images of other photographs, as a"):
         convert_folder(tmp_path / "second", out, weights=GREEN)
     assert noted(out) == before
 
 
 @pytest.mark.parametrize(
-    "record", ["{}", '{"files": ["a.png"], "notes": {}}', '{"files": {"a": 1}, "notes": {}}']
+    "text", ["{}", '{"files": ["a.png"], "notes": {}}', '{"files": {"a": 1}, "notes": {}}']
 )
-def test_a_record_that_is_none_is_refused(photos: Path, tmp_path: Path, record: str) -> None:
-    out = tmp_path / "grey"
+def test_a_record_that_is_none_is_refused(photos: Path, out: Path, text: str) -> None:
     out.mkdir()
-    (out / RECORD).write_text(record)
+    (out / RECORD).write_text(text)
     with pytest.raises(ProjectError, match="is not a record of this version"):
         convert_folder(photos, out, weights=GREEN)
-    (out / RECORD).write_text(record + "broken")
+    (out / RECORD).write_text(text + "broken")
     with pytest.raises(ProjectError, match="is not empty, and not of an earlier run"):
         convert_folder(photos, out, weights=GREEN)
 
 
-def test_a_record_cannot_name_files_elsewhere(photos: Path, tmp_path: Path) -> None:
-    out = tmp_path / "grey"
-    convert_folder(photos, out, weights=GREEN)
+@pytest.mark.usefixtures("before")
+def test_a_record_cannot_name_files_elsewhere(photos: Path, tmp_path: Path, out: Path) -> None:
     record = json.loads((out / RECORD).read_text())
-    record["files"] |= {
-        "../precious": record["files"]["a.png"],
-        str(tmp_path / "precious"): record["files"]["a.png"],
-    }
+    record["files"] |= dict.fromkeys(("../precious", str(tmp_path / "precious")), record["files"]["a.png"])
     (out / RECORD).write_text(json.dumps(record))
     (tmp_path / "precious").write_text("mine")
     convert_folder(photos, out, weights=BLUE)
@@ -342,9 +318,7 @@ def test_two_runs_do_not_write_into_one_folder(photos: Path, tmp_path: Path) -> 
         lambda photos: (photos / "gone.jpg").symlink_to(photos / "nowhere"),
     ],
 )
-def test_a_photograph_that_cannot_be_used(
-    photos: Path, tmp_path: Path, spoil: Callable[[Path], object]
-) -> None:
+def test_a_photograph_that_is_none(photos: Path, tmp_path: Path, spoil: Callable[[Path], object]) -> None:
     spoil(photos)
     for _ in range(2):
         _, grey, left_out = convert_folder(photos, tmp_path / "grey", fit=QUICK)
@@ -368,9 +342,8 @@ def test_weights_of_the_other_kind_are_refused_before_anything_is_written(
     photos: Path, small_demo: Path, tmp_path: Path
 ) -> None:
     shutil.copy(small_demo / "images/portico_01.dng", photos / "z.dng")
-    with pytest.raises(
-        WeightsError, match=r"z\.dng: a linear photograph, and the weights are for coded ones"
-    ):
+    expected = r"z\.dng: a linear photograph, and the weights are for coded ones"
+    with pytest.raises(WeightsError, match=expected):
         convert_folder(photos, tmp_path / "grey", weights=GREEN)
     assert not (tmp_path / "grey").exists()
 
@@ -381,17 +354,15 @@ def test_weights_of_the_other_kind_are_refused_before_anything_is_written(
 def test_colour_twins_have_the_names_pixels_exif_and_profile_of_their_photographs(
     photos: Path, tmp_path: Path
 ) -> None:
+    out, colour, told = tmp_path / "grey", tmp_path / "colour", Told()
     adobe, exif = rgb_profile("Adobe RGB (1998)"), Image.Exif()
     exif[0x0110] = "A camera"
     with Image.open(photos / "a.png") as image:
         pixels = np.asarray(image)
     Image.fromarray(pixels).save(photos / "a.png", icc_profile=adobe, exif=exif)
-    told = Told()
-    _, grey, _ = convert_folder(
-        photos, tmp_path / "grey", colour=tmp_path / "colour", weights=GREEN, progress=told
-    )
-    assert set(noted(tmp_path / "colour")) == set(noted(tmp_path / "grey")) == set(grey.values())
-    with Image.open(tmp_path / "colour/a.png") as twin, Image.open(tmp_path / "grey/a.png") as image:
+    _, grey, _ = convert_folder(photos, out, colour=colour, weights=GREEN, progress=told)
+    assert set(noted(colour)) == set(noted(out)) == set(grey.values())
+    with Image.open(colour / "a.png") as twin, Image.open(out / "a.png") as image:
         np.testing.assert_array_equal(np.asarray(twin), pixels)
         np.testing.assert_array_equal(np.asarray(image), pixels[..., 1])
         assert twin.info["icc_profile"] == adobe
@@ -425,10 +396,9 @@ def test_colour_twins_of_raw_are_as_bright_with_given_weights(small_demo: Path, 
 def test_colour_twins_lie_in_a_folder_of_their_own(photos: Path, tmp_path: Path, colour: str) -> None:
     shutil.move(photos, tmp_path / "in/photos")
     (tmp_path / "out").mkdir()
+    out = tmp_path / "out"
     with pytest.raises(KnownError, match="holds it"):
-        convert_folder(
-            tmp_path / "in/photos", tmp_path / "out/grey", colour=tmp_path / "out" / colour, weights=GREEN
-        )
+        convert_folder(tmp_path / "in/photos", out / "grey", colour=out / colour, weights=GREEN)
 
 
 # The same camera

@@ -70,9 +70,7 @@ def page(browser: Browser, address: str) -> Iterator[Page]:
     it.page.close()
 
 
-def test_nothing_is_asked_for_and_nothing_of_a_name_runs(
-    browser: Browser, address: str, hostile: str
-) -> None:
+def test_nothing_is_loaded_and_nothing_of_a_name_runs(browser: Browser, address: str, hostile: str) -> None:
     for where in (address, hostile):
         it = Opened(browser, where, WIDE)
         it.still()
@@ -226,10 +224,8 @@ def test_fingers_turn_and_pinch(browser: Browser, address: str) -> None:
     for begin, end in (([(0, 0)], [(70, 10)]), ([(-20, 0), (20, 0)], [(-90, 0), (90, 0)])):
         touch("touchStart", *begin)
         for step in (0.3, 0.6, 1.0):
-            moved = [
-                (a + step * (c - a), b + step * (d - b)) for (a, b), (c, d) in zip(begin, end, strict=True)
-            ]
-            touch("touchMove", *moved)
+            ways = zip(begin, end, strict=True)
+            touch("touchMove", *((a + step * (c - a), b + step * (d - b)) for (a, b), (c, d) in ways))
         touch("touchEnd")
         page.wait_for_timeout(500)
         seen.append(pixels(canvas))
