@@ -127,10 +127,8 @@ class Entry:
         if self.preview is not None:
             values["photographs"] = self.preview.photographs
         if state == "running":
-            values |= {
-                "stage": self.progress.stage or self.project.stage_begun(),
-                "progress": (self.progress.done, self.progress.total),
-            }
+            stage, units = self.progress.stage, (self.progress.done, self.progress.total)
+            values |= {"stage": stage or self.project.stage_begun(), "progress": units}
             values |= {"began": time_of(self.began), "ended": None, "seconds": None, "peak_memory_gb": None}
         return project_state(folder, self.project, state, **values)
 

@@ -140,9 +140,8 @@ def _fit(parsed: argparse.Namespace, display: Display) -> None:
     for reason in left_out.values():
         display.warn(f"left out: {reason}")
     values = {name: value for name, value in weights.as_dict().items() if name != "curve"}
-    print_table(
-        "", [(n, ", ".join(map(str, v)) if isinstance(v, list) else str(v)) for n, v in values.items()]
-    )
+    words = [", ".join(map(str, v)) if isinstance(v, list) else str(v) for v in values.values()]
+    print_table("", list(zip(values, words, strict=True)))
 
 
 def _convert(parsed: argparse.Namespace, display: Display) -> None:
@@ -169,9 +168,8 @@ def _status(parsed: argparse.Namespace, display: Display) -> None:
     states = status(parsed.project, options, parsed.images)
     if _printed_as_json(parsed, display, [asdict(state) for state in states]):
         return
-    rows = [
-        (s.name, s.state, "" if s.seconds is None else f"{s.seconds:.0f} s", s.why, s.takes) for s in states
-    ]
+    times = ["" if s.seconds is None else f"{s.seconds:.0f} s" for s in states]
+    rows = [(s.name, s.state, time, s.why, s.takes) for s, time in zip(states, times, strict=True)]
     print_table("", rows, ("stage", "state", "time", "why", "will take"))
 
 

@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 
 import pytest
 from batches import Listener, projects, states
+from command_line import Captured
 
 from colmap_ihe.batch import driver
 from colmap_ihe.batch.driver import batch
@@ -35,7 +36,7 @@ class Pretended(NamedTuple):
 
 
 @pytest.fixture
-def pretended(monkeypatch: pytest.MonkeyPatch) -> Pretended:
+def pretended(monkeypatch: Patch) -> Pretended:
     """Runs that take a moment and end as told, by name of the project, or else well; and the jobs that were run."""
     endings: Endings = {}
     jobs: list[ProjectJob] = []
@@ -60,9 +61,7 @@ def test_a_slip_is_refused_before_any_work(tmp_path: Path) -> None:
     assert not (tmp_path / "batch").exists()
 
 
-def test_one_that_fails_does_not_stop_the_others(
-    tmp_path: Path, pretended: Pretended, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_one_that_fails_does_not_stop_others(tmp_path: Path, pretended: Pretended, capsys: Captured) -> None:
     endings, jobs = pretended
     endings["b"] = [Outcome("crashed", 1.0, "matches", "crashed in matches (SIGSEGV)", "again", 2 * GB)]
     root = projects(tmp_path, "a", "b", "c/d")
@@ -84,9 +83,7 @@ def test_one_that_fails_does_not_stop_the_others(
     assert sorted(p.name for p in (root / "batch").iterdir()) == [locks.MARK, "batch.json", "index.html"]
 
 
-def test_memory_that_ran_out_beside_others_is_tried_again_alone(
-    tmp_path: Path, pretended: Pretended, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_after_memory_ran_out_it_runs_alone(tmp_path: Path, pretended: Pretended, monkeypatch: Patch) -> None:
     endings, jobs = pretended
     endings["a"] = [Outcome("out_of_memory", 1.0, reason="memory ran out")]
     held = threading.Event()
@@ -207,9 +204,7 @@ def test_stopped_by_hand_it_says_so_and_ends_its_runs(tmp_path: Path, monkeypatc
     assert not list((root / "batch").glob("stop-*"))
 
 
-def test_new_projects_run_once_their_files_are_still(
-    tmp_path: Path, pretended: Pretended, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_new_projects_wait_for_still_files(tmp_path: Path, pretended: Pretended, monkeypatch: Patch) -> None:
     monkeypatch.setattr(driver, "_SCAN_SECONDS", 0.05)
     root = projects(tmp_path, "a")
     copies = 0

@@ -31,6 +31,7 @@ from colmap_ihe.project.options import ConvertOptions, FitOptions
 
 GREEN, BLUE = Weights(0, 1, 0, method="file"), Weights(0, 0, 1, method="file")
 QUICK = FitOptions(step=0.1)
+Patch = pytest.MonkeyPatch
 Noted = dict[str, tuple[int, bytes]]
 
 
@@ -138,9 +139,7 @@ def test_raw_is_equalised_and_another_campaign_reuses_the_curve(small_demo: Path
         np.testing.assert_array_equal(np.asarray(image), to_grey(rgb, fitted, "equalise"))
 
 
-def test_equalising_raw_without_a_curve_is_refused_before_anything_is_written(
-    small_demo: Path, tmp_path: Path
-) -> None:
+def test_equalising_raw_without_a_curve_is_refused_at_once(small_demo: Path, tmp_path: Path) -> None:
     (tmp_path / "photos").mkdir()
     shutil.copy(small_demo / "images/portico_01.dng", tmp_path / "photos")
     even = ConvertOptions(tone="equalise")
@@ -200,9 +199,7 @@ def test_a_grey_image_that_is_gone_is_written_again(photos: Path, out: Path, bef
     assert noted(out)["b.png"][1] == before["b.png"][1]
 
 
-def test_what_an_interrupted_run_has_written_is_kept(
-    photos: Path, out: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_what_an_interrupted_run_has_written_is_kept(photos: Path, out: Path, monkeypatch: Patch) -> None:
     written: list[Path] = []
 
     def stop_after_one(path: Path, content: bytes) -> None:
@@ -338,22 +335,18 @@ def test_a_photograph_found_broken_while_fitting_stays_left_out(photos: Path, tm
         convert_folder(photos, tmp_path / "grey", fit=QUICK, strict=True)
 
 
-def test_weights_of_the_other_kind_are_refused_before_anything_is_written(
-    photos: Path, small_demo: Path, tmp_path: Path
-) -> None:
+def test_weights_of_the_other_kind_are_refused_at_once(photos: Path, small_demo: Path, out: Path) -> None:
     shutil.copy(small_demo / "images/portico_01.dng", photos / "z.dng")
     expected = r"z\.dng: a linear photograph, and the weights are for coded ones"
     with pytest.raises(WeightsError, match=expected):
-        convert_folder(photos, tmp_path / "grey", weights=GREEN)
-    assert not (tmp_path / "grey").exists()
+        convert_folder(photos, out, weights=GREEN)
+    assert not out.exists()
 
 
 # Colour twins
 
 
-def test_colour_twins_have_the_names_pixels_exif_and_profile_of_their_photographs(
-    photos: Path, tmp_path: Path
-) -> None:
+def test_colour_twins_have_names_pixels_exif_and_profile(photos: Path, tmp_path: Path) -> None:
     out, colour, told = tmp_path / "grey", tmp_path / "colour", Told()
     adobe, exif = rgb_profile("Adobe RGB (1998)"), Image.Exif()
     exif[0x0110] = "A camera"
@@ -382,12 +375,11 @@ def test_other_weights_leave_colour_twins_as_they_are(photos: Path, tmp_path: Pa
 
 
 def test_colour_twins_of_raw_are_as_bright_with_given_weights(small_demo: Path, tmp_path: Path) -> None:
-    (tmp_path / "photos").mkdir()
-    shutil.copy(small_demo / "images/portico_01.dng", tmp_path / "photos/a.dng")
-    fitted, _, _ = convert_folder(
-        tmp_path / "photos", tmp_path / "g1", colour=tmp_path / "c1", fit=FitOptions(method="mean")
-    )
-    convert_folder(tmp_path / "photos", tmp_path / "g2", colour=tmp_path / "c2", weights=fitted)
+    raw, mean = tmp_path / "photos", FitOptions(method="mean")
+    raw.mkdir()
+    shutil.copy(small_demo / "images/portico_01.dng", raw / "a.dng")
+    fitted, _, _ = convert_folder(raw, tmp_path / "g1", colour=tmp_path / "c1", fit=mean)
+    convert_folder(raw, tmp_path / "g2", colour=tmp_path / "c2", weights=fitted)
     assert (tmp_path / "c1/a.png").read_bytes() == (tmp_path / "c2/a.png").read_bytes()
     assert (tmp_path / "g1/a.png").read_bytes() == (tmp_path / "g2/a.png").read_bytes()
 
@@ -415,17 +407,15 @@ def camera(file: Path) -> tuple[Any, ...]:
 def test_colmap_sees_the_same_camera_in_real_grey_images(
     photographs: Path, tmp_path: Path, file_format: Format
 ) -> None:
-    (tmp_path / "photos").mkdir()
+    photos, out, colour = (tmp_path / name for name in ("photos", "out", "colour"))
+    photos.mkdir()
     for source in [*(photographs / "exif").glob("*.jpg"), photographs / "sceaux/100_7100.JPG"]:
-        shutil.copy(source, tmp_path / "photos" / source.name)
+        shutil.copy(source, photos / source.name)
     options = ConvertOptions(format=file_format)
-    _, grey, left_out = convert_folder(
-        tmp_path / "photos", tmp_path / "out", colour=tmp_path / "colour", weights=GREEN, options=options
-    )
+    _, grey, left_out = convert_folder(photos, out, colour=colour, weights=GREEN, options=options)
     assert len(grey) == 9
     assert "premature end of data" in left_out["corrupted.jpg"]  # its last rows are not in the file
     for source_name, name in grey.items():
-        expected = camera(tmp_path / "photos" / source_name)
-        assert camera(tmp_path / "out" / name) == camera(tmp_path / "colour" / name) == expected
-        with Image.open(tmp_path / "out" / name) as image:
+        assert camera(out / name) == camera(colour / name) == camera(photos / source_name)
+        with Image.open(out / name) as image:
             assert image.mode == "L"

@@ -260,7 +260,7 @@ def test_a_project_keeps_its_histogram_and_takes_weights(
         reconstruct(second, quick_options(f"fit.weights={moved}"), until="fit")
     with pytest.raises(KnownError, match=r"none\.yaml: cannot be read"):
         reconstruct(first, quick_options("fit.weights=none.yaml"), until="fit")
-    with pytest.raises(OptionError, match="wanted weights or a method"):
+    with pytest.raises(OptionError, match="expected weights or a method"):
         load_options(None, ["fit.weights=a.yaml", "fit.method=snr"])
     shutil.copy(first / "images/portico_01.jpg", first / "images/portico_09.jpg")
     told = Told()

@@ -122,8 +122,6 @@ def test_match_picture_takes_either_half() -> None:
     assert charts.match_picture(np.zeros((3, 3), np.int64)) is None
 
 
-@pytest.mark.parametrize(
-    ("seconds", "text"), [(0.04, "0.0 s"), (61.2, "61 s"), (125, "2 min 05 s"), (7325, "2 h 02 min")]
-)
-def test_durations(seconds: float, text: str) -> None:
-    assert charts.duration(seconds) == text
+def test_durations() -> None:
+    words = [charts.duration(seconds) for seconds in (0.04, 61.2, 125, 7325)]
+    assert words == ["0.0 s", "61 s", "2 min 05 s", "2 h 02 min"]

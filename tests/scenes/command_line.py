@@ -10,11 +10,13 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from small_demo import ROOT
+from small_demo import QUICK, ROOT
 
 from colmap_ihe.cli import main
 
 Captured = pytest.CaptureFixture[str]
+SETTINGS = [part for assignment in QUICK for part in ("--set", assignment)]
+"""Options with which the small demo is reconstructed quickly, as arguments."""
 
 
 def output_of(capsys: Captured, *arguments: str | Path) -> str:
