@@ -40,9 +40,7 @@ def test_fit_of_files_and_folders_is_the_same_set(capsys: Captured, photos: Path
     assert parts == whole
 
 
-def test_the_curve_of_raw_is_in_the_file_and_not_in_the_table(
-    capsys: Captured, small_demo: Path, tmp_path: Path
-) -> None:
+def test_the_curve_of_raw_is_in_the_file_alone(capsys: Captured, small_demo: Path, tmp_path: Path) -> None:
     raw, file = small_demo / "images/portico_01.dng", tmp_path / "weights.yaml"
     assert "curve" not in output_of(capsys, "fit", raw, "--method", "mean", "-o", file)
     assert len(file.read_text().splitlines()) < 40
@@ -104,10 +102,8 @@ def test_options_in_the_project_file_count(capsys: Captured, new_project: Make) 
 
 def test_a_bad_assignment_is_one_line(capsys: Captured, new_project: Make) -> None:
     project = new_project(2)
-    for text, words in (
-        ("fit.stepp=1", "unknown option 'fit.stepp'"),
-        ("step", "expected stage.option=value"),
-    ):
+    bad = {"fit.steps=1": "unknown option 'fit.steps'", "step": "expected stage.option=value"}
+    for text, words in bad.items():
         assert words in failure_of(capsys, "reconstruct", project, "--set", text)
 
 

@@ -22,11 +22,9 @@ def test_convert_writes_grey_images_with_exif(capsys: Captured, photos: Path, tm
             assert grey.getexif().get_ifd(0x8769)[0x920A] == rgb.getexif().get_ifd(0x8769)[0x920A] == 30
 
 
-@pytest.mark.parametrize(("file_format", "suffix"), [("tiff", ".tif"), ("jpeg", ".jpg")])
-def test_convert_to_other_formats(
-    capsys: Captured, photos: Path, tmp_path: Path, file_format: str, suffix: str
-) -> None:
-    options = ("--method", "mean", "--format", file_format)
+@pytest.mark.parametrize(("kind", "suffix"), [("tiff", ".tif"), ("jpeg", ".jpg")])
+def test_other_formats(capsys: Captured, photos: Path, tmp_path: Path, kind: str, suffix: str) -> None:
+    options = ("--method", "mean", "--format", kind)
     result = json_of(capsys, "convert", photos, tmp_path / "grey", *options)
     assert {Path(name).suffix for name in result["grey"].values()} == {suffix}
     with Image.open(tmp_path / f"grey/a{suffix}") as grey:
@@ -81,9 +79,7 @@ def test_weights_go_from_one_campaign_to_another(capsys: Captured, photos: Path,
         ("\x00", "cannot be read"), ("", "not a weights file"), (None, "No such file"),
     ],
 )  # fmt: skip
-def test_weights_files_that_are_none(
-    capsys: Captured, photos: Path, tmp_path: Path, text: str | None, words: str
-) -> None:
+def test_wrong_weights(capsys: Captured, photos: Path, tmp_path: Path, text: str | None, words: str) -> None:
     file = tmp_path / "weights.yaml"
     if text is not None:
         file.write_text(text)

@@ -7,12 +7,12 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 import pytest
 from small_demo import PHOTOGRAPHS
 
 from colmap_ihe.errors import ProjectError
 from colmap_ihe.evaluation.truth import (
+    F64,
     Similarity,
     TrueImage,
     Truth,
@@ -22,7 +22,6 @@ from colmap_ihe.evaluation.truth import (
     read_truth,
 )
 
-F64 = npt.NDArray[np.float64]
 FOUNTAIN = PHOTOGRAPHS / "fountain-p11" / "gt"
 
 

@@ -21,13 +21,9 @@ if TYPE_CHECKING:
     from playwright.sync_api import Browser
 
 FIGURES = {
-    "images": 9,
-    "registered_images": 8,
-    "mean_reprojection_error_px": 0.4567,
-    "points3D": 12345,
-    "dense_points": 2345678,
-    "mesh_faces": None,
-}
+    "images": 9, "registered_images": 8, "mean_reprojection_error_px": 0.4567,
+    "points3D": 12345, "dense_points": 2345678, "mesh_faces": None,
+}  # fmt: skip
 
 
 @pytest.fixture

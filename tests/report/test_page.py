@@ -49,17 +49,12 @@ def test_name_that_is_not_utf8_can_be_written() -> None:
 @pytest.mark.parametrize(
     ("left_out", "heading"),
     [
-        ({"grey": None}, "The grey that the set was matched in"),
-        ({"pairs": ()}, "Matches, side by side"),
-        ({"sliders": ()}, "Before and after"),
-        ({"warnings": ()}, "Warnings"),
-        ({"track_lengths": {}}, "How many photographs see a point"),
-        ({"matches": None}, "Which photographs match"),
-        ({"versions": {}}, "Versions"),
-        ({"options": ""}, "All options"),
-        ({"cloud": None}, "The dense cloud"),
+        ({"grey": None}, "The grey that the set was matched in"), ({"pairs": ()}, "Matches, side by side"),
+        ({"sliders": ()}, "Before and after"), ({"warnings": ()}, "Warnings"), ({"versions": {}}, "Versions"),
+        ({"track_lengths": {}}, "How many photographs see a point"), ({"cloud": None}, "The dense cloud"),
+        ({"matches": None}, "Which photographs match"), ({"options": ""}, "All options"),
     ],
-)
+)  # fmt: skip
 def test_sections_without_contents_are_left_out(whole: str, left_out: dict[str, Any], heading: str) -> None:
     assert f"{heading}</h" in whole or f"{heading}</s" in whole
     fewer = render_page(dataclasses.replace(synthetic_contents(500), **left_out))
