@@ -17,7 +17,7 @@ from typing import Any, Protocol
 from colmap_ihe.batch.entry import Entry, remaining_of, share_of
 from colmap_ihe.batch.folder import BatchFolder
 from colmap_ihe.batch.preview import preview_project
-from colmap_ihe.batch.state import BatchState, Phase, publish, time_of
+from colmap_ihe.batch.state import BatchState, Phase, State, publish, time_of
 from colmap_ihe.dense.backend import pick_backend
 from colmap_ihe.errors import BusyError, KnownError
 from colmap_ihe.machine import memory
@@ -177,10 +177,9 @@ class _Batch:
     def _scan(self) -> None:
         """Take up new projects and changed ones, and drop those that are gone."""
         roots = self.folder.projects(self._warn)
+        first: State = "waiting" if self.settle_s is None else "copying"
         for root in roots:
-            entry = self.entries.setdefault(
-                root, Entry(root, "waiting" if self.settle_s is None else "copying")
-            )
+            entry = self.entries.setdefault(root, Entry(root, first))
             if self.settle_s is not None:
                 entry.settle(self.settle_s)
         for root in self.entries.keys() - set(roots):
@@ -295,6 +294,5 @@ def _outcome_of(future: Future[Outcome]) -> Outcome:
     try:
         return future.result()
     except Exception as error:  # noqa: BLE001  an executor that lost a worker, say
-        return Outcome(
-            "crashed", 0.0, reason=f"its run was lost: {type(error).__name__}: {error}", hint=GOES_ON
-        )
+        lost = f"its run was lost: {type(error).__name__}: {error}"
+        return Outcome("crashed", 0.0, reason=lost, hint=GOES_ON)

@@ -121,17 +121,14 @@ class Entry:
         return self._shown
 
     def _show(self, folder: BatchFolder, stopped: bool) -> ProjectState:
-        state: State = (
-            "stopped" if stopped and self.state in ("waiting", "copying", "running") else self.state
-        )
+        is_open = self.state in ("waiting", "copying", "running")
+        state: State = "stopped" if stopped and is_open else self.state
         values: dict[str, Any] = {"reason": self.reason, "hint": self.hint}
         if self.preview is not None:
             values["photographs"] = self.preview.photographs
         if state == "running":
-            values |= {
-                "stage": self.progress.stage or self.project.stage_begun(),
-                "progress": (self.progress.done, self.progress.total),
-            }
+            stage, units = self.progress.stage, (self.progress.done, self.progress.total)
+            values |= {"stage": stage or self.project.stage_begun(), "progress": units}
             values |= {"began": time_of(self.began), "ended": None, "seconds": None, "peak_memory_gb": None}
         return project_state(folder, self.project, state, **values)
 

@@ -38,14 +38,8 @@ _IN_WORDS: dict[State, tuple[str, _Kind]] = {
     "timed_out": ("out of time", "failed"),
 }
 _REFRESH_SECONDS = 10
-_FIGURES = (
-    "images",
-    "registered_images",
-    "mean_reprojection_error_px",
-    "points3D",
-    "dense_points",
-    "mesh_faces",
-)
+_COUNTED = {"points3D": "points", "dense_points": "dense points", "mesh_faces": "faces"}
+_FIGURES = ("images", "registered_images", "mean_reprojection_error_px", *_COUNTED)
 
 
 @dataclass(frozen=True)
@@ -124,13 +118,9 @@ class BatchState:
 
     def in_words(self) -> str:
         """Return the state of the batch in one line, as "3 of 8 projects done, 1 failed"."""
-        kinds = Counter(project.kind for project in self.projects)
+        kinds: Counter[str] = Counter(project.kind for project in self.projects)
         parts = [f"{kinds['done']} of {len(self.projects)} projects done"]
-        words: dict[_Kind, str] = {
-            "failed": "failed",
-            "running": "running",
-            "waiting": "not begun or not finished",
-        }
+        words = {"failed": "failed", "running": "running", "waiting": "not begun or not finished"}
         parts += [f"{kinds[kind]} {word}" for kind, word in words.items() if kinds[kind]]
         if self.phase in ("running", "watching") and self.remaining_s is not None:
             long = self.remaining_s >= 10
@@ -201,21 +191,9 @@ def _relative(folder: BatchFolder, file: Path) -> str | None:
 
 
 def _row(project: ProjectState, thumbnail: Picture | None) -> ProjectRow:
-    page, log = (
-        quote((path or "").encode("utf-8", "surrogateescape")) for path in (project.page, project.log)
-    )
-    facts = facts_of(project)
-    return ProjectRow(
-        project.name,
-        project.kind,
-        project.in_words,
-        page,
-        thumbnail,
-        facts,
-        project.reason,
-        project.hint,
-        log,
-    )
+    page, log = (quote((p or "").encode("utf-8", "surrogateescape")) for p in (project.page, project.log))
+    name, kind, words, facts = project.name, project.kind, project.in_words, facts_of(project)
+    return ProjectRow(name, kind, words, page, thumbnail, facts, project.reason, project.hint, log)
 
 
 def facts_of(project: ProjectState) -> list[tuple[str, str]]:
@@ -229,7 +207,7 @@ def facts_of(project: ProjectState) -> list[tuple[str, str]]:
         facts.append(("photographs", str(images)))
     if error is not None:
         facts.append(("mean reprojection error", f"{error:.2f} px"))
-    for name, words in (("points3D", "points"), ("dense_points", "dense points"), ("mesh_faces", "faces")):
+    for name, words in _COUNTED.items():
         if figures.get(name) is not None:
             facts.append((words, f"{figures[name]:,}"))
     for count, words in ((project.left_out, "left out"), (project.warnings, "warnings")):

@@ -6,18 +6,9 @@ import argparse
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
+from colmap_ihe.commandline import shared_arguments as shared
 from colmap_ihe.commandline.display import Display
-from colmap_ihe.commandline.shared_arguments import (
-    Command,
-    add_camera,
-    add_development,
-    add_project,
-    add_run,
-    add_set,
-    add_weights,
-    count,
-    duration,
-)
+from colmap_ihe.commandline.shared_arguments import Command, add, add_switch
 from colmap_ihe.evaluation.tables import METHODS as COMPARED
 from colmap_ihe.evaluation.tables import PAPER
 from colmap_ihe.grey.convert import TONES
@@ -43,21 +34,13 @@ def parser_of(functions: Mapping[str, CommandFunction]) -> argparse.ArgumentPars
         added = subparsers.add_parser(name, help=text.split(". ")[0].rstrip("."), description=text)
         added.set_defaults(run=functions[name])
         output = added.add_mutually_exclusive_group()
-        output.add_argument(
-            "--json", action="store_const", const="whole", help="print the result as JSON, for programs"
-        )
-        output.add_argument(
-            "--json-lines",
-            action="store_const",
-            const="lines",
-            dest="json",
-            help="print progress, warnings and the result as lines of JSON, as they come",
-        )
+        text = "print the result as JSON, for programs"
+        add(output, "--json", text, action="store_const", const="whole")
+        text = "print progress, warnings and the result as lines of JSON, as they come"
+        add(output, "--json-lines", text, action="store_const", const="lines", dest="json")
         verbosity = added.add_mutually_exclusive_group()
-        verbosity.add_argument("-q", "--quiet", action="store_true", help="no progress, only warnings")
-        verbosity.add_argument(
-            "-v", "--verbose", action="store_true", help="also COLMAP's messages, and times"
-        )
+        add_switch(verbosity, "-q --quiet", "no progress, only warnings")
+        add_switch(verbosity, "-v --verbose", "also COLMAP's messages, and times")
         return added
 
     _add_demo(command)
@@ -67,16 +50,17 @@ def parser_of(functions: Mapping[str, CommandFunction]) -> argparse.ArgumentPars
     _add_convert(command)
     _add_develop(command)
     status = command("status", "Say how far each stage of a project is, and why it would run again.")
-    add_project(status)
-    add_camera(status)
+    shared.add_project(status)
+    shared.add_camera(status)
     _add_compare(command)
-    add_project(command("report", "Write the page of a project again: PROJECT/report/index.html, one file."))
+    report = command("report", "Write the page of a project again: PROJECT/report/index.html, one file.")
+    shared.add_project(report)
     doctor = command(
         "doctor",
         "Say what this installation and this machine can do; with a PROJECT also how its dense stereo will run, and"
         " its time, memory and disk.",
     )
-    add_project(doctor, nargs="?")
+    shared.add_project(doctor, nargs="?")
     return parser
 
 
@@ -86,10 +70,8 @@ def _add_demo(command: Command) -> None:
         "Render a small portico with known truth to RAW and JPEG photographs, reconstruct it like any other "
         "project and print the error against the truth. Needs no download.",
     )
-    demo.add_argument(
-        "folder", type=Path, nargs="?", default=Path("demo"), metavar="DIR", help="where to put it (demo)"
-    )
-    add_set(demo)
+    add(demo, "folder DIR", "where to put it (demo)", nargs="?", default=Path("demo"))
+    shared.add_set(demo)
 
 
 def _add_reconstruct(command: Command) -> None:
@@ -99,20 +81,17 @@ def _add_reconstruct(command: Command) -> None:
         "PROJECT/workspace, a plain COLMAP workspace. The same command goes on after an interruption, and "
         "runs again only what a change makes stale.",
     )
-    add_project(parser)
-    parser.add_argument(
-        "--from", dest="start", choices=STAGE_NAMES, help="run this stage and all after it again"
-    )
-    parser.add_argument("--until", choices=STAGE_NAMES, help="end after this stage")
-    parser.add_argument("--weights", type=Path, metavar="FILE", help="take these weights instead of a fit")
-    parser.add_argument(
-        "--from-record",
-        type=Path,
-        metavar="PROJECT",
-        help="take the options of the last run of another project, or of its records/run.json, instead of"
+    shared.add_project(parser)
+    add(parser, "--from", "run this stage and all after it again", dest="start", choices=STAGE_NAMES)
+    add(parser, "--until", "end after this stage", choices=STAGE_NAMES)
+    add(parser, "--weights FILE", "take these weights instead of a fit")
+    add(
+        parser,
+        "--from-record PROJECT",
+        "take the options of the last run of another project, or of its records/run.json, instead of"
         " project.yaml; says which photographs and versions differ",
     )
-    add_run(parser)
+    shared.add_run(parser)
 
 
 def _add_batch(command: Command) -> None:
@@ -123,28 +102,15 @@ def _add_batch(command: Command) -> None:
         " ROOT/batch/index.html shows their state while it runs. The same command goes on with what is missing. Exit"
         " status 1 if not all are done; see docs/batch.md.",
     )
-    parser.add_argument("root", type=Path, metavar="ROOT", help="the folder that holds the projects")
-    parser.add_argument(
-        "--jobs", type=count, metavar="N", help="projects at a time, if memory has room (one a core)"
-    )
-    parser.add_argument(
-        "--time-limit",
-        type=duration,
-        metavar="TIME",
-        help="of each project, as 90m or 2h; one that takes longer is stopped, and goes on from there next time",
-    )
-    parser.add_argument(
-        "--watch", action="store_true", help="go on with projects that are put into ROOT, until stopped"
-    )
-    parser.add_argument(
-        "--settle",
-        type=duration,
-        default=30.0,
-        metavar="TIME",
-        help="with --watch: begin a project when its files have not changed for so long (30s)",
-    )
-    add_set(parser)
-    add_run(parser)
+    add(parser, "root ROOT", "the folder that holds the projects")
+    add(parser, "--jobs N", "projects at a time, if memory has room (one a core)", type=shared.count)
+    text = "of each project, as 90m or 2h; one that takes longer is stopped, and goes on from there next time"
+    add(parser, "--time-limit TIME", text, type=shared.duration)
+    add_switch(parser, "--watch", "go on with projects that are put into ROOT, until stopped")
+    text = "with --watch: begin a project when its files have not changed for so long (30s)"
+    add(parser, "--settle TIME", text, type=shared.duration, default=30.0)
+    shared.add_set(parser)
+    shared.add_run(parser)
 
 
 def _add_compare(command: Command) -> None:
@@ -153,27 +119,13 @@ def _add_compare(command: Command) -> None:
         "Evaluate several greys on your photographs as the paper does, side by side. Tables as CSV, JSON"
         " and LaTeX go to PROJECT/compare. The same command goes on after an interruption.",
     )
-    add_project(parser)
-    parser.add_argument(
-        "--methods",
-        default=",".join(COMPARED),
-        metavar="NAME,NAME",
-        help=f"conversions by name; {PAPER} is IHE without the guard (%(default)s)",
-    )
-    parser.add_argument(
-        "--seeds",
-        type=int,
-        default=3,
-        metavar="N",
-        help="runs of the mapper without some of the matches, which tell the error (%(default)s)",
-    )
-    parser.add_argument("--no-dense", action="store_true", help="without dense clouds")
-    parser.add_argument(
-        "--pairs",
-        type=Path,
-        metavar="FILE",
-        help="measure matching in these pairs instead of all: two photographs a line",
-    )
+    shared.add_project(parser)
+    text = f"conversions by name; {PAPER} is IHE without the guard (%(default)s)"
+    add(parser, "--methods NAME,NAME", text, default=",".join(COMPARED))
+    text = "runs of the mapper without some of the matches, which tell the error (%(default)s)"
+    add(parser, "--seeds N", text, type=int, default=3)
+    add_switch(parser, "--no-dense", "without dense clouds")
+    add(parser, "--pairs FILE", "measure matching in these pairs instead of all: two photographs a line")
 
 
 def _add_fit(command: Command) -> None:
@@ -182,32 +134,19 @@ def _add_fit(command: Command) -> None:
         "Fit the grey weights of a set of photographs, without COLMAP. IMAGES are folders or files; projects, and "
         "histograms of earlier fits, of which no photograph is read again. See docs/campaigns.md.",
     )
-    parser.add_argument("images", type=Path, nargs="+", metavar="IMAGES")
-    parser.add_argument("-o", "--output", type=Path, metavar="FILE", help="write the weights, for convert")
-    parser.add_argument(
-        "--histogram",
-        type=Path,
-        metavar="FILE",
-        help="write the histogram, for a later fit over more photographs",
-    )
-    add_weights(parser, "fit nothing: say whether these weights fit the photographs")
-    parser.add_argument(
-        "--guard", choices=("noise", "none"), default="noise", help="of ihe; none is the paper to the letter"
-    )
-    parser.add_argument("--step", type=float, default=0.01, help="of the grid of weights (0.01)")
-    parser.add_argument(
-        "--sample", type=float, default=1.0, help="part of each side of a photograph to read (1)"
-    )
-    parser.add_argument(
-        "--weighting", choices=("pixel", "image"), default="pixel", help="let each count the same (pixel)"
-    )
-    parser.add_argument(
-        "--recount",
-        action=argparse.BooleanOptionalAction,
-        default=True,
-        help="of RAW: read the photographs a second time, to count grey levels at full depth",
-    )
-    add_development(parser)
+    add(parser, "images IMAGES", nargs="+")
+    add(parser, "-o --output FILE", "write the weights, for convert")
+    add(parser, "--histogram FILE", "write the histogram, for a later fit over more photographs")
+    shared.add_weights(parser, "fit nothing: say whether these weights fit the photographs")
+    text = "of ihe; none is the paper to the letter"
+    add(parser, "--guard", text, choices=("noise", "none"), default="noise")
+    add(parser, "--step", "of the grid of weights (0.01)", type=float, default=0.01)
+    add(parser, "--sample", "part of each side of a photograph to read (1)", type=float, default=1.0)
+    text = "let each count the same (pixel)"
+    add(parser, "--weighting", text, choices=("pixel", "image"), default="pixel")
+    text = "of RAW: read the photographs a second time, to count grey levels at full depth"
+    add(parser, "--recount", text, action=argparse.BooleanOptionalAction, default=True)
+    shared.add_development(parser)
 
 
 def _add_convert(command: Command) -> None:
@@ -217,22 +156,15 @@ def _add_convert(command: Command) -> None:
         "are kept. Run again, it writes only what a change makes stale; a file that it did not write is never "
         "overwritten. See docs/use-with.",
     )
-    parser.add_argument("images", type=Path, metavar="IMAGES", help="a folder of photographs")
-    parser.add_argument("out", type=Path, metavar="OUT", help="the folder for the grey images")
-    parser.add_argument(
-        "--colour",
-        type=Path,
-        metavar="DIR",
-        help="also a colour image for each grey one, same name and pixels",
-    )
-    add_weights(parser, "weights of another campaign, from fit -o")
-    parser.add_argument("--format", choices=tuple(SUFFIXES), default="png")
-    parser.add_argument("--tone", choices=TONES, default="sqrt", help="of RAW photographs")
-    parser.add_argument(
-        "--wallis", action="store_true", help="enhance local contrast; a colour is then not the same grey"
-    )
-    add_development(parser)
-    add_camera(parser)
+    add(parser, "images IMAGES", "a folder of photographs")
+    add(parser, "out OUT", "the folder for the grey images")
+    add(parser, "--colour DIR", "also a colour image for each grey one, same name and pixels")
+    shared.add_weights(parser, "weights of another campaign, from fit -o")
+    add(parser, "--format", choices=tuple(SUFFIXES), default="png")
+    add(parser, "--tone", "of RAW photographs", choices=TONES, default="sqrt")
+    add_switch(parser, "--wallis", "enhance local contrast; a colour is then not the same grey")
+    shared.add_development(parser)
+    shared.add_camera(parser)
 
 
 def _add_develop(command: Command) -> None:
@@ -242,6 +174,6 @@ def _add_develop(command: Command) -> None:
         "calibration frames, green equilibrium, demosaicing. No white balance, no colour matrix, no gamma. EXIF and "
         "subfolders are kept; run again, it writes only what a change makes stale.",
     )
-    parser.add_argument("images", type=Path, metavar="IMAGES", help="a folder of photographs")
-    parser.add_argument("out", type=Path, metavar="OUT", help="the folder for the TIFFs, 6 bytes a pixel")
-    add_development(parser)
+    add(parser, "images IMAGES", "a folder of photographs")
+    add(parser, "out OUT", "the folder for the TIFFs, 6 bytes a pixel")
+    shared.add_development(parser)

@@ -7,17 +7,9 @@ import time
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from rich import progress
 from rich.console import Console
 from rich.live import Live
-from rich.progress import (
-    BarColumn,
-    MofNCompleteColumn,
-    Progress,
-    ProgressColumn,
-    Task,
-    TextColumn,
-    TimeElapsedColumn,
-)
 from rich.table import Table
 from rich.text import Text
 
@@ -41,7 +33,7 @@ class Terminal:
         self.console = Console(stderr=True, highlight=False, soft_wrap=True)
         self._quiet, self._verbose = quiet, verbose
         self._has_bars = self.console.is_terminal and not quiet
-        self._bar: Progress | None = None
+        self._bar: progress.Progress | None = None
         self._batch: Live | None = None
         self._percent = 0
         self._next_line = time.monotonic() + _LINE_SECONDS
@@ -50,12 +42,12 @@ class Terminal:
         if not self._has_bars:
             self._say(stage.name, "...")
             return
-        self._bar = Progress(
-            TextColumn("{task.description:>9}"),
-            BarColumn(bar_width=32),
-            MofNCompleteColumn(),
-            TextColumn("{task.fields[unit]}"),
-            TimeElapsedColumn(),
+        self._bar = progress.Progress(
+            progress.TextColumn("{task.description:>9}"),
+            progress.BarColumn(bar_width=32),
+            progress.MofNCompleteColumn(),
+            progress.TextColumn("{task.fields[unit]}"),
+            progress.TimeElapsedColumn(),
             _RemainingTime(stage),
             console=self.console,
         )
@@ -132,14 +124,14 @@ class Terminal:
         self.console.print(Text(printable(f"{name:>9}  {text}"), style=style))
 
 
-class _RemainingTime(ProgressColumn):
+class _RemainingTime(progress.ProgressColumn):
     """Show what remains of the stage, and of the whole run where that is more."""
 
     def __init__(self, stage: StageCounter) -> None:
         super().__init__()
         self._stage = stage
 
-    def render(self, task: Task) -> Text:
+    def render(self, task: progress.Task) -> Text:
         return Text("" if task.finished else left_in_words(*self._stage.left_s()))
 
 

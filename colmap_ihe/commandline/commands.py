@@ -44,8 +44,7 @@ def _develop(parsed: argparse.Namespace, display: Display) -> None:
         strict=parsed.strict,
         progress=display,
     )
-    if parsed.json:
-        _result(display, {"linear": names, "steps": steps, "left_out": left_out})
+    if _printed_as_json(parsed, display, {"linear": names, "steps": steps, "left_out": left_out}):
         return
     print(f"{len(names)} linear TIFFs in {parsed.out}")
     for camera, done in steps.items():
@@ -66,8 +65,7 @@ def _reconstruct(parsed: argparse.Namespace, display: Display) -> None:
         progress=display,
         noted=record,
     )
-    if parsed.json:
-        _result(display, dict(done.summary))
+    if _printed_as_json(parsed, display, dict(done.summary)):
         return
     print_summary(done.summary, title=str(parsed.project))
     _print_report(done)
@@ -98,9 +96,7 @@ def _batch(parsed: argparse.Namespace, display: Display) -> None:
             progress=display,
             command=shlex.join(["colmap-ihe", *parsed.arguments]),
         )
-    if parsed.json:
-        _result(display, done.as_dict())
-    else:
+    if not _printed_as_json(parsed, display, done.as_dict()):
         print_batch(done)
         print(f"report    {folder.page_file}")
     if not done.succeeded:
@@ -118,9 +114,7 @@ def _print_report(done: Reconstruction) -> None:
 
 def _demo(parsed: argparse.Namespace, display: Display) -> None:
     done = demo(parsed.folder, parsed.assignments, display)
-    if parsed.json:
-        _result(display, dict(done.summary))
-    else:
+    if not _printed_as_json(parsed, display, dict(done.summary)):
         print_summary(done.summary, title=f"demo in {parsed.folder}")
         _print_report(done)
         print(f"dense     {done.dense_cloud}")
@@ -141,16 +135,13 @@ def _fit(parsed: argparse.Namespace, display: Display) -> None:
         strict=parsed.strict,
         progress=display,
     )
-    result = {**weights.as_dict(), "left_out": left_out}
-    if parsed.json:
-        _result(display, result)
+    if _printed_as_json(parsed, display, {**weights.as_dict(), "left_out": left_out}):
         return
     for reason in left_out.values():
         display.warn(f"left out: {reason}")
     values = {name: value for name, value in weights.as_dict().items() if name != "curve"}
-    print_table(
-        "", [(n, ", ".join(map(str, v)) if isinstance(v, list) else str(v)) for n, v in values.items()]
-    )
+    words = [", ".join(map(str, v)) if isinstance(v, list) else str(v) for v in values.values()]
+    print_table("", list(zip(values, words, strict=True)))
 
 
 def _convert(parsed: argparse.Namespace, display: Display) -> None:
@@ -167,9 +158,7 @@ def _convert(parsed: argparse.Namespace, display: Display) -> None:
         strict=parsed.strict,
         progress=display,
     )
-    if parsed.json:
-        _result(display, {**weights.as_dict(), "grey": grey, "left_out": left_out})
-    else:
+    if not _printed_as_json(parsed, display, {**weights.as_dict(), "grey": grey, "left_out": left_out}):
         words = f": {weights_in_words(weights.triplet)}" if isinstance(weights, Weights) else ""
         print(f"{len(grey)} grey images in {parsed.out} ({weights.method}{words})")
 
@@ -177,12 +166,10 @@ def _convert(parsed: argparse.Namespace, display: Display) -> None:
 def _status(parsed: argparse.Namespace, display: Display) -> None:
     options = project_options(parsed.project, [*parsed.assignments, *camera_assignments(parsed)])
     states = status(parsed.project, options, parsed.images)
-    if parsed.json:
-        _result(display, [asdict(state) for state in states])
+    if _printed_as_json(parsed, display, [asdict(state) for state in states]):
         return
-    rows = [
-        (s.name, s.state, "" if s.seconds is None else f"{s.seconds:.0f} s", s.why, s.takes) for s in states
-    ]
+    times = ["" if s.seconds is None else f"{s.seconds:.0f} s" for s in states]
+    rows = [(s.name, s.state, time, s.why, s.takes) for s, time in zip(states, times, strict=True)]
     print_table("", rows, ("stage", "state", "time", "why", "will take"))
 
 
@@ -197,8 +184,7 @@ def _compare(parsed: argparse.Namespace, display: Display) -> None:
         images=parsed.images,
         progress=display,
     )
-    if parsed.json:
-        _result(display, [asdict(result) for result in results])
+    if _printed_as_json(parsed, display, [asdict(result) for result in results]):
         return
     for table in tables_of(results):
         print_table(table.title, [tuple(row) for row in table.rows], tuple(table.columns))
@@ -209,33 +195,22 @@ def _compare(parsed: argparse.Namespace, display: Display) -> None:
 
 def _report(parsed: argparse.Namespace, display: Display) -> None:
     page = report(parsed.project, parsed.assignments, parsed.images, display)
-    if parsed.json:
-        _result(display, {"page": str(page)})
-    else:
+    if not _printed_as_json(parsed, display, {"page": str(page)}):
         print(page)
 
 
 def _doctor(parsed: argparse.Namespace, display: Display) -> None:
     values = doctor(parsed.project, parsed.assignments, parsed.images)
-    if parsed.json:
-        _result(display, values)
-    else:
+    if not _printed_as_json(parsed, display, values):
         print_table("", [(name, str(value)) for name, value in values.items()])
 
 
-def _result(display: Display, values: Any) -> None:
-    display.screen.result(json.dumps(values, indent=2, ensure_ascii=False))
+def _printed_as_json(parsed: argparse.Namespace, display: Display, values: Any) -> bool:
+    """Print the result as JSON where that is asked for."""
+    if parsed.json:
+        display.screen.result(json.dumps(values, indent=2, ensure_ascii=False))
+    return bool(parsed.json)
 
 
-COMMANDS: dict[str, CommandFunction] = {
-    "demo": _demo,
-    "reconstruct": _reconstruct,
-    "batch": _batch,
-    "fit": _fit,
-    "convert": _convert,
-    "develop": _develop,
-    "status": _status,
-    "compare": _compare,
-    "report": _report,
-    "doctor": _doctor,
-}
+_FUNCTIONS = (_demo, _reconstruct, _batch, _fit, _convert, _develop, _status, _compare, _report, _doctor)
+COMMANDS: dict[str, CommandFunction] = {function.__name__[1:]: function for function in _FUNCTIONS}

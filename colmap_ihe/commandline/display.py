@@ -16,9 +16,8 @@ from colmap_ihe.machine.remaining_time import Forecast, Part
 
 def printable(text: str) -> str:
     """Return text without the characters that would steer a terminal, which a photograph or a file may hold."""
-    return "".join(
-        c if c.isprintable() else " " if c in "\t\n\r" else c.encode("unicode_escape").decode() for c in text
-    )
+    text = text.translate(dict.fromkeys(map(ord, "\t\n\r"), " "))
+    return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)
 
 
 def failure_line(message: str, hint: str) -> str:

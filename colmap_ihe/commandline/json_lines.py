@@ -53,13 +53,8 @@ class JsonLines:
 
     def show(self, state: BatchState, changed: Sequence[ProjectState]) -> None:
         for project in changed:
-            self._print(
-                "project",
-                project=project.name,
-                state=project.state,
-                reason=project.reason,
-                hint=project.hint,
-            )
+            why = {"reason": project.reason, "hint": project.hint}
+            self._print("project", project=project.name, state=project.state, **why)
         if time.monotonic() >= self._next_batch:
             self._next_batch = time.monotonic() + _BATCH_SECONDS
             left = _rounded(state.remaining_s)

@@ -7,7 +7,7 @@ import json
 import re
 from collections.abc import Callable
 from pathlib import Path
-from typing import get_args
+from typing import Any, get_args
 
 from colmap_ihe.grey.conversions import CONVERSIONS
 from colmap_ihe.project.options import DevelopOptions
@@ -15,25 +15,37 @@ from colmap_ihe.project.options_file import load_options
 from colmap_ihe.project.recipe import Demosaic
 
 Command = Callable[[str, str], argparse.ArgumentParser]
+Parser = argparse._ActionsContainer
+
+_PATHS = {"PROJECT", "ROOT", "IMAGES", "OUT", "DIR", "FILE"}
+
+
+def add(parser: Parser, names: str, text: str | None = None, **more: Any) -> None:
+    """Add an argument, as `-o --output FILE`: its names, and what its value is called, if it has one."""
+    *words, value = names.split()
+    if value.isupper():
+        kind = {"type": Path} if value in _PATHS else {}
+        parser.add_argument(*words, **{"metavar": value, "help": text, **kind, **more})
+    else:
+        parser.add_argument(*words, value, help=text, **more)
+
+
+def add_switch(parser: Parser, names: str, text: str) -> None:
+    """Add an argument that takes no value."""
+    add(parser, names, text, action="store_true")
 
 
 def add_project(parser: argparse.ArgumentParser, nargs: str | None = None) -> None:
     """Add PROJECT, --images and --set."""
-    parser.add_argument("project", type=Path, nargs=nargs, metavar="PROJECT", help="the project's folder")
-    parser.add_argument("--images", type=Path, metavar="DIR", help="photographs, if not in PROJECT/images")
+    add(parser, "project PROJECT", "the project's folder", nargs=nargs)
+    add(parser, "--images DIR", "photographs, if not in PROJECT/images")
     add_set(parser)
 
 
 def add_set(parser: argparse.ArgumentParser) -> None:
     """Add --set."""
-    parser.add_argument(
-        "--set",
-        action="append",
-        default=[],
-        metavar="STAGE.OPTION=VALUE",
-        dest="assignments",
-        help="change an option, as in --set dense.max_image_size=2400; see docs/options.md",
-    )
+    text = "change an option, as in --set dense.max_image_size=2400; see docs/options.md"
+    add(parser, "--set STAGE.OPTION=VALUE", text, action="append", default=[], dest="assignments")
 
 
 def add_camera(parser: argparse.ArgumentParser) -> None:
@@ -44,12 +56,8 @@ def add_camera(parser: argparse.ArgumentParser) -> None:
         " then need not guess it. EXIF is left as it is. For several cameras write `cameras:` into project.yaml; see"
         " docs/options.md.",
     )
-    group.add_argument(
-        "--focal-length", type=float, metavar="MM", help="as on the lens, not the 35 mm equivalent"
-    )
-    group.add_argument(
-        "--sensor-width", type=float, metavar="MM", help="along the longer side, as 36 for full frame"
-    )
+    add(group, "--focal-length MM", "as on the lens, not the 35 mm equivalent", type=float)
+    add(group, "--sensor-width MM", "along the longer side, as 36 for full frame", type=float)
 
 
 def camera_assignments(parsed: argparse.Namespace) -> list[str]:
@@ -60,48 +68,37 @@ def camera_assignments(parsed: argparse.Namespace) -> list[str]:
 
 def add_run(parser: argparse.ArgumentParser) -> None:
     """Add what bounds a run: --cluster, --threads, --no-dense, --no-mesh and --strict."""
-    add_cluster(parser)
-    parser.add_argument(
-        "--threads",
-        type=count,
-        metavar="N",
-        help="use at most N cores (all); with 1 the same photographs and options give the same model, bit for bit",
+    text = (
+        "work on the workers of this Dask scheduler, as tcp://login1:8786, or on N worker processes here,"
+        " local:N; see docs/cluster.md"
     )
-    parser.add_argument("--no-dense", action="store_true", help="end with the sparse model")
-    parser.add_argument("--no-mesh", action="store_true", help="end with the dense cloud")
+    add(parser, "--cluster ADDRESS", text)
+    text = (
+        "use at most N cores (all); with 1 the same photographs and options give the same model, bit for bit"
+    )
+    add(parser, "--threads N", text, type=count)
+    add_switch(parser, "--no-dense", "end with the sparse model")
+    add_switch(parser, "--no-mesh", "end with the dense cloud")
     add_strict(parser)
     add_camera(parser)
 
 
 def add_strict(parser: argparse.ArgumentParser) -> None:
     """Add --strict."""
-    parser.add_argument("--strict", action="store_true", help="stop at a photograph that cannot be used")
-
-
-def add_cluster(parser: argparse.ArgumentParser) -> None:
-    """Add --cluster."""
-    parser.add_argument(
-        "--cluster",
-        metavar="ADDRESS",
-        help="work on the workers of this Dask scheduler, as tcp://login1:8786, or on N worker processes here,"
-        " local:N; see docs/cluster.md",
-    )
+    add_switch(parser, "--strict", "stop at a photograph that cannot be used")
 
 
 def run_assignments(parsed: argparse.Namespace) -> list[str]:
     """Return the arguments of a run as assignments of options."""
-    assignments = [*parsed.assignments, *camera_assignments(parsed)]
-    if parsed.no_dense:
-        assignments.append("dense.enabled=false")
-    if parsed.no_mesh:
-        assignments.append("mesh.enabled=false")
-    if parsed.strict:
-        assignments.append("captures.strict=true")
-    if parsed.threads:
-        assignments.append(f"machine.threads={parsed.threads}")
-    if parsed.cluster:
-        assignments.append(f"cluster.address={json.dumps(parsed.cluster)}")
-    return assignments
+    given = {
+        "dense.enabled=false": parsed.no_dense,
+        "mesh.enabled=false": parsed.no_mesh,
+        "captures.strict=true": parsed.strict,
+        f"machine.threads={parsed.threads}": parsed.threads,
+        f"cluster.address={json.dumps(parsed.cluster)}": parsed.cluster,
+    }
+    chosen = [assignment for assignment, is_given in given.items() if is_given]
+    return [*parsed.assignments, *camera_assignments(parsed), *chosen]
 
 
 def count(text: str) -> int:
@@ -122,34 +119,21 @@ def duration(text: str) -> float:
 def add_weights(parser: argparse.ArgumentParser, weights_help: str) -> None:
     """Add --method and --weights, of which one may be given."""
     group = parser.add_mutually_exclusive_group()
-    group.add_argument("--method", choices=tuple(CONVERSIONS), default="ihe")
-    group.add_argument("--weights", type=Path, metavar="FILE", help=weights_help)
+    add(group, "--method", choices=tuple(CONVERSIONS), default="ihe")
+    add(group, "--weights FILE", weights_help)
 
 
 def add_development(parser: argparse.ArgumentParser) -> None:
     """Add the options of development of RAW, and --strict."""
     group = parser.add_argument_group("development of RAW, as `develop` in docs/options.md")
-    group.add_argument(
-        "--calibration", type=Path, metavar="DIR", help="holds bias/, darks/, flats/ or bad-pixels.txt"
-    )
-    group.add_argument("--demosaic", choices=get_args(Demosaic), default="linear")
-    group.add_argument("--green-equilibrium", action=argparse.BooleanOptionalAction, default=True)
-    group.add_argument(
-        "--find-bad-pixels", action="store_true", help="look for them over the set, without dark frames"
-    )
-    group.add_argument(
-        "--exposure", choices=("as_shot", "normalise"), default="as_shot", help="normalise: by EXIF"
-    )
-    group.add_argument(
-        "--balance", action="store_true", help="colour balance across the set, of any photographs"
-    )
-    group.add_argument(
-        "--denoise",
-        type=float,
-        default=0.0,
-        metavar="N",
-        help="in deviations of the noise, of any photographs",
-    )
+    add(group, "--calibration DIR", "holds bias/, darks/, flats/ or bad-pixels.txt")
+    add(group, "--demosaic", choices=get_args(Demosaic), default="linear")
+    add(group, "--green-equilibrium", action=argparse.BooleanOptionalAction, default=True)
+    add_switch(group, "--find-bad-pixels", "look for them over the set, without dark frames")
+    choices = ("as_shot", "normalise")
+    add(group, "--exposure", "normalise: by EXIF", choices=choices, default="as_shot")
+    add_switch(group, "--balance", "colour balance across the set, of any photographs")
+    add(group, "--denoise N", "in deviations of the noise, of any photographs", type=float, default=0.0)
     add_strict(parser)
 
 

@@ -39,7 +39,6 @@ from colmap_ihe.machine.progress import SILENT, RunProgress
 from colmap_ihe.machine.threads import limited
 from colmap_ihe.photographs.discover import discover
 from colmap_ihe.pipeline.reconstruct import Reconstruction, reconstruct
-from colmap_ihe.pipeline.records import read_record
 from colmap_ihe.project.folder import Project
 from colmap_ihe.project.options import ClusterOptions, Options
 
@@ -195,21 +194,12 @@ def _mapped(
         }
         return row | (errors_against(truth, folder / "0") if truth else {})
 
-    inputs = (
-        options.sparse.model_dump(mode="json"),
-        LEFT_OUT,
-        plain_truth(truth),
-        library_versions("pycolmap"),
-    )
+    inputs = (options.sparse.model_dump(mode="json"), LEFT_OUT, plain_truth(truth))
     return _once(project, f"run-{seed}", measure, *inputs)
 
 
 def _dense_points(
-    done: Reconstruction,
-    first: Reconstruction,
-    options: Options,
-    executor: Executor,
-    progress: RunProgress,
+    done: Reconstruction, first: Reconstruction, options: Options, executor: Executor, progress: RunProgress
 ) -> int | None:
     """Return the points of the dense cloud of a method with the cameras of the first; None without dense stereo."""
     if not options.dense.enabled:
@@ -235,16 +225,16 @@ def _dense_points(
         shutil.rmtree(dense)
         return {"points": cloud["points"]}
 
-    record = read_record(first.project, "run-0") or {}
-    inputs = (options.dense.model_dump(mode="json"), record.get("fingerprint"), library_versions("pycolmap"))
+    record = read_json(first.project.record_file("run-0")) or {}
+    inputs = (options.dense.model_dump(mode="json"), record.get("fingerprint"))
     return int(_once(project, "same-cameras", measure, *inputs)["points"])
 
 
 def _once(project: Project, name: str, measure: Callable[[], _Row], *inputs: Any) -> _Row:
-    """Return what `measure` returns, kept in a record for as long as the matches and `inputs` are the same."""
+    """Return what `measure` returns, kept in a record while the matches, `inputs` and COLMAP are the same."""
     matches = read_json(project.record_file("matches")) or {}
-    fingerprint = fingerprint_of(matches.get("fingerprint"), *inputs)
-    record = read_record(project, name)
+    fingerprint = fingerprint_of(matches.get("fingerprint"), *inputs, library_versions("pycolmap"))
+    record = read_json(project.record_file(name))
     if record is None or record.get("fingerprint") != fingerprint:
         began = time.monotonic()
         record = {**measure(), "fingerprint": fingerprint}

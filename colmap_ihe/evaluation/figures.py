@@ -7,14 +7,8 @@ from pathlib import Path
 from typing import Any
 
 from colmap_ihe.colmap.measures import poses_of, putative_and_inliers
-from colmap_ihe.evaluation.pair_errors import (
-    MOVEMENTS,
-    PairMatches,
-    area_under_curve_percent,
-    efficiency_percent,
-    movement,
-    relative_errors_deg,
-)
+from colmap_ihe.evaluation import pair_errors
+from colmap_ihe.evaluation.pair_errors import MOVEMENTS, PairMatches
 from colmap_ihe.evaluation.truth import Truth, key_of, pose_errors, read_truth
 from colmap_ihe.pipeline.records import read_record
 from colmap_ihe.project.folder import Project
@@ -34,10 +28,8 @@ def plain_truth(truth: Truth | None) -> list[Any] | None:
     """Return what figures against a truth depend on, as plain values."""
     if truth is None:
         return None
-    return [
-        truth.extent_m,
-        *((key, image.cam_from_world.tolist()) for key, image in sorted(truth.images.items())),
-    ]
+    images = sorted(truth.images.items())
+    return [truth.extent_m, *((key, image.cam_from_world.tolist()) for key, image in images)]
 
 
 def matching_of(
@@ -54,13 +46,13 @@ def matching_of(
         pair = PairMatches(*counts)
         kinds["all"].append(pair)
         if first in poses and second in poses and pair.inliers:
-            kinds[movement(poses[first], poses[second])].append(pair)
+            kinds[pair_errors.movement(poses[first], poses[second])].append(pair)
     return {
         name: {
             "pairs": len(pairs),
             "putative": sum(p.putative for p in pairs),
             "inliers": sum(p.inliers for p in pairs),
-            "efficiency_percent": efficiency_percent(pairs),
+            "efficiency_percent": pair_errors.efficiency_percent(pairs),
         }
         for name, pairs in kinds.items()
     }
@@ -71,9 +63,9 @@ def errors_against(truth: Truth, model: Path) -> dict[str, float]:
     poses = {key_of(name): pose for name, pose in poses_of(model).items()}
     errors = pose_errors(poses, truth)
     true = {key: image.cam_from_world for key, image in truth.images.items()}
-    relative = relative_errors_deg(poses, true)
+    relative = pair_errors.relative_errors_deg(poses, true)
     return {
         "rotation_deg": errors.rotation_error_deg,
         "position_m": errors.position_error_m,
-        "auc_percent": area_under_curve_percent(relative, _AUC_DEG),
+        "auc_percent": pair_errors.area_under_curve_percent(relative, _AUC_DEG),
     }

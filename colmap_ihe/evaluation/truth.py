@@ -111,11 +111,7 @@ def _read_demo(file: Path) -> Truth:
 
 
 def _sides(width: object, height: object) -> tuple[int, int]:
-    if (
-        isinstance(width, int)
-        and isinstance(height, int)
-        and 0 < min(width, height) <= max(width, height) <= _LONGEST
-    ):
+    if isinstance(width, int) and isinstance(height, int) and all(0 < n <= _LONGEST for n in (width, height)):
         return width, height
     raise ValueError(f"{width!r:.20}x{height!r:.20} pixels")
 
@@ -225,9 +221,7 @@ def pose_errors(cam_from_world: Mapping[str, F64], truth: Truth) -> PoseErrors:
     The model's frame is aligned to the truth by the projection centres alone. Raises `ProjectError`
     where fewer than three images are known to both, or all lie on one line.
     """
-    poses = {
-        key_of(name) if key_of(name) in truth.images else name: pose for name, pose in cam_from_world.items()
-    }
+    poses = {key_of(n) if key_of(n) in truth.images else n: pose for n, pose in cam_from_world.items()}
     keys = sorted(poses.keys() & truth.images.keys())
     true = {key: truth.images[key].cam_from_world for key in keys}
     try:
@@ -236,9 +230,8 @@ def pose_errors(cam_from_world: Mapping[str, F64], truth: Truth) -> PoseErrors:
             np.array([_centre(true[k]) for k in keys]).reshape(-1, 3),
         )
     except ValueError as error:
-        raise ProjectError(
-            f"{len(keys)} registered images cannot be compared with the truth: {error}"
-        ) from error
+        who = f"{len(keys)} registered images"
+        raise ProjectError(f"{who} cannot be compared with the truth: {error}") from error
     rotation, position = {}, {}
     for key in keys:
         turned = poses[key][:, :3] @ similarity.rotation.T

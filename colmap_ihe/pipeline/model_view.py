@@ -18,30 +18,19 @@ _F32 = NDArray[np.float32]
 _U8 = NDArray[np.uint8]
 _F64 = NDArray[np.float64]
 
+_RGB = ("red", "green", "blue")
 _CELLS = 10  # a side, of the grid in which points cover a photograph
 _FRUSTUM = 0.05  # of the size of the scene: how deep cameras are drawn
 
 
 @dataclass(frozen=True)
 class Points:
-    """Hold `positions` (N, 3) in the frame of `UprightFrame`, `colours` (N, 3) uint8, in random order; `total` before
+    """Hold `positions` (N, 3) in the frame of `ModelView`, `colours` (N, 3) uint8, in random order; `in_all` before
     thinning."""
 
     positions: _F32
     colours: _U8
     in_all: int
-
-
-@dataclass(frozen=True)
-class UprightFrame:
-    """Turn the model upright, y up as the photographs were held, and its middle to the origin."""
-
-    rotation: _F64
-    middle: _F64
-    size: float
-
-    def moved(self, points: NDArray[np.floating]) -> _F32:
-        return np.asarray((points - self.middle) @ self.rotation.T, np.float32)
 
 
 @dataclass(frozen=True)
@@ -55,36 +44,49 @@ class ImageCoverage:
 
 
 class ModelView:
-    """Read a sparse model. Raises what pycolmap raises where there is none."""
+    """Read a sparse model and turn it upright, y up as the photographs were held, its middle to the origin. Raises
+    what pycolmap raises where there is none."""
 
     def __init__(self, folder: Path) -> None:
         self._model = pycolmap.Reconstruction(folder)
-        self.names = sorted(str(self._model.images[i].name) for i in self._model.reg_image_ids())
         self._by_name = {str(self._model.images[i].name): i for i in self._model.reg_image_ids()}
+        self.names = sorted(self._by_name)
         self._xyz = np.array([p.xyz for p in self._model.points3D.values()]).reshape(-1, 3)
-
-    def frame(self) -> UprightFrame:
         poses = [self._model.images[i].cam_from_world().matrix() for i in self._by_name.values()]
-        rotation = upright(poses)
-        if not len(self._xyz):
-            return UprightFrame(rotation, np.zeros(3), 1.0)
-        low, high = np.percentile(self._xyz, (5, 95), axis=0)
-        return UprightFrame(rotation, np.median(self._xyz, axis=0), float(np.linalg.norm(high - low)) or 1.0)
+        self._rotation, self._middle, self._size = upright(poses), np.zeros(3), 1.0
+        if len(self._xyz):
+            low, high = np.percentile(self._xyz, (5, 95), axis=0)
+            self._middle, self._size = np.median(self._xyz, axis=0), float(np.linalg.norm(high - low)) or 1.0
 
-    def points(self, frame: UprightFrame, most: int) -> Points:
+    def _moved(self, points: NDArray[np.floating]) -> _F32:
+        return np.asarray((points - self._middle) @ self._rotation.T, np.float32)
+
+    def _shuffled(self, points: NDArray[np.floating], colours: _U8, most: int, in_all: int) -> Points:
+        order = np.random.default_rng(0).permutation(len(points))[:most]
+        return Points(self._moved(points)[order], colours[order], in_all)
+
+    def points(self, most: int) -> Points:
+        """Return points of the model itself."""
         colours = np.array([p.color for p in self._model.points3D.values()], np.uint8).reshape(-1, 3)
-        return _shuffled(frame.moved(self._xyz), colours, most)
+        return self._shuffled(self._xyz, colours, most, len(self._xyz))
 
-    def camera(self, name: str, frame: UprightFrame) -> tuple[_F32, _F32]:
+    def dense_points(self, cloud: Path, most: int) -> Points:
+        """Return points of a fused cloud. Raises `ProjectError`."""
+        rows = read_ply(cloud)["vertex"]
+        some = rows[np.sort(np.random.default_rng(0).choice(len(rows), min(most, len(rows)), replace=False))]
+        points, colours = (np.stack([some[name] for name in names], axis=1) for names in ("xyz", _RGB))
+        return self._shuffled(points, colours, most, len(rows))
+
+    def camera(self, name: str) -> tuple[_F32, _F32]:
         """Return centre (3,) and corners (4, 3) of the picture before it, from the top left clockwise."""
         image = self._model.images[self._by_name[name]]
         camera = self._model.cameras[image.camera_id]
         edges = np.array([(0, 0), (1, 0), (1, 1), (0, 1)]) * (camera.width, camera.height)
         middle = (camera.principal_point_x, camera.principal_point_y)
         rays = np.column_stack([(edges - middle) / camera.mean_focal_length(), np.ones(4)])
-        depth = _FRUSTUM * frame.size / max(1.0, float(np.abs(rays[:, 0]).max()))
+        depth = _FRUSTUM * self._size / max(1.0, float(np.abs(rays[:, 0]).max()))
         world_from_cam = image.cam_from_world().inverse()
-        return frame.moved(world_from_cam.translation), frame.moved(world_from_cam * (rays * depth))
+        return self._moved(world_from_cam.translation), self._moved(world_from_cam * (rays * depth))
 
     def seen(self, name: str) -> ImageCoverage:
         image = self._model.images[self._by_name[name]]
@@ -102,19 +104,6 @@ class ModelView:
         return dict(sorted(Counter(p.track.length() for p in self._model.points3D.values()).items()))
 
 
-def dense_points(cloud: Path, frame: UprightFrame, most: int) -> Points:
-    """Return points of a fused cloud. Raises `ProjectError`."""
-    rows = read_ply(cloud)["vertex"]
-    chosen = np.sort(np.random.default_rng(0).choice(len(rows), min(most, len(rows)), replace=False))
-    some = rows[chosen]
-    found = _shuffled(
-        frame.moved(np.stack([some[axis] for axis in "xyz"], axis=1)),
-        np.stack([some[name] for name in ("red", "green", "blue")], axis=1),
-        most,
-    )
-    return Points(found.positions, found.colours, len(rows))
-
-
 def cloud_as_seen(cloud: Path, model: Path, name: str, longest: int) -> _U8:
     """Return (H, W, 3) uint8: a fused cloud as the camera of that image sees it, nearest points in front, white
     where there is none; the longer side is `longest` at the most. Raises `ProjectError`."""
@@ -130,7 +119,7 @@ def cloud_as_seen(cloud: Path, model: Path, name: str, longest: int) -> _U8:
     inside = (column >= 0) & (column < width) & (row >= 0) & (row < height)
     order = np.flatnonzero(inside)[np.argsort(-seen[inside, 2], kind="stable")]
     drawn = np.full((height, width, 3), 255, np.uint8)
-    drawn[row[order], column[order]] = np.stack([rows[c][order] for c in ("red", "green", "blue")], axis=1)
+    drawn[row[order], column[order]] = np.stack([rows[c][order] for c in _RGB], axis=1)
     return drawn
 
 
@@ -156,8 +145,3 @@ def verified_matches(database: Path, names: Sequence[str]) -> NDArray[np.int64]:
         if first is not None and second is not None:
             found[first, second] = found[second, first] = count
     return found
-
-
-def _shuffled(positions: _F32, colours: _U8, most: int) -> Points:
-    order = np.random.default_rng(0).permutation(len(positions))[:most]
-    return Points(positions[order], colours[order], len(positions))

@@ -22,17 +22,8 @@ from colmap_ihe.pipeline import model_view
 from colmap_ihe.pipeline.run_context import RunContext
 from colmap_ihe.project.folder import Project
 from colmap_ihe.project.options import Options
-from colmap_ihe.report import pictures
-from colmap_ihe.report.contents import (
-    CameraPose,
-    Cloud,
-    Contents,
-    Grey,
-    Pair,
-    PhotographEntry,
-    Picture,
-    Slider,
-)
+from colmap_ihe.report import contents, pictures
+from colmap_ihe.report.contents import Contents, PhotographEntry
 from colmap_ihe.report.page import render_page
 from colmap_ihe.report.summary import summary_rows, weights_in_words
 
@@ -53,7 +44,7 @@ class _Look:
     """Hold one photograph, small: what tiles, thumbnails and histograms are made of."""
 
     name: str
-    thumbnail: Picture
+    thumbnail: contents.Picture
     colour: _U8
     grey: _U8
     tones_chosen: NDArray[np.int64]
@@ -82,28 +73,22 @@ def gather(run: RunContext, summary: Mapping[str, Any], progress: Progress) -> C
     some = _spread(sorted(grey_of), _PICTURED)
     progress.start(len(some), "photographs looked at")
     looks: dict[str, _Look] = {}
-    with threads_of(run.executor) as threads:  # pictures are what comes of it
-        for look in in_order(
-            threads, lambda name: _look(project, name, grey_of[name]), some, progress=progress
-        ):
+    with threads_of(run.executor) as pool:  # pictures are what comes of it
+        for look in in_order(pool, lambda name: _look(project, name, grey_of[name]), some, progress=progress):
             looks[look.name] = look
             progress.advance()
     model = model_view.ModelView(project.sparse / "0") if "sparse" in records else None
-    frame = model.frame() if model else None
     photographs = _photographs(summary, grey_of, looks, model)
-    matched = None
-    if "matches" in records:
-        matched = model_view.verified_matches(
-            project.database, [grey_of.get(p.name, "") for p in photographs]
-        )
+    greys = [grey_of.get(p.name, "") for p in photographs]
+    matched = model_view.verified_matches(project.database, greys) if "matches" in records else None
     return Contents(
         title=project.root.name,
         result=_result(summary),
         rows=summary_rows(summary),
         grey=_grey(summary, options, list(looks.values())),
         photographs=photographs,
-        cloud=_cloud(project, records, model, frame) if model and frame else None,
-        cameras=_cameras(grey_of, model, frame) if model and frame else (),
+        cloud=_cloud(project, records, model) if model else None,
+        cameras=_cameras(grey_of, model) if model else (),
         sliders=[_slider(project, name, grey_of[name]) for name in _spread(sorted(looks), _SLIDERS)],
         pairs=_pairs(project, summary, grey_of, matched, photographs, progress),
         track_lengths=model.track_lengths() if model else {},
@@ -131,9 +116,8 @@ def _methods(summary: Mapping[str, Any], options: Options) -> str:
     weights = summary["weights"]
     words = f" ({weights_in_words(weights)})" if weights else ""
     versions = library_versions("pycolmap")
-    guard = (
-        ", with a guard against noise" if (options.fit.method, options.fit.guard) == ("ihe", "noise") else ""
-    )
+    is_guarded = (options.fit.method, options.fit.guard) == ("ihe", "noise")
+    guard = ", with a guard against noise" if is_guarded else ""
     return (
         "The photographs were converted to grey by one conversion for the whole set,"
         f" {options.fit.method}{guard}{words},"
@@ -144,27 +128,20 @@ def _methods(summary: Mapping[str, Any], options: Options) -> str:
 def _look(project: Project, name: str, grey_name: str) -> _Look:
     colour, grey = read_colour(project.colour / grey_name), read_grey(project.grey / grey_name)
     small = pictures.shrunk(colour, _THUMBNAIL)
-    counts = [
-        np.bincount(values[::2, ::2].ravel(), minlength=256) for values in (grey, pictures.rec709(colour))
-    ]
-    return _Look(
-        name,
-        pictures.picture(small, f"photograph {name}", _THUMBNAIL),
-        small,
-        pictures.shrunk(grey, _THUMBNAIL),
-        counts[0],
-        counts[1],
-    )
+    thumbnail = pictures.picture(small, f"photograph {name}", _THUMBNAIL)
+    both = (grey, pictures.rec709(colour))
+    tones = [np.bincount(values[::2, ::2].ravel(), minlength=256) for values in both]
+    return _Look(name, thumbnail, small, pictures.shrunk(grey, _THUMBNAIL), *tones)
 
 
-def _grey(summary: Mapping[str, Any], options: Options, looks: Sequence[_Look]) -> Grey:
+def _grey(summary: Mapping[str, Any], options: Options, looks: Sequence[_Look]) -> contents.Grey:
     weights = summary["weights"]
     total = [sum(getattr(look, name) for look in looks) for name in ("tones_chosen", "tones_rec709")]
     shares = [tuple((counts / counts.sum()).tolist()) for counts in total]
     tiles = [look for look in looks if look.name in _spread([one.name for one in looks], _TILES)]
     coloured = pictures.patchwork([look.colour for look in tiles], _TILE)
     grey = pictures.patchwork([look.grey for look in tiles], _TILE)
-    return Grey(
+    return contents.Grey(
         method=options.fit.method,
         weights=tuple(weights) if weights else None,
         in_words=weights_in_words(weights)
@@ -198,46 +175,31 @@ def _photographs(
     return [*found, *(PhotographEntry(name, None, left_out=summary["left_out"][name]) for name in others)]
 
 
-def _cloud(
-    project: Project, records: _Records, model: model_view.ModelView, frame: model_view.UprightFrame
-) -> Cloud:
-    is_dense = bool(records.get("dense", {}).get("points"))
-    if is_dense:
-        points = model_view.dense_points(project.dense / "fused.ply", frame, _POINTS)
-    else:
-        points = model.points(frame, _POINTS)
+def _cloud(project: Project, records: _Records, model: model_view.ModelView) -> contents.Cloud:
+    kind = "dense" if records.get("dense", {}).get("points") else "sparse"
+    dense_file = project.dense / "fused.ply"
+    points = model.dense_points(dense_file, _POINTS) if kind == "dense" else model.points(_POINTS)
     weights = next(iter(records["fit"]["weights"].values()))["weights"]
-    grey = np.rint(points.colours @ np.array(weights if weights else (0.2126, 0.7152, 0.0722))).astype(
-        np.uint8
-    )
-    return Cloud(points.positions, points.colours, grey, "dense" if is_dense else "sparse", points.in_all)
+    grey = np.rint(points.colours @ np.array(weights or (0.2126, 0.7152, 0.0722))).astype(np.uint8)
+    return contents.Cloud(points.positions, points.colours, grey, kind, points.in_all)
 
 
-def _cameras(
-    grey_of: Mapping[str, str], model: model_view.ModelView, frame: model_view.UprightFrame
-) -> list[CameraPose]:
-    found = []
-    for name, grey in sorted(grey_of.items()):
-        if grey in model.names:
-            found.append(CameraPose(name, *model.camera(grey, frame)))
-    return found
+def _cameras(grey_of: Mapping[str, str], model: model_view.ModelView) -> list[contents.CameraPose]:
+    poses = ((name, grey) for name, grey in sorted(grey_of.items()) if grey in model.names)
+    return [contents.CameraPose(name, *model.camera(grey)) for name, grey in poses]
 
 
-def _slider(project: Project, name: str, grey_name: str) -> Slider:
+def _slider(project: Project, name: str, grey_name: str) -> contents.Slider:
     colour = pictures.shrunk(read_colour(project.colour / grey_name), _SLIDER)
     chosen = pictures.shrunk(read_grey(project.grey / grey_name), _SLIDER)
     default = pictures.rec709(colour)
-    return Slider(
-        name,
-        pictures.picture(colour, f"{name} in colour", _SLIDER),
-        pictures.picture(chosen, f"{name} in the chosen grey", _SLIDER),
-        pictures.picture(default, f"{name} in Rec.709", _SLIDER),
-        pictures.picture(
-            pictures.difference(chosen, default),
-            f"{name}: chosen grey less Rec.709, middle grey is none",
-            _SLIDER,
-        ),
-    )
+    looks = {
+        f"{name} in colour": colour,
+        f"{name} in the chosen grey": chosen,
+        f"{name} in Rec.709": default,
+        f"{name}: chosen grey less Rec.709, middle grey is none": pictures.difference(chosen, default),
+    }
+    return contents.Slider(name, *(pictures.picture(look, alt, _SLIDER) for alt, look in looks.items()))
 
 
 def _pairs(
@@ -247,7 +209,7 @@ def _pairs(
     matched: NDArray[np.int64] | None,
     photographs: Sequence[PhotographEntry],
     progress: Progress,
-) -> list[Pair]:
+) -> list[contents.Pair]:
     """Draw the pairs on which the grey was measured, else those with most matches, matched again in both greys."""
     pairs = [tuple(pair) for pair in (summary["tried"] or {}).get("pairs", ())]
     names = [p.name for p in photographs]
@@ -268,7 +230,9 @@ def _pairs(
     return found
 
 
-def _pair(project: Project, names: tuple[str, str], greys: tuple[str, str], progress: Progress) -> Pair:
+def _pair(
+    project: Project, names: tuple[str, str], greys: tuple[str, str], progress: Progress
+) -> contents.Pair:
     colours = [pictures.shrunk(read_colour(project.colour / grey), _MATCHED) for grey in greys]
     looks = {
         "chosen grey": [pictures.shrunk(read_grey(project.grey / grey), _MATCHED) for grey in greys],
@@ -282,11 +246,10 @@ def _pair(project: Project, names: tuple[str, str], greys: tuple[str, str], prog
         ones, others = first.places[pairs[:, 0]], second.places[pairs[:, 1]]
         kept = verified(ones, others, (one.shape[1], one.shape[0]), (other.shape[1], other.shape[0]))
         alt = f"{names[0]} and {names[1]} in {words}, {len(kept)} verified matches"
-        drawn.append(
-            pictures.picture(pictures.matches_drawn(one, other, ones[kept], others[kept]), alt, _PAIR)
-        )
+        lines = pictures.matches_drawn(one, other, ones[kept], others[kept])
+        drawn.append(pictures.picture(lines, alt, _PAIR))
         counts.append(len(kept))
-    return Pair(names[0], names[1], drawn[0], counts[0], drawn[1], counts[1])
+    return contents.Pair(names[0], names[1], drawn[0], counts[0], drawn[1], counts[1])
 
 
 def _spread(names: Sequence[str], most: int) -> list[str]:

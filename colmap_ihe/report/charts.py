@@ -71,18 +71,12 @@ def tracks_chart(track_lengths: Mapping[int, int]) -> list[Bar]:
     counts = {length: track_lengths.get(length, 0) for length in range(first, last + 1)}
     counts[last] += sum(points for length, points in track_lengths.items() if length > last)
     total, most = sum(counts.values()), max(counts.values())
-    step = WIDTH / len(counts)
-    return [
-        Bar(
-            f"{length}+" if length == last < longest else str(length),
-            points,
-            points / total,
-            round(i * step + 0.1 * step, 2),
-            round(0.8 * step, 2),
-            round(HEIGHT * points / most, 2),
-        )
-        for i, (length, points) in enumerate(counts.items())
-    ]
+    step, bars = WIDTH / len(counts), []
+    for i, (length, points) in enumerate(counts.items()):
+        label = f"{length}+" if length == last < longest else str(length)
+        left, width, height = i * step + 0.1 * step, 0.8 * step, HEIGHT * points / most
+        bars.append(Bar(label, points, points / total, round(left, 2), round(width, 2), round(height, 2)))
+    return bars
 
 
 def match_picture(matches: NDArray[np.int64]) -> MatchPicture | None:

@@ -18,9 +18,8 @@ def summarise(records: Mapping[str, Mapping[str, Any]], options: Options) -> dic
     """
     by_encoding = records["fit"]["weights"] if "fit" in records else {}
     main = max(by_encoding.values(), key=lambda w: int(w["images"]), default=None)
-    features, matches, sparse, dense, mesh = (
-        records.get(stage, {}) for stage in ("features", "matches", "sparse", "dense", "mesh")
-    )
+    later = ("features", "matches", "sparse", "dense", "mesh")
+    features, matches, sparse, dense, mesh = (records.get(stage, {}) for stage in later)
     models = sparse.get("models", [])
     model = models[0] if models else {}
     left_out = {name: why for r in records.values() for name, why in r.get("left_out", {}).items()}

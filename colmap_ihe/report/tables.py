@@ -33,21 +33,10 @@ class Table:
     def as_latex(self) -> str:
         """Return a tabular in the style of booktabs, with its caption."""
         head, *body = [" & ".join(map(_escaped, row)) + r" \\" for row in (self.columns, *self.rows)]
-        return "\n".join(
-            [
-                r"\begin{table}",
-                rf"\caption{{{_escaped(self.title)}}}",
-                rf"\begin{{tabular}}{{l{'r' * (len(self.columns) - 1)}}}",
-                r"\toprule",
-                head,
-                r"\midrule",
-                *body,
-                r"\bottomrule",
-                r"\end{tabular}",
-                r"\end{table}",
-                "",
-            ]
-        )
+        caption = rf"\caption{{{_escaped(self.title)}}}"
+        begin = [r"\begin{table}", caption, rf"\begin{{tabular}}{{l{'r' * (len(self.columns) - 1)}}}"]
+        end = [r"\bottomrule", r"\end{tabular}", r"\end{table}", ""]
+        return "\n".join([*begin, r"\toprule", head, r"\midrule", *body, *end])
 
 
 def _escaped(text: str) -> str:

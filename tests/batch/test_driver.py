@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 
 import pytest
 from batches import Listener, projects, states
+from command_line import Captured
 
 from colmap_ihe.batch import driver
 from colmap_ihe.batch.driver import batch
@@ -25,6 +26,7 @@ from colmap_ihe.pipeline.job import Outcome, ProjectJob, StageProgress
 from colmap_ihe.project.folder import Project
 
 GB = 10**9
+Patch = pytest.MonkeyPatch
 Endings = dict[str, list[Outcome]]
 
 
@@ -34,7 +36,7 @@ class Pretended(NamedTuple):
 
 
 @pytest.fixture
-def pretended(monkeypatch: pytest.MonkeyPatch) -> Pretended:
+def pretended(monkeypatch: Patch) -> Pretended:
     """Runs that take a moment and end as told, by name of the project, or else well; and the jobs that were run."""
     endings: Endings = {}
     jobs: list[ProjectJob] = []
@@ -59,9 +61,7 @@ def test_a_slip_is_refused_before_any_work(tmp_path: Path) -> None:
     assert not (tmp_path / "batch").exists()
 
 
-def test_one_that_fails_does_not_stop_the_others(
-    tmp_path: Path, pretended: Pretended, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_one_that_fails_does_not_stop_others(tmp_path: Path, pretended: Pretended, capsys: Captured) -> None:
     endings, jobs = pretended
     endings["b"] = [Outcome("crashed", 1.0, "matches", "crashed in matches (SIGSEGV)", "again", 2 * GB)]
     root = projects(tmp_path, "a", "b", "c/d")
@@ -83,9 +83,7 @@ def test_one_that_fails_does_not_stop_the_others(
     assert sorted(p.name for p in (root / "batch").iterdir()) == [locks.MARK, "batch.json", "index.html"]
 
 
-def test_memory_that_ran_out_beside_others_is_tried_again_alone(
-    tmp_path: Path, pretended: Pretended, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_after_memory_ran_out_it_runs_alone(tmp_path: Path, pretended: Pretended, monkeypatch: Patch) -> None:
     endings, jobs = pretended
     endings["a"] = [Outcome("out_of_memory", 1.0, reason="memory ran out")]
     held = threading.Event()
@@ -111,9 +109,7 @@ def test_memory_that_ran_out_beside_others_is_tried_again_alone(
     assert jobs[0].memory_bytes == GB
 
 
-def test_with_a_gpu_one_at_a_time(
-    tmp_path: Path, pretended: Pretended, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_gpu_has_one_at_a_time(tmp_path: Path, pretended: Pretended, monkeypatch: Patch) -> None:
     def most_at_once() -> int:
         display = Listener()
         root = projects(tmp_path / str(len(pretended.jobs)), "a", "b", "c", "d")
@@ -157,11 +153,7 @@ def test_a_run_that_a_killed_batch_left_is_waited_for(tmp_path: Path, pretended:
     [(ProjectPreview(8, 0, 0, up_to_date=True), "done"), (ProjectPreview(reason="no photograph"), "failed")],
 )
 def test_nothing_is_started_for_what_needs_none(
-    tmp_path: Path,
-    pretended: Pretended,
-    monkeypatch: pytest.MonkeyPatch,
-    preview: ProjectPreview,
-    state: str,
+    tmp_path: Path, pretended: Pretended, monkeypatch: pytest.MonkeyPatch, preview: ProjectPreview, state: str
 ) -> None:
     monkeypatch.setattr(driver, "preview_project", lambda *_: preview)
     assert states(batch(projects(tmp_path, "a"), progress=Listener())) == {"a": state}
@@ -194,9 +186,7 @@ def test_an_executor_may_run_projects_elsewhere(tmp_path: Path) -> None:
 
 
 @pytest.mark.usefixtures("pretended")
-def test_stopped_by_hand_it_says_so_and_ends_its_runs(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_stopped_by_hand_it_says_so_and_ends_its_runs(tmp_path: Path, monkeypatch: Patch) -> None:
     def run(job: ProjectJob, _follow: Callable[[StageProgress], None] | None = None) -> Outcome:
         end = time.monotonic() + 20
         while not Path(job.stop_file).exists():
@@ -214,9 +204,7 @@ def test_stopped_by_hand_it_says_so_and_ends_its_runs(
     assert not list((root / "batch").glob("stop-*"))
 
 
-def test_new_projects_run_once_their_files_are_still(
-    tmp_path: Path, pretended: Pretended, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_new_projects_wait_for_still_files(tmp_path: Path, pretended: Pretended, monkeypatch: Patch) -> None:
     monkeypatch.setattr(driver, "_SCAN_SECONDS", 0.05)
     root = projects(tmp_path, "a")
     copies = 0

@@ -17,9 +17,8 @@ from colmap_ihe.project.folder import Project
 
 
 def test_projects_are_found_at_any_depth_and_not_in_what_was_made(tmp_path: Path) -> None:
-    root = projects(
-        tmp_path / "root", "b", "a/deep/c", ".hidden/d", "b/images/inner", "e/workspace", "made/dense"
-    )
+    made = ("b/images/inner", "e/workspace", "made/dense")
+    root = projects(tmp_path / "root", "b", "a/deep/c", ".hidden/d", *made)
     locks.make(root / "e/workspace")
     locks.make(root / "made")
     (root / "f").mkdir()

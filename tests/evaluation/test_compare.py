@@ -10,9 +10,9 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from small_demo import QUICK
+from command_line import Captured, output_of
+from small_demo import SETTINGS
 
-from colmap_ihe.cli import main
 from colmap_ihe.colmap.mapping import map_images
 from colmap_ihe.errors import MappingError, OptionError
 from colmap_ihe.evaluation import compare as driver
@@ -30,7 +30,7 @@ def test_methods_side_by_side_and_resumed(
     small_demo: Path,
     quick_options: MakeOptions,
     monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
+    capsys: Captured,
 ) -> None:
     project = new_project()
     shutil.copytree(small_demo / "truth", project / "truth")
@@ -77,10 +77,7 @@ def test_methods_side_by_side_and_resumed(
     moved = compare(project, quick_options("dense.enabled=false"), methods=["ihe"], seeds=0)
     assert moved[0].runs[0]["position_m"] > 2 * found[0].runs[0]["position_m"]
     cameras.write_text(whole)
-    settings = [part for assignment in QUICK for part in ("--set", assignment)]
-    arguments = ["compare", str(project), "--methods", "ihe,rec709", "--seeds", "2", *settings]
-    assert main(arguments) == 0
-    said = capsys.readouterr().out
+    said = output_of(capsys, "compare", project, "--methods", "ihe,rec709", "--seeds", "2", *SETTINGS)
     assert "ihe against rec709: " in said
     assert "Pairwise matching efficiency" in said
 
@@ -144,9 +141,8 @@ def test_tables_hold_what_was_measured_and_no_more() -> None:
     assert [row[0] for row in differences.rows] == ["ihe"]
     assert "+20 (better)" in differences.rows[0]
     assert sentences(found) == ["ihe against rec709: better in points, points in > 3 images."]
-    assert sentences([found[1], compared("green", [100, 100, 101, 99])]) == [
-        "green against rec709: no difference that this test can see."
-    ]
+    alike = sentences([found[1], compared("green", [100, 100, 101, 99])])
+    assert alike == ["green against rec709: no difference that this test can see."]
 
 
 def test_a_table_in_latex_and_csv_escapes_what_it_holds() -> None:

@@ -25,14 +25,11 @@ def test_names_may_hold_spaces(tmp_path: Path) -> None:
         (b"# none\n", "names no pair"),
         (b"a.jpg a.jpg", "is not two photographs"),
         (b"\xff\xfe", "not UTF-8 text"),
+        (None, "No such file"),
     ],
 )
-def test_what_is_no_list_of_pairs_is_refused(tmp_path: Path, content: bytes, reason: str) -> None:
-    (tmp_path / "pairs.txt").write_bytes(content)
+def test_what_is_no_list_of_pairs_is_refused(tmp_path: Path, content: bytes | None, reason: str) -> None:
+    if content is not None:
+        (tmp_path / "pairs.txt").write_bytes(content)
     with pytest.raises(OptionError, match=reason):
-        read_pairs(tmp_path / "pairs.txt", NAMES)
-
-
-def test_a_list_that_is_not_there(tmp_path: Path) -> None:
-    with pytest.raises(OptionError, match="No such file"):
         read_pairs(tmp_path / "pairs.txt", NAMES)

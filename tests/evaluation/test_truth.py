@@ -7,12 +7,12 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 import pytest
 from small_demo import PHOTOGRAPHS
 
 from colmap_ihe.errors import ProjectError
 from colmap_ihe.evaluation.truth import (
+    F64,
     Similarity,
     TrueImage,
     Truth,
@@ -22,7 +22,6 @@ from colmap_ihe.evaluation.truth import (
     read_truth,
 )
 
-F64 = npt.NDArray[np.float64]
 FOUNTAIN = PHOTOGRAPHS / "fountain-p11" / "gt"
 
 
@@ -139,14 +138,8 @@ def test_keys_keep_the_folder_and_lose_the_suffix() -> None:
 def test_strecha_files(tmp_path: Path) -> None:
     rotation = rotation_by(0.1, 0.2, 0.3)
     for k in range(2):
-        rows = [
-            "900 0 400",
-            "0 910 300",
-            "0 0 1",
-            "0 0 0",
-            *(" ".join(map(repr, r)) for r in rotation.tolist()),
-        ]
-        text = "\n".join([*rows, f"{3 * k} {4 * k} 1", "800 600"])
+        rows = [" ".join(map(repr, row)) for row in rotation.tolist()]
+        text = "\n".join(["900 0 400", "0 910 300", "0 0 1", "0 0 0", *rows, f"{3 * k} {4 * k} 1", "800 600"])
         (tmp_path / f"000{k}.jpg.camera").write_text(text)
     truth = read_truth(tmp_path)
     assert sorted(truth.images) == ["0000", "0001"]
@@ -166,9 +159,8 @@ def test_fountain_is_read() -> None:
     assert 10 < truth.extent_m < 40
     for image in truth.images.values():
         assert image.calibration[0, 0] == pytest.approx(2759.48)
-        np.testing.assert_allclose(
-            image.cam_from_world[:, :3] @ image.cam_from_world[:, :3].T, np.eye(3), atol=1e-4
-        )
+        rotation = image.cam_from_world[:, :3]
+        np.testing.assert_allclose(rotation @ rotation.T, np.eye(3), atol=1e-4)
 
 
 def test_folders_without_readable_truth_are_refused(tmp_path: Path) -> None:

@@ -31,6 +31,7 @@ from colmap_ihe.project.options import ConvertOptions, FitOptions
 
 GREEN, BLUE = Weights(0, 1, 0, method="file"), Weights(0, 0, 1, method="file")
 QUICK = FitOptions(step=0.1)
+Patch = pytest.MonkeyPatch
 Noted = dict[str, tuple[int, bytes]]
 
 
@@ -41,6 +42,18 @@ def photos(tmp_path: Path) -> Path:
     for seed, name in enumerate(["a.png", "b.jpg", "north/c.tif"]):
         draw(folder / name, seed)
     return folder
+
+
+@pytest.fixture
+def out(tmp_path: Path) -> Path:
+    return tmp_path / "grey"
+
+
+@pytest.fixture
+def before(photos: Path, out: Path) -> Noted:
+    """What `out` holds after the photographs were converted to it."""
+    convert_folder(photos, out, weights=GREEN)
+    return noted(out)
 
 
 def draw(file: Path, seed: int) -> None:
@@ -54,22 +67,18 @@ def noted(folder: Path) -> Noted:
 
 
 def rewritten(before: Noted, folder: Path) -> set[str]:
-    return {
-        name for name, (time, _) in noted(folder).items() if name not in before or before[name][0] != time
-    }
+    after = noted(folder)
+    return {name for name, (time, _) in after.items() if name not in before or before[name][0] != time}
 
 
-def test_subfolders_are_kept(photos: Path, tmp_path: Path) -> None:
-    _, grey, left_out = convert_folder(photos, tmp_path / "grey", weights=GREEN)
+def test_subfolders_are_kept(photos: Path, out: Path) -> None:
+    _, grey, left_out = convert_folder(photos, out, weights=GREEN)
     assert grey == {"a.png": "a.png", "b.jpg": "b.png", "north/c.tif": "north/c.png"}
     assert left_out == {}
-    assert set(noted(tmp_path / "grey")) == set(grey.values())
+    assert set(noted(out)) == set(grey.values())
 
 
-def test_only_what_a_changed_photograph_makes_stale_is_written_again(photos: Path, tmp_path: Path) -> None:
-    out = tmp_path / "grey"
-    convert_folder(photos, out, weights=GREEN)
-    before = noted(out)
+def test_only_what_a_change_makes_stale_is_written_again(photos: Path, out: Path, before: Noted) -> None:
     for file in photos.rglob("*.*"):
         os.utime(file, (1, 1))  # a copy, or a checkout: the content is the same
     told = Told()
@@ -87,11 +96,8 @@ def test_only_what_a_changed_photograph_makes_stale_is_written_again(photos: Pat
     "change", [{"weights": BLUE}, {"options": ConvertOptions(format="jpeg")}, {"version": "9.9"}]
 )
 def test_other_weights_format_and_version_make_all_stale(
-    photos: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, change: dict[str, Any]
+    photos: Path, out: Path, before: Noted, monkeypatch: pytest.MonkeyPatch, change: dict[str, Any]
 ) -> None:
-    out = tmp_path / "grey"
-    convert_folder(photos, out, weights=GREEN)
-    before = noted(out)
     if version := change.pop("version", ""):
         monkeypatch.setattr(colmap_ihe.pipeline.convert_folder, "__version__", version)
     _, grey, _ = convert_folder(photos, out, **{"weights": GREEN, **change})
@@ -131,9 +137,7 @@ def test_raw_is_equalised_and_another_campaign_reuses_the_curve(small_demo: Path
         np.testing.assert_array_equal(np.asarray(image), to_grey(rgb, fitted, "equalise"))
 
 
-def test_equalising_raw_without_a_curve_is_refused_before_anything_is_written(
-    small_demo: Path, tmp_path: Path
-) -> None:
+def test_equalising_raw_without_a_curve_is_refused_at_once(small_demo: Path, tmp_path: Path) -> None:
     (tmp_path / "photos").mkdir()
     shutil.copy(small_demo / "images/portico_01.dng", tmp_path / "photos")
     even = ConvertOptions(tone="equalise")
@@ -156,8 +160,8 @@ def test_a_curve_that_is_not_used_makes_nothing_stale(small_demo: Path, tmp_path
     assert told.up_to_date == ["convert"]
 
 
-def test_wallis_makes_all_stale_and_warns(photos: Path, tmp_path: Path) -> None:
-    out, told = tmp_path / "grey", Told()
+def test_wallis_makes_all_stale_and_warns(photos: Path, out: Path) -> None:
+    told = Told()
     convert_folder(photos, out, weights=GREEN, progress=told)
     assert not told.warnings
     before = noted(out)
@@ -186,20 +190,14 @@ def test_the_fit_is_kept_while_the_set_and_its_options_are_the_same(photos: Path
     assert "fit" not in told.up_to_date
 
 
-def test_a_grey_image_that_is_gone_is_written_again(photos: Path, tmp_path: Path) -> None:
-    out = tmp_path / "grey"
-    convert_folder(photos, out, weights=GREEN)
-    before = noted(out)
+def test_a_grey_image_that_is_gone_is_written_again(photos: Path, out: Path, before: Noted) -> None:
     (out / "b.png").unlink()
     convert_folder(photos, out, weights=GREEN)
     assert rewritten(before, out) == {"b.png"}
     assert noted(out)["b.png"][1] == before["b.png"][1]
 
 
-def test_what_an_interrupted_run_has_written_is_kept(
-    photos: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    out = tmp_path / "grey"
+def test_what_an_interrupted_run_has_written_is_kept(photos: Path, out: Path, monkeypatch: Patch) -> None:
     written: list[Path] = []
 
     def stop_after_one(path: Path, content: bytes) -> None:
@@ -218,11 +216,8 @@ def test_what_an_interrupted_run_has_written_is_kept(
     assert len(noted(out)) == 3
 
 
-def test_a_killed_run_leaves_files_that_are_known_to_be_ours(photos: Path, tmp_path: Path) -> None:
+def test_a_killed_run_leaves_files_that_are_known_to_be_ours(photos: Path, out: Path, before: Noted) -> None:
     """As after SIGKILL: the record says what was to be written, and not that it was."""
-    out = tmp_path / "grey"
-    convert_folder(photos, out, weights=GREEN)
-    before = noted(out)
     record = json.loads((out / RECORD).read_text())
     for file in record["files"].values():
         file["digest"] = ""
@@ -236,9 +231,9 @@ def test_a_killed_run_leaves_files_that_are_known_to_be_ours(photos: Path, tmp_p
     assert len(rewritten(before, out)) == 4
 
 
-def test_a_file_that_somebody_changed_is_kept_and_never_written_over(photos: Path, tmp_path: Path) -> None:
-    out, told = tmp_path / "grey", Told()
-    convert_folder(photos, out, weights=GREEN)
+@pytest.mark.usefixtures("before")
+def test_a_file_that_somebody_changed_is_kept_and_never_written_over(photos: Path, out: Path) -> None:
+    told = Told()
     (out / "a.png").write_bytes(b"retouched")
     convert_folder(photos, out, weights=GREEN, progress=told)
     assert any("a.png was changed since" in text for text in told.warnings)
@@ -249,9 +244,8 @@ def test_a_file_that_somebody_changed_is_kept_and_never_written_over(photos: Pat
     assert (out / "a.png").read_bytes() == b"retouched"
 
 
-def test_a_strangers_file_in_the_way_is_refused(photos: Path, tmp_path: Path) -> None:
-    out = tmp_path / "grey"
-    convert_folder(photos, out, weights=GREEN)
+@pytest.mark.usefixtures("before")
+def test_a_strangers_file_in_the_way_is_refused(photos: Path, out: Path) -> None:
     (out / "d.png").write_bytes(b"somebody's")
     draw(photos / "d.png", 3)
     before = noted(out)
@@ -260,39 +254,29 @@ def test_a_strangers_file_in_the_way_is_refused(photos: Path, tmp_path: Path) ->
     assert noted(out) == before
 
 
-def test_the_grey_images_of_another_set_are_not_thrown_away(photos: Path, tmp_path: Path) -> None:
-    out = tmp_path / "grey"
-    convert_folder(photos, out, weights=GREEN)
+def test_the_grey_images_of_another_set_are_not_thrown_away(tmp_path: Path, out: Path, before: Noted) -> None:
     (tmp_path / "second").mkdir()
     draw(tmp_path / "second/x.png", 9)
-    before = noted(out)
     with pytest.raises(ProjectError, match="holds grey images of other photographs, as a"):
         convert_folder(tmp_path / "second", out, weights=GREEN)
     assert noted(out) == before
 
 
-@pytest.mark.parametrize(
-    "record", ["{}", '{"files": ["a.png"], "notes": {}}', '{"files": {"a": 1}, "notes": {}}']
-)
-def test_a_record_that_is_none_is_refused(photos: Path, tmp_path: Path, record: str) -> None:
-    out = tmp_path / "grey"
+@pytest.mark.parametrize("text", ["{}", '{"files": ["a"], "notes": {}}', '{"files": {"a": 1}, "notes": {}}'])
+def test_a_record_that_is_none_is_refused(photos: Path, out: Path, text: str) -> None:
     out.mkdir()
-    (out / RECORD).write_text(record)
+    (out / RECORD).write_text(text)
     with pytest.raises(ProjectError, match="is not a record of this version"):
         convert_folder(photos, out, weights=GREEN)
-    (out / RECORD).write_text(record + "broken")
+    (out / RECORD).write_text(text + "broken")
     with pytest.raises(ProjectError, match="is not empty, and not of an earlier run"):
         convert_folder(photos, out, weights=GREEN)
 
 
-def test_a_record_cannot_name_files_elsewhere(photos: Path, tmp_path: Path) -> None:
-    out = tmp_path / "grey"
-    convert_folder(photos, out, weights=GREEN)
+@pytest.mark.usefixtures("before")
+def test_a_record_cannot_name_files_elsewhere(photos: Path, tmp_path: Path, out: Path) -> None:
     record = json.loads((out / RECORD).read_text())
-    record["files"] |= {
-        "../precious": record["files"]["a.png"],
-        str(tmp_path / "precious"): record["files"]["a.png"],
-    }
+    record["files"] |= dict.fromkeys(("../precious", str(tmp_path / "precious")), record["files"]["a.png"])
     (out / RECORD).write_text(json.dumps(record))
     (tmp_path / "precious").write_text("mine")
     convert_folder(photos, out, weights=BLUE)
@@ -327,9 +311,7 @@ def test_two_runs_do_not_write_into_one_folder(photos: Path, tmp_path: Path) -> 
         lambda photos: (photos / "gone.jpg").symlink_to(photos / "nowhere"),
     ],
 )
-def test_a_photograph_that_cannot_be_used(
-    photos: Path, tmp_path: Path, spoil: Callable[[Path], object]
-) -> None:
+def test_a_photograph_that_is_none(photos: Path, tmp_path: Path, spoil: Callable[[Path], object]) -> None:
     spoil(photos)
     for _ in range(2):
         _, grey, left_out = convert_folder(photos, tmp_path / "grey", fit=QUICK)
@@ -349,34 +331,27 @@ def test_a_photograph_found_broken_while_fitting_stays_left_out(photos: Path, tm
         convert_folder(photos, tmp_path / "grey", fit=QUICK, strict=True)
 
 
-def test_weights_of_the_other_kind_are_refused_before_anything_is_written(
-    photos: Path, small_demo: Path, tmp_path: Path
-) -> None:
+def test_weights_of_the_other_kind_are_refused_at_once(photos: Path, small_demo: Path, out: Path) -> None:
     shutil.copy(small_demo / "images/portico_01.dng", photos / "z.dng")
-    with pytest.raises(
-        WeightsError, match=r"z\.dng: a linear photograph, and the weights are for coded ones"
-    ):
-        convert_folder(photos, tmp_path / "grey", weights=GREEN)
-    assert not (tmp_path / "grey").exists()
+    expected = r"z\.dng: a linear photograph, and the weights are for coded ones"
+    with pytest.raises(WeightsError, match=expected):
+        convert_folder(photos, out, weights=GREEN)
+    assert not out.exists()
 
 
 # Colour twins
 
 
-def test_colour_twins_have_the_names_pixels_exif_and_profile_of_their_photographs(
-    photos: Path, tmp_path: Path
-) -> None:
+def test_colour_twins_have_names_pixels_exif_and_profile(photos: Path, tmp_path: Path) -> None:
+    out, colour, told = tmp_path / "grey", tmp_path / "colour", Told()
     adobe, exif = rgb_profile("Adobe RGB (1998)"), Image.Exif()
     exif[0x0110] = "A camera"
     with Image.open(photos / "a.png") as image:
         pixels = np.asarray(image)
     Image.fromarray(pixels).save(photos / "a.png", icc_profile=adobe, exif=exif)
-    told = Told()
-    _, grey, _ = convert_folder(
-        photos, tmp_path / "grey", colour=tmp_path / "colour", weights=GREEN, progress=told
-    )
-    assert set(noted(tmp_path / "colour")) == set(noted(tmp_path / "grey")) == set(grey.values())
-    with Image.open(tmp_path / "colour/a.png") as twin, Image.open(tmp_path / "grey/a.png") as image:
+    _, grey, _ = convert_folder(photos, out, colour=colour, weights=GREEN, progress=told)
+    assert set(noted(colour)) == set(noted(out)) == set(grey.values())
+    with Image.open(colour / "a.png") as twin, Image.open(out / "a.png") as image:
         np.testing.assert_array_equal(np.asarray(twin), pixels)
         np.testing.assert_array_equal(np.asarray(image), pixels[..., 1])
         assert twin.info["icc_profile"] == adobe
@@ -396,12 +371,11 @@ def test_other_weights_leave_colour_twins_as_they_are(photos: Path, tmp_path: Pa
 
 
 def test_colour_twins_of_raw_are_as_bright_with_given_weights(small_demo: Path, tmp_path: Path) -> None:
-    (tmp_path / "photos").mkdir()
-    shutil.copy(small_demo / "images/portico_01.dng", tmp_path / "photos/a.dng")
-    fitted, _, _ = convert_folder(
-        tmp_path / "photos", tmp_path / "g1", colour=tmp_path / "c1", fit=FitOptions(method="mean")
-    )
-    convert_folder(tmp_path / "photos", tmp_path / "g2", colour=tmp_path / "c2", weights=fitted)
+    raw, mean = tmp_path / "photos", FitOptions(method="mean")
+    raw.mkdir()
+    shutil.copy(small_demo / "images/portico_01.dng", raw / "a.dng")
+    fitted, _, _ = convert_folder(raw, tmp_path / "g1", colour=tmp_path / "c1", fit=mean)
+    convert_folder(raw, tmp_path / "g2", colour=tmp_path / "c2", weights=fitted)
     assert (tmp_path / "c1/a.png").read_bytes() == (tmp_path / "c2/a.png").read_bytes()
     assert (tmp_path / "g1/a.png").read_bytes() == (tmp_path / "g2/a.png").read_bytes()
 
@@ -410,10 +384,9 @@ def test_colour_twins_of_raw_are_as_bright_with_given_weights(small_demo: Path, 
 def test_colour_twins_lie_in_a_folder_of_their_own(photos: Path, tmp_path: Path, colour: str) -> None:
     shutil.move(photos, tmp_path / "in/photos")
     (tmp_path / "out").mkdir()
+    out = tmp_path / "out"
     with pytest.raises(KnownError, match="holds it"):
-        convert_folder(
-            tmp_path / "in/photos", tmp_path / "out/grey", colour=tmp_path / "out" / colour, weights=GREEN
-        )
+        convert_folder(tmp_path / "in/photos", out / "grey", colour=out / colour, weights=GREEN)
 
 
 # The same camera
@@ -427,20 +400,16 @@ def camera(file: Path) -> tuple[Any, ...]:
 @pytest.mark.data
 @pytest.mark.filterwarnings("ignore::UserWarning")  # Pillow's words on broken EXIF
 @pytest.mark.parametrize("file_format", ["png", "tiff", "jpeg"])
-def test_colmap_sees_the_same_camera_in_real_grey_images(
-    photographs: Path, tmp_path: Path, file_format: Format
-) -> None:
-    (tmp_path / "photos").mkdir()
+def test_colmap_sees_the_same_camera_in_grey(photographs: Path, tmp_path: Path, file_format: Format) -> None:
+    photos, out, colour = (tmp_path / name for name in ("photos", "out", "colour"))
+    photos.mkdir()
     for source in [*(photographs / "exif").glob("*.jpg"), photographs / "sceaux/100_7100.JPG"]:
-        shutil.copy(source, tmp_path / "photos" / source.name)
+        shutil.copy(source, photos / source.name)
     options = ConvertOptions(format=file_format)
-    _, grey, left_out = convert_folder(
-        tmp_path / "photos", tmp_path / "out", colour=tmp_path / "colour", weights=GREEN, options=options
-    )
+    _, grey, left_out = convert_folder(photos, out, colour=colour, weights=GREEN, options=options)
     assert len(grey) == 9
     assert "premature end of data" in left_out["corrupted.jpg"]  # its last rows are not in the file
     for source_name, name in grey.items():
-        expected = camera(tmp_path / "photos" / source_name)
-        assert camera(tmp_path / "out" / name) == camera(tmp_path / "colour" / name) == expected
-        with Image.open(tmp_path / "out" / name) as image:
+        assert camera(out / name) == camera(colour / name) == camera(photos / source_name)
+        with Image.open(out / name) as image:
             assert image.mode == "L"

@@ -43,12 +43,8 @@ def scene(number: int, linear: bool = False) -> np.ndarray:
     """Detail that channels share unequally, and noise; each another."""
     rng = np.random.default_rng(number)
     detail = rng.normal(0, 14, (70 + number, 90, 1)) * (np.arange(90) > 40)[:, None]
-    rgb = (
-        110
-        + np.linspace(-30, 30, 90)[:, None]
-        + detail * (1.0, 0.8, 0.6)
-        + rng.normal(0, 2 + number, (1, 1, 3))
-    )
+    rgb = 110 + np.linspace(-30, 30, 90)[:, None] + detail * (1.0, 0.8, 0.6)
+    rgb = rgb + rng.normal(0, 2 + number, (1, 1, 3))
     rgb += rng.normal(0, 1, rgb.shape) * (1.5, 1.5, 25)
     values = np.clip(np.rint(rgb), 0, 255).astype(np.uint8)
     return values.astype(np.uint16) * 150 if linear else values
@@ -110,19 +106,14 @@ def test_files_of_histograms_and_folders_in_any_mixture(tmp_path: Path) -> None:
     first, second = folder_of(tmp_path / "a", range(2)), folder_of(tmp_path / "b", range(2, COUNT))
     whole = folder_of(tmp_path / "all", range(COUNT))
     one, _ = fit_files([whole], output=tmp_path / "one.yaml", histogram=tmp_path / "one.histogram")
-    fit_files([first], histogram=tmp_path / "a.histogram")
-    fit_files([second], histogram=tmp_path / "b.histogram")
+    parts = [tmp_path / "a.histogram", tmp_path / "b.histogram"]
+    for folder, part in zip((first, second), parts, strict=True):
+        fit_files([folder], histogram=part)
     shutil.rmtree(first)
-    fit_files(
-        [tmp_path / "a.histogram", tmp_path / "b.histogram"],
-        output=tmp_path / "two.yaml",
-        histogram=tmp_path / "two.histogram",
-    )
+    fit_files(parts, output=tmp_path / "two.yaml", histogram=tmp_path / "two.histogram")
     assert (tmp_path / "two.yaml").read_bytes() == (tmp_path / "one.yaml").read_bytes()
-    assert (
-        read_stored(tmp_path / "two.histogram").gathered["coded"].keys
-        == read_stored(tmp_path / "one.histogram").gathered["coded"].keys
-    )
+    alone, pooled = (read_stored(tmp_path / f"{n}.histogram").gathered["coded"] for n in ("one", "two"))
+    assert pooled.keys == alone.keys
     assert fit_files([second, tmp_path / "a.histogram"])[0] == one
     folder_of(tmp_path / "c", range(2))
     assert fit_files([tmp_path / "c", second])[0] == one  # the same names in both would be confused
@@ -143,9 +134,7 @@ def test_a_photograph_that_is_in_two_campaigns_is_told_of(tmp_path: Path) -> Non
         ({"weighting": "image"}, "expected sample 1.0 and weighting image"),
     ],
 )
-def test_histograms_that_do_not_pool_are_refused(
-    tmp_path: Path, options: dict[str, object], said: str
-) -> None:
+def test_what_does_not_pool_is_refused(tmp_path: Path, options: dict[str, object], said: str) -> None:
     write_stored(tmp_path / "a.histogram", counted([1], False))
     with pytest.raises(WeightsError, match=said) as caught:
         fit_files([tmp_path / "a.histogram"], FitOptions.model_validate(options))
@@ -261,14 +250,10 @@ def test_a_project_keeps_its_histogram_and_takes_weights(
     assert any("no longer fit" in w for w in again.summary["warnings"])
     assert reconstruct(first, given, until="fit").stages_run == ()
     moved = weights.rename(first / "blue.yaml")
-    assert (
-        reconstruct(
-            first, quick_options("fit.measure=false", "fit.weights=blue.yaml"), until="fit"
-        ).stages_run
-        == ()
-    )
+    beside = quick_options("fit.measure=false", "fit.weights=blue.yaml")
+    assert reconstruct(first, beside, until="fit").stages_run == ()
     moved.write_text("weights: [0, 1, 0]\n")
-    there = reconstruct(first, quick_options("fit.measure=false", "fit.weights=blue.yaml"), until="fit")
+    there = reconstruct(first, beside, until="fit")
     assert there.summary["weights"] == [0, 1, 0]
     with pytest.raises(WeightsError, match="the weights are for coded photographs, and some here are linear"):
         reconstruct(second, quick_options(f"fit.weights={moved}"), until="fit")

@@ -77,10 +77,8 @@ def test_it_is_written_again_only_with_the_model(finished: Path, quick_options: 
 
 def test_report_writes_it_again(finished: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (finished / "report/index.html").unlink()
-    summary = finished / "report/summary.json"
-    summary.write_text(
-        json.dumps(json.loads(summary.read_text()) | {"truth": {"rotation_error_deg": 0.0625}})
-    )
+    file = finished / "report/summary.json"
+    file.write_text(json.dumps(json.loads(file.read_text()) | {"truth": {"rotation_error_deg": 0.0625}}))
     assert main(["report", str(finished), "--json"]) == 0
     page = Path(json.loads(capsys.readouterr().out)["page"])
     assert page == finished / "report/index.html"

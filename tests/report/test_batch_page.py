@@ -21,13 +21,9 @@ if TYPE_CHECKING:
     from playwright.sync_api import Browser
 
 FIGURES = {
-    "images": 9,
-    "registered_images": 8,
-    "mean_reprojection_error_px": 0.4567,
-    "points3D": 12345,
-    "dense_points": 2345678,
-    "mesh_faces": None,
-}
+    "images": 9, "registered_images": 8, "mean_reprojection_error_px": 0.4567,
+    "points3D": 12345, "dense_points": 2345678, "mesh_faces": None,
+}  # fmt: skip
 
 
 @pytest.fixture
@@ -43,9 +39,8 @@ def folder(tmp_path: Path) -> BatchFolder:
 
 def state(folder: BatchFolder, phase: Phase = "finished") -> BatchState:
     shown = [project_state(folder, Project.at(root), "done") for root in folder.projects(pytest.fail)]
-    return BatchState(
-        str(folder.root), phase, shown, "2026-01-01T00:00:00+00:00", 90.0, "colmap-ihe batch root"
-    )
+    began = "2026-01-01T00:00:00+00:00"
+    return BatchState(str(folder.root), phase, shown, began, 90.0, "colmap-ihe batch root")
 
 
 def test_what_needs_its_reader_comes_first() -> None:
@@ -101,9 +96,8 @@ def test_figures_are_as_a_person_reads_them() -> None:
 
 def test_json_has_what_the_records_say(folder: BatchFolder) -> None:
     project = Project.at(folder.root / "arch")
-    write_json(
-        project.summary_file, {**FIGURES, "stages": {"fit": 2.0}, "warnings": ["w"], "left_out": {"a": "why"}}
-    )
+    more = {"stages": {"fit": 2.0}, "warnings": ["w"], "left_out": {"a": "why"}}
+    write_json(project.summary_file, FIGURES | more)
     write_json(project.batch_record, {"seconds": 3.5, "peak_memory_gb": 1.25, "began": "b", "ended": "e"})
     found = state(folder).as_dict()
     assert (found["state"], found["counts"], found["remaining_s"]) == ("finished", {"done": 2}, 90)

@@ -52,14 +52,8 @@ def spoilt(value: Any, payload: str) -> Any:
     if isinstance(value, Picture):
         return dataclasses.replace(value, alt=value.alt + payload)
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
-        return dataclasses.replace(
-            value,
-            **{
-                f.name: spoilt(getattr(value, f.name), payload)
-                for f in dataclasses.fields(value)
-                if f.name not in ("kind", "page", "log")
-            },
-        )
+        names = {field.name for field in dataclasses.fields(value)} - {"kind", "page", "log"}
+        return dataclasses.replace(value, **{name: spoilt(getattr(value, name), payload) for name in names})
     if isinstance(value, Mapping):
         return {spoilt(k, payload): spoilt(v, payload) for k, v in value.items()}
     if isinstance(value, list | tuple):
@@ -69,13 +63,11 @@ def spoilt(value: Any, payload: str) -> Any:
 
 def comparison() -> Comparison:
     shown = pictures.picture(np.full((60, 90, 3), 90, np.uint8), "a picture", 90)
-    table = Table(
-        "points", "Points", ("method", "points"), [("ihe", "1,234"), ("rec709", "1,230, which is no more")]
-    )
+    rows = [("ihe", "1,234"), ("rec709", "1,230, which is no more")]
+    table = Table("points", "Points", ("method", "points"), rows)
     figures = [MethodFigures(name, shown, shown, shown, shown) for name in ("ihe", "rec709")]
-    return Comparison(
-        "church: 2 greys", ["ihe has more."], [table], figures, "colmap-ihe compare church", "The paper"
-    )
+    command = "colmap-ihe compare church"
+    return Comparison("church: 2 greys", ["ihe has more."], [table], figures, command, "The paper")
 
 
 PAGES: dict[str, Callable[[str], str]] = {
@@ -91,10 +83,7 @@ def skeleton(html: str) -> list[tuple[str, tuple[str, ...]]]:
 
 @pytest.mark.parametrize(
     ("page", "payload"),
-    [
-        ("project", ALL),
-        *((page, payload) for page in ("comparison", "batch") for payload in (*PAYLOADS, ALL)),
-    ],
+    [("project", ALL), *((page, text) for page in ("comparison", "batch") for text in (*PAYLOADS, ALL))],
 )
 def test_text_makes_no_element_and_no_attribute(page: str, payload: str) -> None:
     plain, odd = PAGES[page]("x" * len(payload)), PAGES[page](payload)
@@ -119,10 +108,8 @@ def test_every_text_is_shown() -> None:
 @pytest.mark.parametrize("page", PAGES)
 def test_each_page_has_a_policy_that_lets_its_own_scripts_run_alone(page: str) -> None:
     elements = Elements(PAGES[page](" "))
-    (policy,) = [
-        a["content"] or "" for _, a in elements.tags if a.get("http-equiv") == "Content-Security-Policy"
-    ]
-    rules = {rule.split()[0]: rule.split()[1:] for rule in policy.split(";")}
+    (policy,) = [a for _, a in elements.tags if a.get("http-equiv") == "Content-Security-Policy"]
+    rules = {rule.split()[0]: rule.split()[1:] for rule in (policy["content"] or "").split(";")}
     assert rules["default-src"] == rules["base-uri"] == rules["form-action"] == ["'none'"]
     assert rules["img-src"] == ["data:"]
     digests = [hashlib.sha256(text.encode()).digest() for kind, text in elements.scripts if kind is None]
@@ -152,10 +139,8 @@ def test_addresses_in_the_page_of_a_batch_stay_within(tmp_path: Path) -> None:
         (root / name / "records/batch.log").write_text("its log")
     folder = BatchFolder.at(root)
     folder.make()
-    rows = [
-        project_state(folder, Project.at(place), "crashed", reason="why")
-        for place in folder.projects(pytest.fail)
-    ]
+    found = map(Project.at, folder.projects(pytest.fail))
+    rows = [project_state(folder, project, "crashed", reason="why") for project in found]
     publish(folder, BatchState(str(root), "finished", rows, "now"), {})
     links = [a["href"] or "" for tag, a in Elements(folder.page_file.read_text()).tags if tag == "a"]
     own = [link for link in links if not link.startswith("#")]

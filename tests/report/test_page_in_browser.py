@@ -19,7 +19,6 @@ if TYPE_CHECKING:
     from playwright.sync_api import Browser, Locator, Page
 
 HOSTILE = '"><script>window.ran=1;alert(1)</script><img src=x onerror="window.ran=2;alert(2)">'
-WIDE, PHONE = {"width": 1100, "height": 800}, {"width": 360, "height": 740}
 
 
 @pytest.fixture(scope="module")
@@ -40,10 +39,8 @@ def written(path: Path, hostile: str = "") -> str:
 class Opened:
     """A page and what went on in it."""
 
-    def __init__(self, browser: Browser, address: str, viewport: dict[str, int]) -> None:
-        self.page: Page = browser.new_page(
-            viewport={"width": viewport["width"], "height": viewport["height"]}
-        )
+    def __init__(self, browser: Browser, address: str, width: int = 1100, height: int = 800) -> None:
+        self.page: Page = browser.new_page(viewport={"width": width, "height": height})
         self.page.set_default_timeout(20_000)
         self.errors: list[str] = []
         self.requests: list[str] = []
@@ -63,18 +60,16 @@ def pixels(of: Locator) -> NDArray[np.uint8]:
 
 @pytest.fixture
 def page(browser: Browser, address: str) -> Iterator[Page]:
-    it = Opened(browser, address, WIDE)
+    it = Opened(browser, address)
     it.still()
     yield it.page
     assert not it.errors
     it.page.close()
 
 
-def test_nothing_is_asked_for_and_nothing_of_a_name_runs(
-    browser: Browser, address: str, hostile: str
-) -> None:
+def test_nothing_is_loaded_and_nothing_of_a_name_runs(browser: Browser, address: str, hostile: str) -> None:
     for where in (address, hostile):
-        it = Opened(browser, where, WIDE)
+        it = Opened(browser, where)
         it.still()
         loads = [url for url in it.requests if not url.startswith("data:")]
         assert len(loads) == 1 and loads[0].startswith("file:")
@@ -173,7 +168,7 @@ def test_one_photograph_at_a_time(page: Page) -> None:
 
 def test_phone_has_nothing_beside_the_screen(browser: Browser, address: str, hostile: str) -> None:
     for where in (address, hostile):
-        it = Opened(browser, where, PHONE)
+        it = Opened(browser, where, 360, 740)
         it.page.evaluate("document.querySelectorAll('details').forEach((d) => { d.open = true })")
         assert it.page.evaluate("document.documentElement.scrollWidth") <= 360
         it.page.close()
@@ -226,10 +221,8 @@ def test_fingers_turn_and_pinch(browser: Browser, address: str) -> None:
     for begin, end in (([(0, 0)], [(70, 10)]), ([(-20, 0), (20, 0)], [(-90, 0), (90, 0)])):
         touch("touchStart", *begin)
         for step in (0.3, 0.6, 1.0):
-            moved = [
-                (a + step * (c - a), b + step * (d - b)) for (a, b), (c, d) in zip(begin, end, strict=True)
-            ]
-            touch("touchMove", *moved)
+            ways = zip(begin, end, strict=True)
+            touch("touchMove", *((a + step * (c - a), b + step * (d - b)) for (a, b), (c, d) in ways))
         touch("touchEnd")
         page.wait_for_timeout(500)
         seen.append(pixels(canvas))
@@ -238,7 +231,7 @@ def test_fingers_turn_and_pinch(browser: Browser, address: str) -> None:
 
 
 def test_without_webgl_a_sentence_stands_there(browser: Browser, address: str) -> None:
-    it = Opened(browser, "about:blank", WIDE)
+    it = Opened(browser, "about:blank")
     it.page.add_init_script("HTMLCanvasElement.prototype.getContext = () => null")
     it.page.goto(address)
     assert "WebGL is missing" in it.page.locator("#no-viewer").inner_text()

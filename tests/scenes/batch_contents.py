@@ -13,20 +13,17 @@ def thumbnail(alt: str = "A photograph") -> Picture:
 
 
 def contents(hostile: str = "", again_s: int | None = None) -> BatchContents:
-    facts = [
-        ("registered images", "8 of 9"),
-        ("mean reprojection error", "0.46 px"),
-        ("dense points", "2,345,678"),
-    ]
+    figures = {
+        "registered images": "8 of 9",
+        "mean reprojection error": "0.46 px",
+        "dense points": "2,345,678",
+    }
+    facts, shown = list(figures.items()), thumbnail(f"Photograph {hostile}")
+    why, log = f"{hostile} crashed", "../c/batch.log"
     rows = [
-        ProjectRow(
-            f"{hostile}arch", "done", "done", "../a/index.html", thumbnail(f"Photograph {hostile}"), facts
-        ),
+        ProjectRow(f"{hostile}arch", "done", "done", "../a/index.html", shown, facts),
         ProjectRow("bridge", "running", "running: dense 3 of 14", "", thumbnail(), [("photographs", "14")]),
-        ProjectRow(
-            *(f"{hostile}chapel", "failed", "crashed", "", None, ()),
-            *(f"{hostile} crashed", hostile, "../c/batch.log"),
-        ),
+        ProjectRow(f"{hostile}chapel", "failed", "crashed", "", None, (), why, hostile, log),
         ProjectRow("dome", "waiting", "waiting", "", None),
     ]
     title, command = f"{hostile}campaign: 4 projects", f"colmap-ihe batch {hostile}"

@@ -23,9 +23,7 @@ _READ_NOISE_E = 5.0
 _JPEG_QUALITY = 92
 
 # CIE XYZ (D65) to linear sRGB, IEC 61966-2-1. The sensor sees sRGB's primaries, each with its own gain.
-_RGB_FROM_XYZ = np.array(
-    ((3.2406, -1.5372, -0.4986), (-0.9689, 1.8758, 0.0415), (0.0557, -0.2040, 1.0570)), np.float64
-)
+_RGB_FROM_XYZ = np.array(((3.2406, -1.5372, -0.4986), (-0.9689, 1.8758, 0.0415), (0.0557, -0.2040, 1.0570)))
 
 
 def take_photograph(radiance: F32, view: DemoView, shot: int, folder: Path, seed: int) -> None:

@@ -41,7 +41,12 @@ def write_dng(
     the pixels are stored as given. Raises ValueError for anything else.
     Tags: Digital Negative Specification 1.4.
     """
-    _check(mosaic_u16, black, white, pattern)
+    if mosaic_u16.ndim != 2 or mosaic_u16.dtype != np.uint16 or any(n % 2 for n in mosaic_u16.shape):
+        raise ValueError(f"{mosaic_u16.shape=}, {mosaic_u16.dtype=}, expected (H, W) uint16, H and W even")
+    if not 0 <= black < white <= 65535:
+        raise ValueError(f"{black=}, {white=}, expected 0 <= black < white <= 65535")
+    if pattern not in PATTERNS:
+        raise ValueError(f"{pattern=}, expected one of {', '.join(PATTERNS)}")
     height, width = mosaic_u16.shape
     directory = ImageFileDirectory_v2()
     directory.update(main_tags(exif, orientation))
@@ -53,15 +58,6 @@ def write_dng(
     pixels = mosaic_u16.astype("<u2", copy=False).tobytes()
     # Pillow moves strip offset 0 to the first byte after the directory: that is where the pixels go.
     write_bytes(path, _HEADER + directory.tobytes(len(_HEADER)) + pixels)
-
-
-def _check(mosaic_u16: npt.NDArray[np.uint16], black: int, white: int, pattern: str) -> None:
-    if mosaic_u16.ndim != 2 or mosaic_u16.dtype != np.uint16 or any(n % 2 for n in mosaic_u16.shape):
-        raise ValueError(f"{mosaic_u16.shape=}, {mosaic_u16.dtype=}, expected (H, W) uint16, H and W even")
-    if not 0 <= black < white <= 65535:
-        raise ValueError(f"{black=}, {white=}, expected 0 <= black < white <= 65535")
-    if pattern not in PATTERNS:
-        raise ValueError(f"{pattern=}, expected one of {', '.join(PATTERNS)}")
 
 
 def _mosaic_tags(width: int, height: int, black: int, white: int, pattern: str) -> list[tuple[int, int, Any]]:

@@ -87,10 +87,7 @@ def skylight(scene: Sequence[Patch], grids: Sequence[Grid], executor: Executor) 
 
 def irradiance(sun: F32, sky: F32, shape: tuple[int, int]) -> F32:
     """Return (H, W, 3) of a (h, w) `sun` and a (h, w, 3) `sky`; at 1 a white surface has radiance 1."""
-    direct, diffuse = (
-        np.asarray(cv2.resize(light, shape[::-1], interpolation=cv2.INTER_LINEAR), np.float32)
-        for light in (sun, sky)
-    )
+    direct, diffuse = (np.asarray(cv2.resize(light, shape[::-1]), np.float32) for light in (sun, sky))
     return direct[..., None] * _SUN + diffuse
 
 

@@ -53,14 +53,8 @@ def plaster(grid: Grid, tint: tuple[float, float, float] = _OCHRE, age: float = 
 
 def brick(grid: Grid) -> F32:
     """Paint hand-made bricks of many reds in wide lime joints."""
-    palette = (
-        (0.66, 0.36, 0.27),
-        (0.74, 0.46, 0.33),
-        (0.56, 0.30, 0.25),
-        (0.78, 0.56, 0.42),
-        (0.48, 0.33, 0.30),
-    )
-    return masonry(grid, palette, (0.68, 0.63, 0.55), course_m=0.085, length_m=0.27, joint_m=0.014)
+    reds = ((0.66, 0.36, 0.27), (0.74, 0.46, 0.33), (0.56, 0.3, 0.25), (0.78, 0.56, 0.42), (0.48, 0.33, 0.3))
+    return masonry(grid, reds, (0.68, 0.63, 0.55), course_m=0.085, length_m=0.27, joint_m=0.014)
 
 
 def stone(grid: Grid) -> F32:
@@ -73,14 +67,8 @@ def stone(grid: Grid) -> F32:
 
 def paving(grid: Grid) -> F32:
     """Paint worn slabs, grey and warm."""
-    palette = (
-        (0.62, 0.58, 0.53),
-        (0.54, 0.52, 0.50),
-        (0.68, 0.61, 0.52),
-        (0.50, 0.46, 0.43),
-        (0.64, 0.54, 0.47),
-    )
-    surface = masonry(grid, palette, (0.30, 0.31, 0.26), course_m=0.62, length_m=0.95, joint_m=0.014)
+    greys = ((0.62, 0.58, 0.53), (0.54, 0.52, 0.5), (0.68, 0.61, 0.52), (0.5, 0.46, 0.43), (0.64, 0.54, 0.47))
+    surface = masonry(grid, greys, (0.30, 0.31, 0.26), course_m=0.62, length_m=0.95, joint_m=0.014)
     worn = smoothstep(-0.5, 2.0, grid.fractal(43, 3.0, 0.05))
     return mix(surface, surface * np.float32(1.25), 0.6 * worn)
 
@@ -133,9 +121,8 @@ def masonry(
     tone = 0.82 + 0.36 * (pick * 37 % 1) + 0.19 * fine + 0.07 * grid.fractal(14, 3.0, 0.1)
     worn_edge = edge + np.float32(0.15 * joint_m) * fine
     joint = 1 - smoothstep(0.3 * joint_m, 0.7 * joint_m + grid.texel_m, worn_edge)
-    return possible(
-        mix(tones * tone[..., None], colour(*mortar) * (0.85 + 0.15 * fine)[..., None], 0.85 * joint)
-    )
+    lime = colour(*mortar) * (0.85 + 0.15 * fine)[..., None]
+    return possible(mix(tones * tone[..., None], lime, 0.85 * joint))
 
 
 def _to_edge(share: F32) -> F32:

@@ -83,10 +83,8 @@ class _Rays:
         rows = (np.arange(top * samples, bottom * samples) + 0.5) / samples
         x = (columns - view.width / 2)[None, :] / view.focal_px
         y = (rows - view.height / 2)[:, None] / view.focal_px
-        right, down, forward = view.cam_from_world[:, :3]
-        self.direction: Vector = [
-            (right[k] * x + down[k] * y + forward[k]).astype(np.float32) for k in range(3)
-        ]
+        axes = view.cam_from_world[:, :3].T
+        self.direction: Vector = [(r * x + d * y + f).astype(np.float32) for r, d, f in axes]
         self.origin: Vector = [np.asarray(k, np.float32) for k in view.centre]
         self.shape = self.direction[0].shape
         self.top, self.samples = top, samples

@@ -54,9 +54,8 @@ def render_demo(
     then incomplete, and the next call renders it again.
     """
     if views < 2 or any(n < 16 or n % 2 for n in size):
-        raise ValueError(
-            f"{views=}, {size=}, expected at least 2 views and an even width and height of 16 or more"
-        )
+        expected = "at least 2 views and an even width and height of 16 or more"
+        raise ValueError(f"{views=}, {size=}, expected {expected}")
     asked = {"scene": _SCENE_VERSION, "views": views, "size": list(size), "seed": seed}
     cameras_file = folder / "truth" / "cameras.json"
     arc = arc_of_views(views, size)

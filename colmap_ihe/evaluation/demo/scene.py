@@ -41,16 +41,8 @@ class Patch:
 
 def portico() -> tuple[Patch, ...]:
     """Return every surface of the scene, about 200."""
-    return (
-        *_ground(),
-        *_facade(),
-        *_passage(),
-        *_columns(),
-        *_entablature(),
-        *_attic(),
-        *_wings(),
-        *_forecourt(),
-    )
+    parts = (_ground, _facade, _passage, _columns, _entablature, _attic, _wings, _forecourt)
+    return tuple(patch for part in parts for patch in part())
 
 
 def _box(

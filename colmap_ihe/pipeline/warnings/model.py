@@ -38,9 +38,8 @@ def why_no_match(database: Path, by_grey: Mapping[str, str], images: int) -> Adv
     said = f"no two of the {images} photographs match"
     if best is not None and best[0]:
         first, second = by_grey[best[1]], by_grey[best[2]]
-        said += (
-            f": {first} and {second}, which are most alike, share {best[0]} putative matches and no geometry"
-        )
+        shared = f"share {best[0]} putative matches and no geometry"
+        said += f": {first} and {second}, which are most alike, {shared}"
     return said, (
         "neighbours have to overlap by about two thirds; check that all show one object, sharp and not too"
         " dark, and that nothing was taken between them that is not here"
@@ -109,11 +108,9 @@ def _split(models: Sequence[ModelStatistics], by_grey: Mapping[str, str]) -> lis
         return []
     placed = set(models[0].image_names)
     parts = []
-    for number, model in enumerate(models[1:], start=1):
+    for i, model in enumerate(models[1:], start=1):
         new = sorted(by_grey[n] for n in model.image_names if n not in placed)
-        parts.append(
-            f"workspace/sparse/{number} has {model.registered_images} images, {named(new)} among them"
-        )
+        parts.append(f"workspace/sparse/{i} has {model.registered_images} images, {named(new)} among them")
     return [
         f"the photographs fell into {len(models)} models; the largest, of {models[0].registered_images} images, goes"
         f" on; {'; '.join(parts)}: more photographs between the parts would join them"
@@ -143,10 +140,8 @@ def _without_a_place(
         reasons.append(f"{named(turned)}: the camera only turned, and did not move sideways")
     if weak:
         least, most = (f(best[n].matches for n in weak) for f in (min, max))
-        count = f"{most}" if least == most else f"{least} to {most}"
-        reasons.append(
-            f"{named(weak)}: at most {count} verified matches with any that has one, or none that agree"
-        )
+        count = f"at most {most}" if least == most else f"at most {least} to {most}"
+        reasons.append(f"{named(weak)}: {count} verified matches with any that has one, or none that agree")
     return [f"{len(lost)} of {len(by_grey)} photographs are not registered. {'; '.join(reasons)}"]
 
 

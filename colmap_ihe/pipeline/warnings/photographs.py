@@ -17,11 +17,10 @@ from colmap_ihe.photographs.each import LeftOut
 from colmap_ihe.photographs.known_cameras import focal_px, pattern_of, unused_patterns
 from colmap_ihe.photographs.survey import Surveyed
 from colmap_ihe.pipeline.warnings.colmap_sensors import knows_sensor
+from colmap_ihe.pipeline.warnings.model import named
 from colmap_ihe.project.options import CamerasOptions
 
-_UNREAD = frozenset(
-    [".heic", ".heif", ".avif", ".webp", ".jp2", ".jxl", ".bmp", ".gif", ".exr", ".hdr", ".psd"]
-)
+_UNREAD = {".heic", ".heif", ".avif", ".webp", ".jp2", ".jxl", ".bmp", ".gif", ".exr", ".hdr", ".psd"}
 
 
 def shared_by(surveyed: list[Surveyed]) -> int:
@@ -79,12 +78,10 @@ def poor_photographs(counts: Mapping[str, int]) -> list[str]:
     """Warn of photographs with few features. `counts`: their features by name."""
     if not counts:
         return []
-    shown = ", ".join(f"{name} ({count})" for name, count in list(counts.items())[:5])
-    more = f" and {len(counts) - 5} more" if len(counts) > 5 else ""
+    shown = named([f"{name} ({count})" for name, count in counts.items()])
     which = "1 photograph has" if len(counts) == 1 else f"{len(counts)} photographs have"
     return [
-        f"{which} hardly any features, as if black, blurred or of one colour, and will hardly find a place: "
-        f"{shown}{more}"
+        f"{which} hardly any features, as if black, blurred or of one colour, and will hardly find a place: {shown}"
     ]
 
 
@@ -104,12 +101,10 @@ def odd_sizes(surveyed: list[Surveyed], sizes: Counter[tuple[str, str, int, int]
 
 def unread_pictures(ignored: tuple[str, ...]) -> list[str]:
     """Warn of pictures of kinds that are not read."""
-    unread = [name for name in ignored if Path(name).suffix.lower() in _UNREAD]
-    if not unread:
+    names = [name for name in ignored if Path(name).suffix.lower() in _UNREAD]
+    if not names:
         return []
-    return [
-        f"{len(unread)} pictures are of a kind that is not read, as {unread[0]}: save them as JPEG or TIFF"
-    ]
+    return [f"{len(names)} pictures are of a kind that is not read, as {names[0]}: save them as JPEG or TIFF"]
 
 
 def linked_folders(ignored: tuple[str, ...]) -> list[str]:
@@ -189,9 +184,7 @@ def camera_warnings(cameras: CamerasOptions, surveyed: Sequence[Surveyed], left_
         missing = "the width of the sensor" if lacking[0].metadata.focal_mm else "the focal length"
         said = f"cameras, {pattern!r}: {missing} of {lacking[0].capture.name} is neither given nor in EXIF"
         if len(lacking) == len(fitting):
-            raise OptionError(
-                said, hint="give focal_length and sensor_width in mm, both, or focal_length_35mm"
-            )
+            raise OptionError(said, "give focal_length and sensor_width in mm, both, or focal_length_35mm")
         warnings.append(f"{said}, {len(lacking)} of {len(fitting)} photographs: COLMAP guesses")
     return warnings + _mixed_cameras(surveyed)
 

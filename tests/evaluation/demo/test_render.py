@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from fractions import Fraction
-from itertools import pairwise
+from itertools import pairwise, product
 from pathlib import Path
 
 import cv2
@@ -24,6 +24,7 @@ from colmap_ihe.evaluation.demo.scene import ISOLUMINANT_PANELS
 from colmap_ihe.evaluation.truth import TrueImage, Truth, pose_errors, read_truth
 from colmap_ihe.machine.progress import Silent
 
+Indices = npt.NDArray[np.intp]
 VIEWS, SIZE = 8, (480, 320)
 REC709 = np.array((0.2126, 0.7152, 0.0722))
 
@@ -57,9 +58,7 @@ def project(points: npt.NDArray[np.float64], image: TrueImage) -> npt.NDArray[np
     return np.column_stack((pixels[:, :2] / pixels[:, 2:], camera[:, 2]))
 
 
-def seen_points(
-    image: TrueImage,
-) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.intp], npt.NDArray[np.float64]]:
+def seen_points(image: TrueImage) -> tuple[Indices, Indices, npt.NDArray[np.float64]]:
     """Rows and columns of a sparse set of pixels, and what they see, (N, 3) in the world."""
     depth = image.depth_m()
     rows, columns = (n.ravel() for n in np.mgrid[4 : image.height : 7, 4 : image.width : 7])
@@ -176,9 +175,8 @@ def test_isoluminant_panels_are_flat_in_rec709_and_not_in_colour(demo: Path, tru
     for panel in ISOLUMINANT_PANELS[:2]:
         margin = BORDER_M + 0.06
         (left, bottom), (right, top) = panel.low, panel.high
-        corners = [
-            (x, panel.at, z) for x in (left + margin, right - margin) for z in (bottom + margin, top - margin)
-        ]
+        sides = product((left + margin, right - margin), (bottom + margin, top - margin))
+        corners = [(x, panel.at, z) for x, z in sides]
         outline = cv2.convexHull(np.rint(project(np.array(corners), image)[:, :2] - 0.5).astype(np.int32))
         mask = np.zeros(rgb.shape[:2], np.uint8)
         cv2.fillConvexPoly(mask, outline, 1)
