@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import base64
 import logging
-import pickle
 import select
 import socket
 import time
@@ -18,7 +16,14 @@ from colmap_ihe.errors import Cancelled, CapabilityError, PhotographError
 from colmap_ihe.machine import memory, threads
 from colmap_ihe.machine.cancel import stopped
 from colmap_ihe.machine.child_process import ChildProcess
-from colmap_ihe.machine.decoder_wire import Message, SharedArrayReader, from_plain, receive, send
+from colmap_ihe.machine.decoder_wire import (
+    Message,
+    SharedArrayReader,
+    call_to_plain,
+    from_plain,
+    receive,
+    send,
+)
 
 logger = logging.getLogger(__name__)
 
@@ -87,8 +92,8 @@ class Decoder:
         if pixels is not None:
             seconds += SECONDS_A_MEGAPIXEL * (pixels or _UNKNOWN_PIXELS) / 1e6
             limit = max(limit, int(_free_memory(int(time.monotonic())) * _SHARE_OF_MEMORY))
-        call = base64.b64encode(pickle.dumps((function, (subject.absolute(), *arguments)))).decode("ascii")
-        answer, arrays = self.ask({"call": call, "name": name, "memory": limit}, name, seconds)
+        call = call_to_plain(function, subject.absolute(), *arguments)
+        answer, arrays = self.ask({**call, "name": name, "memory": limit}, name, seconds)
         if "error" in answer:
             if answer.get("traceback"):
                 logger.debug("%s: %s", name, answer["traceback"])

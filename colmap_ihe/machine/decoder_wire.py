@@ -1,6 +1,6 @@
 """Messages between a run and its decoders: JSON with its length in front, and arrays in memory that both share.
 
-Nothing that comes from a decoder is unpickled: one that a hostile photograph took over can answer nonsense, but run
+Nothing is pickled: a decoder that a hostile photograph took over can answer nonsense, but run
 nothing here.
 """
 
@@ -16,9 +16,11 @@ import os
 import socket
 import struct
 import weakref
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import fields, is_dataclass
 from functools import cache
+from importlib import import_module
+from pathlib import Path
 from types import NoneType, UnionType
 from typing import Any, Literal, Union, get_args, get_origin, get_type_hints
 
@@ -92,6 +94,8 @@ def to_plain(value: Any, arrays: list[NDArray[Any]]) -> Any:
         return len(arrays) - 1
     if isinstance(value, bytes):
         return base64.b64encode(value).decode("ascii")
+    if isinstance(value, Path):
+        return str(value)
     if isinstance(value, numbers.Rational) and not isinstance(value, int):  # Pillow's, in EXIF
         return float(value)
     return value
@@ -115,6 +119,8 @@ def from_plain(value: Any, kind: Any, arrays: Sequence[NDArray[Any]] = ()) -> An
             except (TypeError, ValueError) as error:
                 reason = str(error)  # not the error, whose traceback would hold the arrays
         raise ValueError(reason)
+    if origin is tuple and isinstance(value, list) and choices[-1] is Ellipsis:
+        choices = choices[:1] * len(value)
     if origin is tuple and isinstance(value, list) and len(value) == len(choices):
         return tuple(from_plain(v, choice, arrays) for v, choice in zip(value, choices, strict=True))
     if origin is np.ndarray and type(value) is int and 0 <= value < len(arrays):
@@ -122,6 +128,8 @@ def from_plain(value: Any, kind: Any, arrays: Sequence[NDArray[Any]] = ()) -> An
         if array.dtype.type in get_args(choices[1]):
             return array
         raise ValueError(f"pixels of {array.dtype}, expected {kind}")
+    if kind is Path and isinstance(value, str):
+        return Path(value)
     if kind is bytes and isinstance(value, str):
         return base64.b64decode(value, validate=True)
     if kind is float and type(value) in (int, float) and math.isfinite(value):
@@ -130,6 +138,24 @@ def from_plain(value: Any, kind: Any, arrays: Sequence[NDArray[Any]] = ()) -> An
     if not good:
         raise ValueError(f"{value!r:.80}, expected {kind}")
     return value
+
+
+def call_to_plain(function: Callable[..., Any], *arguments: Any) -> Message:
+    """Return a call of a module's function as JSON holds it; `call_from_plain` reads it back."""
+    return {"function": [function.__module__, function.__name__], "arguments": to_plain(arguments, [])}
+
+
+def call_from_plain(call: Message) -> tuple[Callable[..., Any], list[Any]]:
+    """Return function and arguments, of the types that the function is annotated with. Raises ValueError."""
+    module, name = call["function"]
+    function, kinds = _annotated(module, name)
+    return function, [from_plain(v, kind) for v, kind in zip(call["arguments"], kinds, strict=False)]
+
+
+@cache
+def _annotated(module: str, name: str) -> tuple[Callable[..., Any], list[Any]]:
+    function: Callable[..., Any] = getattr(import_module(module), name)
+    return function, [kind for argument, kind in get_type_hints(function).items() if argument != "return"]
 
 
 @cache

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import base64
 import fcntl
 import os
-import pickle
 import resource
 import socket
 import sys
@@ -23,7 +21,14 @@ from colmap_ihe.errors import KnownError
 from colmap_ihe.machine import decoder_wire
 from colmap_ihe.machine.child_process import die_with_parent
 from colmap_ihe.machine.decoder_process import BROKEN
-from colmap_ihe.machine.decoder_wire import Message, SharedArrayWriter, receive, send, to_plain
+from colmap_ihe.machine.decoder_wire import (
+    Message,
+    SharedArrayWriter,
+    call_from_plain,
+    receive,
+    send,
+    to_plain,
+)
 from colmap_ihe.photographs import colour_counts
 from colmap_ihe.photographs.exif import metadata  # noqa: F401  so that no question waits for its import
 
@@ -53,7 +58,7 @@ def _answer(sock: socket.socket, request: Message, memory: SharedArrayWriter) ->
     answer: Message
     fd = None
     try:
-        function, arguments = pickle.loads(base64.b64decode(request["call"]))
+        function, arguments = call_from_plain(request)
         if function not in _COUNTING:
             colour_counts.free_counter()
         with _memory_limit(request["memory"]):
