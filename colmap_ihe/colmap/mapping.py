@@ -128,7 +128,9 @@ def map_in_process(given: MappingInput, progress: Progress) -> list[pycolmap.Rec
 def _map(given: MappingInput, _progress: Progress) -> None:
     called(
         _MAPPERS[given.options.mapper][0],
-        *(given.database, given.grey, given.out),
+        given.database,
+        given.grey,
+        given.out,
         options=native_options(given.options),
         progress=SILENT,
         cancellable=False,

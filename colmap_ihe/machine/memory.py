@@ -121,7 +121,11 @@ def workers_for(what: str, need: int, workers: int) -> int:
     if count < workers:
         logger.info(
             "%s: %d of %d threads, for each takes up to %s of memory and %s are free",
-            *(what, count, workers, in_bytes(need), in_bytes(room)),
+            what,
+            count,
+            workers,
+            in_bytes(need),
+            in_bytes(room),
         )
     return count
 
