@@ -101,7 +101,7 @@ def test_a_dng_whose_directories_follow_each_other_for_ever_is_left(tmp_path: Pa
         ("convert", {"grey": {"a.jpg": "x" * 300 + ".png"}}),
         ("convert", {"grey": {"a.jpg": "a\ud800.png"}}),
         ("captures", {"recipes": {"a.jpg": {"dark": "../up.npy"}}}),
-        ("captures", {"recipes": {"a.jpg": {"kept_in": "/tmp"}}}),
+        ("captures", {"recipes": {"a.jpg": {"cache_folder": "/tmp"}}}),
         ("captures", {"recipes": {"a.jpg": {"unknown": 1}}}),
         ("mesh", {"files": ["../fused.ply"]}),
         ("fit", {"weights": {"coded": {"weights": [1, 1, 1]}}}),
