@@ -144,9 +144,9 @@ def _project_of(compared: Project, common: Project, method: str, options: Option
     """
     project = Project.at(common.root / method, compared.images)
     project.records.mkdir(parents=True, exist_ok=True)
-    for given in ("masks", "calibration"):
-        if (compared.root / given).is_dir() and not (project.root / given).exists():
-            (project.root / given).symlink_to((compared.root / given).resolve(), target_is_directory=True)
+    for given in (compared.masks, compared.calibration):
+        if given.is_dir() and not (project.root / given.name).exists():
+            (project.root / given.name).symlink_to(given.resolve(), target_is_directory=True)
     write_bytes(project.options_file, yaml.safe_dump(options.as_yaml(), sort_keys=False).encode())
     common.masters.mkdir(parents=True, exist_ok=True)
     if not project.masters.exists():

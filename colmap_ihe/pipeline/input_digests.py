@@ -23,10 +23,18 @@ _HIDING_NS = 3 * 10**9
 FRAMES = "../calibration/"  # before the names of its files, which no photograph can have
 
 
+MASK_SUFFIXES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp")
+
+
+def mask_files(folder: Path) -> list[str]:
+    """Return the names of all pictures below a folder, sorted; none if there is no such folder."""
+    files = [p for p in folder.rglob("*") if p.suffix.lower() in MASK_SUFFIXES and not p.name.startswith(".")]
+    return sorted(p.relative_to(folder).as_posix() for p in files if p.is_file())
+
+
 def masks_in(folder: Path) -> dict[str, str]:
-    """Name and digest of every PNG below a folder; none if there is no such folder."""
-    files = sorted(p for p in folder.rglob("*.png") if p.is_file()) if folder.is_dir() else []
-    return {p.relative_to(folder).as_posix(): digest_file(p) for p in files}
+    """Return the digest of every picture below a folder, by name; none if there is no such folder."""
+    return {name: digest_file(folder / name) for name in mask_files(folder)}
 
 
 def digests_of(

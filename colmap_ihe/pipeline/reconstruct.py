@@ -32,6 +32,7 @@ from colmap_ihe.pipeline.stage import Stage
 from colmap_ihe.pipeline.stages import STAGE_NAMES, STAGES
 from colmap_ihe.pipeline.stages.fit import write_weights_file
 from colmap_ihe.pipeline.time_estimate import Known
+from colmap_ihe.pipeline.warnings.unused_files import unused_files
 from colmap_ihe.project.folder import Project
 from colmap_ihe.project.options import Options
 from colmap_ihe.report.summary import summarise
@@ -104,6 +105,7 @@ def reconstruct(
             run.digests = digests_of(folder, discovery, workers, stage_progress)
             write_json(folder.digests_file, run.digests)
             write_run_record(folder, options, run.digests)
+        warn_of(unused_files(folder), progress)
         warn_of(differences_from(noted, folder, options, run.digests) if noted else (), progress)
         run.inputs = inputs_of(folder, options, discovery, run.digests)
         prints = fingerprints(options, run.inputs)

@@ -22,8 +22,8 @@ class Project:
     def __init__(self, root: Path, images: Path) -> None:
         self.root, self.images = root, images
         self.options_file = root / "project.yaml"
-        self.masks = root / "masks"
-        self.calibration = root / "calibration"
+        self.masks = _given(root, "masks", "mask")
+        self.calibration = _given(root, "calibration")
         self.workspace = root / "workspace"
         self.grey = self.workspace / "images"
         self.made_masks = self.workspace / "masks"
@@ -150,6 +150,13 @@ class Project:
             )
         with lock:
             yield
+
+
+def _given(root: Path, *names: str) -> Path:
+    """Return the user's folder of one of these names, whatever their case; under the first name if there is none."""
+    there = {e.name.casefold(): e for e in root.iterdir() if e.is_dir()} if root.is_dir() else {}
+    exact = root / names[0]
+    return exact if exact.is_dir() else next((there[name] for name in names if name in there), exact)
 
 
 def _overlap(one: Path, other: Path) -> bool:

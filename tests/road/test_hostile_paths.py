@@ -194,7 +194,7 @@ def test_a_record_of_grey_images_removes_nothing_behind_a_link(tmp_path: Path) -
         ledger.refuse({"link/b.png": "b.jpg"})
 
 
-def masked(folder: Path, spoil: Callable[[Path], object]) -> set[str]:
+def masked(folder: Path, spoil: Callable[[Path], object]) -> dict[str, float]:
     (folder / "grey").mkdir()
     (folder / "masks").mkdir()
     Image.new("L", (24, 16)).save(folder / "grey/a.png")
@@ -207,7 +207,7 @@ def test_a_mask_elsewhere_is_refused_and_a_pipe_is_none(tmp_path: Path) -> None:
     with pytest.raises(ProjectError, match="leads out of the folder of masks"):
         masked(tmp_path, lambda place: place.symlink_to(tmp_path / "else.png"))
     (tmp_path / "other").mkdir()
-    assert masked(tmp_path / "other", os.mkfifo) == set()
+    assert masked(tmp_path / "other", os.mkfifo) == {}
 
 
 # What is never loaded, and never run

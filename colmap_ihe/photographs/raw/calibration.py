@@ -1,6 +1,7 @@
 """Calibration frames: which of them belong to a shot, and what is averaged of them.
 
-A folder of them holds `bias/`, `darks/` and `flats/` with RAW files of the same camera, and `bad-pixels.txt`.
+A folder of them holds `bias/`, `darks/` and `flats/` with RAW files of the same camera, and `bad-pixels.txt`; the
+folders may be called `Dark`, `flat-field` or `offsets` as well.
 """
 
 from __future__ import annotations
@@ -23,6 +24,7 @@ from colmap_ihe.project.recipe import Recipe
 
 Kind = Literal["bias", "darks", "flats"]
 KINDS: tuple[Kind, ...] = ("bias", "darks", "flats")
+_BEGINNINGS: dict[str, Kind] = {"bias": "bias", "offset": "bias", "dark": "darks", "flat": "flats"}
 BAD_PIXELS = "bad-pixels.txt"
 _MOST_LISTED = 50_000_000  # bytes of a list of bad pixels
 
@@ -30,6 +32,11 @@ _SAME = 1.1  # exposures and sensitivities that differ by less are the same
 _HOT_SIGMAS, _LEAST_HOT = 10.0, 0.005  # above the pixels around; of the span from black to white
 _DEAD, _GLARING = 0.5, 1.5  # of the light that the pixels around see
 _LEAST_FLAT = 0.02  # of the mean: where less light came through, a flat field is noise
+
+
+def kind_of_folder(name: str) -> Kind | None:
+    """Return the kind of frames that a folder of this name holds, None for a folder of another kind."""
+    return next((k for beginning, k in _BEGINNINGS.items() if name.casefold().startswith(beginning)), None)
 
 
 @dataclass(frozen=True)

@@ -48,15 +48,19 @@ def masters_of(
             raise error
         say(f"calibration frame left out: {error}")
 
+    if unused := list(_unused_in(folder)):
+        say(
+            f"not used: {', '.join(unused)}; calibration frames are RAW files in {folder.name}/bias, darks and flats,"
+            f" and bad pixels are listed in {folder.name}/{calibration.BAD_PIXELS}"
+        )
     masters: list[calibration.Master] = []
     for kind in calibration.KINDS:
-        files = [p for p in sorted((folder / kind).rglob("*")) if p.suffix.lower() in RAW_SUFFIXES]
-        files = [file for file in files if file.is_file()]
+        files = _frames_of(folder, kind)
         progress.start(len(files), f"frames in {folder.name}/{kind}")
         shots = []
-        for file in files:
+        for file, below in files:
             try:
-                shots.append((str(file), _shot(file, folder / kind)))
+                shots.append((str(file), _shot(file, below)))
             except PhotographError as error:
                 leave_out(error)
         for shot, names in calibration.groups_of(shots, kind):
@@ -75,6 +79,25 @@ def masters_of(
                         leave_out(reason)
                     left = [name for name in left if name not in broken]
     return masters
+
+
+def _unused_in(folder: Path) -> Iterator[str]:
+    """Yield what lies in the folder and is neither a folder with frames nor the list of bad pixels."""
+    for entry in sorted(e for e in folder.iterdir() if not e.name.startswith(".")):
+        if entry.is_file():
+            if entry.name != calibration.BAD_PIXELS:
+                yield entry.name
+        elif calibration.kind_of_folder(entry.name) is None:
+            yield f"{entry.name}/"
+        elif not any(file.suffix.lower() in RAW_SUFFIXES for file in entry.rglob("*")):
+            yield f"{entry.name}/ (no RAW file in it)"
+
+
+def _frames_of(folder: Path, kind: calibration.Kind) -> list[tuple[Path, Path]]:
+    """Return the RAW files in the folders of this kind, sorted, each with the folder that it lies in."""
+    folders = [f for f in folder.iterdir() if f.is_dir() and calibration.kind_of_folder(f.name) == kind]
+    files = ((file, f) for f in folders for file in f.rglob("*") if file.suffix.lower() in RAW_SUFFIXES)
+    return sorted((file, f) for file, f in files if file.is_file())
 
 
 def _shot(file: Path, folder: Path) -> calibration.Shot:

@@ -41,7 +41,9 @@ def run(run: RunContext, progress: Progress) -> FeaturesRecord:
     set_warnings.require_two([c.name for c in run.captures()], run.contents)
     if not database_is_sound(project.database):
         remove_database(project.database)
-    masks, warnings = make_masks(project, run.records["convert"]["grey"])
+    masks, warnings = make_masks(
+        project, run.records["convert"]["grey"], run.records["captures"].get("paired", {})
+    )
     counts = features.extract_features(
         project.database,
         project.grey,

@@ -216,6 +216,22 @@ def test_frames_undo_what_the_sensor_does(flawed: Callable[..., Path]) -> None:
     assert error_of(recipes(project)) > 0.05
 
 
+def test_folders_of_frames_may_have_other_names(flawed: Callable[..., Path]) -> None:
+    project = flawed()
+    frames = project / "calibration"
+    usual = recipes(project).surveyed[0].capture.recipe
+    for folder, other in (("bias", "Offset frames"), ("darks", "dark"), ("flats", "Flat-field")):
+        (frames / folder).rename(frames / other)
+    assert recipes(project).surveyed[0].capture.recipe == usual
+    (frames / "flats").mkdir()
+    (frames / "loose.dng").touch()
+    (frames / "Grey card").mkdir()
+    [warning] = recipes(project).warnings
+    assert warning.startswith(
+        "not used: Grey card/, flats/ (no RAW file in it), loose.dng; calibration frames"
+    )
+
+
 def test_frames_are_averaged_once(flawed: Callable[..., Path], monkeypatch: pytest.MonkeyPatch) -> None:
     project = flawed()
     first = recipes(project)
