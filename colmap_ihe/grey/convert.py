@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Literal
 
 import numpy as np
@@ -103,14 +104,23 @@ def _toned(white: float, tone: Tone) -> NDArray[np.float64]:
 
 
 def to_colour(
-    linear_rgb: NDArray[np.uint16], srgb_from_camera: NDArray[np.float64], white: float
+    linear_rgb: NDArray[np.uint16],
+    srgb_from_camera: NDArray[np.float64],
+    white: float,
+    gains: Sequence[float] = (1.0, 1.0, 1.0),
 ) -> NDArray[np.uint8]:
     """Return the colour twin of a linear photograph: (H, W, 3) uint8 sRGB (IEC 61966-2-1), for eyes only.
 
-    linear_rgb: (H, W, 3) uint16. `white` (share of saturation) becomes 255 in every image of the set.
+    linear_rgb: (H, W, 3) uint16, multiplied by `gains` before. `srgb_from_camera`: (3, 3), a white balance and then a
+    matrix whose rows sum to 1. `white` (share of saturation) becomes 255 in every image of the set. Balanced channels
+    are cut where the first of them saturates, so that what is blown out is white and has no colour of its own.
     """
-    matrix = np.asarray(srgb_from_camera / white, np.float32)
-    linear = np.clip(linear_rgb.astype(np.float32) @ matrix.T, 0, DEPTH - 1)
+    balance = 1 / np.linalg.solve(srgb_from_camera, np.ones(3))  # the inverse of what becomes white
+    white = min(white, float(balance.min()))
+    cut = min(white, float((balance * np.minimum(gains, 1)).min()))
+    balanced = np.minimum(linear_rgb * balance.astype(np.float32), np.float32(cut * (DEPTH - 1)))
+    matrix = np.asarray(srgb_from_camera / balance / white, np.float32)
+    linear = np.clip(balanced @ matrix.T, 0, DEPTH - 1)
     return np.asarray(_SRGB[linear.astype(np.uint16)], np.uint8)
 
 

@@ -22,6 +22,7 @@ from PIL.TiffImagePlugin import TiffImageFile
 from colmap_ihe.errors import PhotographError
 from colmap_ihe.machine.decoder_wire import answer_array
 from colmap_ihe.photographs.icc_profile import cmyk_to_srgb, rgb_profile
+from colmap_ihe.photographs.linear_tiff import SensorColours, sensor_colours
 
 MAX_PIXELS = 500_000_000
 """Of one photograph, checked before it is decoded: more is a damaged or a hostile header."""
@@ -86,7 +87,7 @@ def _read(path: Path, file: BinaryIO, image: ImageFile) -> tuple[NDArray[np.uint
     deep = image.format == "PNG" and any("16" in str(tile.args) for tile in image.tile)
     turned = image.tag_v2.get(_ORIENTATION, 1) if isinstance(image, TiffImageFile) else 1
     if isinstance(image, TiffImageFile) and _is_deep(image):
-        return _read_deep_tiff(path, image, turned)
+        return _read_deep_tiff(path, image)
     if image.format == "JPEG" and image.mode == "RGB":
         pixels = _decode_jpeg(file, answer_array((image.height, image.width, 3), np.uint8))
         if pixels is not None:
@@ -115,11 +116,32 @@ def _decode_jpeg(file: BinaryIO, pixels: NDArray[np.uint8]) -> NDArray[np.uint8]
     return pixels if decoded.shape == pixels.shape else None
 
 
-def stored_size(path: Path) -> tuple[int, int]:
-    """Return width and height as stored, from the header: Pillow swaps those of a TIFF by its Orientation. Raises as
-    `read_coded`."""
+def read_linear(path: Path, accept: Callable[[int, int], None]) -> tuple[NDArray[np.uint16], SensorColours]:
+    """Return the pixels (H, W, 3) uint16 of a TIFF that holds the linear colours of a sensor, as stored, and what they
+    are. Raises as `read_coded`, OSError for another kind of file."""
     with _opened(path) as (_, image):
-        return _size_of(image)
+        accept(*_size_of(image))
+        colours = _colours_of(image)
+        if colours is None or not isinstance(image, TiffImageFile):
+            raise OSError("does not say that its colours are linear, as it did before")
+        pixels = _deep_pixels(path, image)
+    if pixels.dtype != np.uint16 or pixels.shape[2:] != (3,):
+        raise OSError(f"holds {pixels.dtype} pixels of {pixels.shape[2]} channels; expected RGB of 16 bit")
+    return np.asarray(pixels, np.uint16), colours
+
+
+def stored_header(path: Path) -> tuple[int, int, SensorColours | None]:
+    """Return width and height as stored, from the header (Pillow swaps those of a TIFF by its Orientation), and what
+    linear colours are, None for others. Raises as `read_coded`."""
+    with _opened(path) as (_, image):
+        return *_size_of(image), _colours_of(image)
+
+
+def _colours_of(image: Image.Image) -> SensorColours | None:
+    if not isinstance(image, TiffImageFile) or rgb_profile(image):
+        return None
+    is_rgb = image.tag_v2.get(_BITS) == (16, 16, 16) and image.tag_v2.get(_PHOTOMETRIC) == _RGB
+    return sensor_colours(image.tag_v2) if is_rgb else None
 
 
 def _size_of(image: Image.Image) -> tuple[int, int]:
@@ -145,7 +167,7 @@ def _is_deep(image: TiffImageFile) -> bool:
     return max(bits if isinstance(bits, tuple) else (bits,)) > 8 or image.mode.startswith(("I", "F"))
 
 
-def _read_deep_tiff(path: Path, image: TiffImageFile, turned: int) -> tuple[NDArray[np.uint8], bytes]:
+def _read_deep_tiff(path: Path, image: TiffImageFile) -> tuple[NDArray[np.uint8], bytes]:
     """Read a TIFF of 16-bit integers, coded; refuse floating point, whose numbers have no level of their own."""
     tags = image.tag_v2
     bits, formats, photometric = set(tags[_BITS]), set(tags.get(_SAMPLE_FORMAT, ())), tags.get(_PHOTOMETRIC)
@@ -153,11 +175,7 @@ def _read_deep_tiff(path: Path, image: TiffImageFile, turned: int) -> tuple[NDAr
         raise _not_read(path, "floating-point pixels" if 3 in formats else "signed pixels")
     if bits != {16} or photometric not in (_WHITE_IS_ZERO, _BLACK_IS_ZERO, _RGB, _SEPARATED):
         raise _not_read(path, f"{max(bits)}-bit pixels of TIFF's colour kind {photometric}")
-    # OpenCV 5 fails on these orientations, whatever it is told, misreads separate planes and refuses CMYK.
-    if turned in (5, 6, 7, 8) or tags.get(_PLANES, 1) != 1 or photometric == _SEPARATED:
-        pixels = _to_8_bit(_read_with_tifffile(path))
-    else:
-        pixels = _to_8_bit(_read_with_opencv(path))
+    pixels = _to_8_bit(_deep_pixels(path, image))
     if photometric == _WHITE_IS_ZERO:
         pixels = np.asarray(255 - pixels, np.uint8)
     if photometric == _SEPARATED:
@@ -165,6 +183,16 @@ def _read_deep_tiff(path: Path, image: TiffImageFile, turned: int) -> tuple[NDAr
         inks.info["icc_profile"] = image.info.get("icc_profile")
         return np.asarray(cmyk_to_srgb(inks, path.name)), b""
     return np.ascontiguousarray(pixels[..., :3]), rgb_profile(image)
+
+
+def _deep_pixels(path: Path, image: TiffImageFile) -> NDArray[np.generic]:
+    """Return the pixels of a TIFF of 16 bits, (H, W, channels), as stored."""
+    tags = image.tag_v2
+    # OpenCV 5 fails on these orientations, whatever it is told, misreads separate planes and refuses CMYK.
+    by_tifffile = tags.get(_ORIENTATION, 1) in (5, 6, 7, 8) or tags.get(_PLANES, 1) != 1
+    if by_tifffile or tags.get(_PHOTOMETRIC) == _SEPARATED:
+        return _read_with_tifffile(path)
+    return _read_with_opencv(path)
 
 
 def _to_8_bit(pixels: NDArray[np.generic]) -> NDArray[np.uint8]:

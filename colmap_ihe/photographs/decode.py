@@ -19,13 +19,24 @@ from colmap_ihe.machine.decoder_pool import in_decoder
 from colmap_ihe.machine.decoder_process import BROKEN, nonsense
 from colmap_ihe.photographs import developed_cache
 from colmap_ihe.photographs.adjust import prepared
-from colmap_ihe.photographs.coded import MAX_PIXELS, read_coded, stored_size
+from colmap_ihe.photographs.coded import MAX_PIXELS, read_coded, read_linear, stored_header
 from colmap_ihe.photographs.discover import Capture
 from colmap_ihe.photographs.raw.develop import develop, read_header
 from colmap_ihe.photographs.raw.undecoded import refuse_damaged
 
 MIN_SIDE = 64
 """Pixels; a photograph with a shorter side holds nothing that COLMAP could match."""
+
+
+@dataclass(frozen=True)
+class PhotographHeader:
+    """Hold what is known before the pixels are decoded: width and height in pixels; `sensor`: the kind of a RAW file's,
+    else empty; of linear photographs the white balance of the shot, factors of red, green and blue, else empty."""
+
+    width: int
+    height: int
+    sensor: str = ""
+    white_balance: tuple[float, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -50,7 +61,7 @@ class DecodedPhotograph:
 
 def encoding_of(capture: Capture) -> Encoding:
     """Return the encoding that a capture will have, known before it is read."""
-    return "linear" if capture.kind == "raw" else "coded"
+    return "linear" if capture.kind == "raw" or capture.recipe.linear else "coded"
 
 
 def read_photograph(capture: Capture) -> DecodedPhotograph:
@@ -72,6 +83,10 @@ def decode_photograph(capture: Capture) -> DecodedPhotograph:
             decode_size(capture)  # what is too large is refused before there is memory for it
             developed = develop(capture.path, capture.recipe)
             photograph = DecodedPhotograph(developed.linear_rgb, "linear", developed.srgb_from_camera)
+        elif capture.recipe.linear:
+            linear_rgb, colours = read_linear(capture.path, partial(check_size, capture.name))
+            matrix = colours.srgb_from_camera(capture.recipe.white_balance)
+            photograph = DecodedPhotograph(linear_rgb, "linear", matrix)
         else:
             rgb, profile = read_coded(capture.path, partial(check_size, capture.name))
             photograph = DecodedPhotograph(rgb, "coded", profile=profile)
@@ -84,25 +99,24 @@ def decode_photograph(capture: Capture) -> DecodedPhotograph:
     return photograph
 
 
-def read_size(capture: Capture) -> tuple[int, int, str]:
-    """Return width, height and, of a RAW file, the kind of sensor, from the file's header, without decoding. Raises
-    `PhotographError`, `CapabilityError`."""
+def read_size(capture: Capture) -> PhotographHeader:
+    """Return what a file's header says, without decoding its pixels. Raises `PhotographError`, `CapabilityError`."""
     return in_decoder(decode_size, capture)
 
 
-def decode_size(capture: Capture) -> tuple[int, int, str]:
+def decode_size(capture: Capture) -> PhotographHeader:
     """Return what `read_size` does, in this process."""
-    sensor = ""
     if capture.kind == "raw":
-        header = read_header(capture.path)
-        width, height, sensor = header.width, header.height, header.sensor
+        raw = read_header(capture.path)
+        header = PhotographHeader(raw.width, raw.height, raw.sensor, raw.white_balance)
     else:
         try:
-            width, height = stored_size(capture.path)
+            width, height, colours = stored_header(capture.path)
         except OSError as error:
             raise _unreadable(capture, error) from error
-    check_size(capture.name, width, height)
-    return width, height, sensor
+        header = PhotographHeader(width, height, "", colours.white_balance if colours else ())
+    check_size(capture.name, header.width, header.height)
+    return header
 
 
 def check_size(name: str, width: int, height: int) -> None:

@@ -35,14 +35,23 @@ def decode_small(capture: Capture, side: int) -> NDArray[np.uint8]:
     """Return what `small_picture` does, in this process."""
     decode_size(capture)
     if capture.kind == "raw":
-        linear = _shrunk(half_size(capture.path), side).astype(np.float32)
+        linear = _shrunk(half_size(capture.path), side)
         refuse_damaged(capture.name)
-        white = max(1.0, float(np.percentile(linear, _FULL)))
-        return np.asarray(255 * np.sqrt(np.minimum(linear / white, 1)) + 0.5, np.uint8)
+        return _square_root(linear)
     rgb = _scaled_jpeg(capture.path, side)
     if rgb is None:
-        rgb = np.asarray(decode_photograph(capture).rgb, np.uint8)
+        rgb = _coded(decode_photograph(capture).rgb)
     return np.asarray(_shrunk(rgb, side), np.uint8)
+
+
+def _coded(rgb: NDArray[np.uint8] | NDArray[np.uint16]) -> NDArray[np.uint8]:
+    return _square_root(rgb) if rgb.dtype == np.uint16 else np.asarray(rgb, np.uint8)
+
+
+def _square_root(values: NDArray[np.generic]) -> NDArray[np.uint8]:
+    linear = values.astype(np.float32)
+    white = max(1.0, float(np.percentile(linear, _FULL)))
+    return np.asarray(255 * np.sqrt(np.minimum(linear / white, 1)) + 0.5, np.uint8)
 
 
 def _scaled_jpeg(path: Path, side: int) -> NDArray[np.uint8] | None:

@@ -70,12 +70,15 @@ def with_recipes(
     plain = Recipe(
         demosaic=options.demosaic, green_equilibrium=options.green_equilibrium, denoise=options.denoise
     )
+    balances = _balances_of(surveyed)
     bad_pixels: dict[tuple[str, ...], str] = {}
     if options.find_bad_pixels:
         bad_pixels = bad_pixels_of_set(surveyed, store, executor, progress, names_by_warning)
     result = []
     for photograph in surveyed:
         recipe = plain if photograph.capture.kind == "raw" else Recipe(denoise=options.denoise)
+        balance = balances.get(_model_of(photograph), ()) if photograph.white_balance else ()
+        recipe = replace(recipe, white_balance=balance, linear=photograph.capture.recipe.linear)
         if photograph.sensor in ("bayer", "x-trans", "mosaic", "monochrome"):
             shot = shot_of(photograph.metadata, photograph.width, photograph.height)
             messages: list[str] = []
@@ -94,6 +97,22 @@ def with_recipes(
         result = [_scaled(s, gains[s.capture.name]) for s in result]
     warnings = [f"{text}: {_some(names)}" if any(names) else text for text, names in names_by_warning.items()]
     return Recipes(result, _steps(result), warnings)
+
+
+def _balances_of(surveyed: Sequence[Surveyed]) -> dict[tuple[str, str], tuple[float, ...]]:
+    """Return one white balance for each model of camera, the median of its shots: automatic balance wanders with what
+    a photograph shows, and the same surface would have another colour in each twin."""
+    shots: dict[tuple[str, str], list[tuple[float, ...]]] = defaultdict(list)
+    for photograph in surveyed:
+        if photograph.white_balance:
+            shots[_model_of(photograph)].append(photograph.white_balance)
+    return {
+        model: tuple(np.round(np.median(balances, axis=0), 6).tolist()) for model, balances in shots.items()
+    }
+
+
+def _model_of(photograph: Surveyed) -> tuple[str, str]:
+    return photograph.metadata.make, photograph.metadata.model
 
 
 def _with(photograph: Surveyed, recipe: Recipe) -> Surveyed:

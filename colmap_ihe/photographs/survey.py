@@ -19,13 +19,14 @@ from colmap_ihe.project.options import CamerasOptions
 @dataclass(frozen=True)
 class Surveyed:
     """Hold a capture with what its header says, its number of pixels among it; sizes in pixels. `sensor`: the kind of
-    a RAW file's, else empty."""
+    a RAW file's, else empty; `white_balance` of the shot of a linear photograph, else empty."""
 
     capture: Capture
     width: int
     height: int
     metadata: Metadata
     sensor: str = ""
+    white_balance: tuple[float, ...] = ()
 
 
 def survey(
@@ -44,7 +45,11 @@ def survey(
 
 
 def _survey_one(cameras: CamerasOptions, capture: Capture) -> Surveyed:
-    width, height, sensor = read_size(capture)
-    seen = replace(capture, pixels=width * height)
-    metadata = sized(read_metadata(capture.path, capture.kind), width, height)
-    return Surveyed(seen, width, height, filled_in(metadata, cameras, capture.name, width, height), sensor)
+    header = read_size(capture)
+    size = header.width, header.height
+    linear = capture.kind == "coded" and bool(header.white_balance)
+    seen = replace(capture, pixels=size[0] * size[1], recipe=replace(capture.recipe, linear=linear))
+    metadata = filled_in(
+        sized(read_metadata(capture.path, capture.kind), *size), cameras, capture.name, *size
+    )
+    return Surveyed(seen, *size, metadata, header.sensor, header.white_balance)

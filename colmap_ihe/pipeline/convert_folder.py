@@ -133,8 +133,9 @@ def _fingerprint(
         how: list[Any] = ["colour", fit.colour_white if linear else None]
     else:
         how = ["grey", weights, options.tone if linear else None, options.wallis]
-    recipe = photograph.capture.recipe.identity()
-    about = [run.digests[photograph.capture.name], recipe, photograph.metadata.exif.hex()]
+    recipe = photograph.capture.recipe
+    recipe = recipe if is_colour else replace(recipe, white_balance=())
+    about = [run.digests[photograph.capture.name], recipe.identity(), photograph.metadata.exif.hex()]
     return fingerprint_of(__version__, versions, about, options.format, how)
 
 

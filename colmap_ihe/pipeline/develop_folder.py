@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
@@ -12,6 +13,7 @@ from colmap_ihe.machine.files import fingerprint_of, write_bytes
 from colmap_ihe.machine.libraries import __version__, library_versions
 from colmap_ihe.machine.progress import SILENT, RunProgress
 from colmap_ihe.photographs.decode import read_photograph
+from colmap_ihe.photographs.discover import Capture
 from colmap_ihe.photographs.each import LeftOut, each_usable
 from colmap_ihe.photographs.linear_tiff import encode_linear_tiff
 from colmap_ihe.photographs.survey import Surveyed
@@ -52,7 +54,7 @@ def _due(run: FolderRun, expected: Mapping[str, str]) -> list[Surveyed]:
     """Return the photographs whose TIFFs are not up to date. `expected`: the photograph of each TIFF."""
     ledger = run.ledgers[0]
     ledger.refuse(expected)
-    recipes = {s.capture.name: s.capture.recipe.identity() for s in run.surveyed}
+    recipes = {s.capture.name: _own(s).recipe.identity() for s in run.surveyed}
     versions = library_versions("rawpy", "libraw")
     prints = {
         tiff: fingerprint_of(__version__, versions, run.digests[name], recipes[name])
@@ -63,6 +65,12 @@ def _due(run: FolderRun, expected: Mapping[str, str]) -> list[Surveyed]:
 
 
 def _develop_one(folder: Path, photograph: Surveyed) -> None:
-    linear_rgb = np.asarray(read_photograph(photograph.capture).rgb, np.uint16)
-    tiff = encode_linear_tiff(linear_rgb, photograph.metadata.exif)
+    decoded = read_photograph(_own(photograph))
+    rgb = np.asarray(decoded.rgb, np.uint16)
+    tiff = encode_linear_tiff(rgb, photograph.metadata.exif, decoded.srgb_from_camera)
     write_bytes(folder / f"{photograph.capture.grey_stem}.tif", tiff)
+
+
+def _own(photograph: Surveyed) -> Capture:
+    """Return the capture with the white balance of its shot: that of the set is found where the TIFF is used."""
+    return replace(photograph.capture, recipe=replace(photograph.capture.recipe, white_balance=()))

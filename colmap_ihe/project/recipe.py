@@ -21,8 +21,10 @@ class Recipe:
 
     `dark`, `flat` and `bad_pixels` are files of `calibration`, empty for none; `dark_scale` multiplies what a
     dark frame has above `bias`. `gains` multiply red, green and blue, linear of RAW and as coded of the others;
-    `denoise` is the strength of the denoising in standard deviations of the noise, 0 for none. `cache_folder`: a folder
-    where the developed pixels are kept for the next reading; empty for none.
+    `denoise` is the strength of the denoising in standard deviations of the noise, 0 for none. `white_balance`: the
+    factors of red, green and blue for the colour twin, empty for those of the shot. `linear`: a TIFF that holds the
+    linear colours of a sensor. `cache_folder`: a folder where the
+    developed pixels are kept for the next reading; empty for none.
     """
 
     demosaic: Demosaic = "linear"
@@ -34,6 +36,8 @@ class Recipe:
     bad_pixels: str = ""
     gains: tuple[float, float, float] = (1.0, 1.0, 1.0)
     denoise: float = 0.0
+    white_balance: tuple[float, ...] = ()
+    linear: bool = False
     cache_folder: str = ""
 
     def identity(self) -> dict[str, Any]:
@@ -59,9 +63,9 @@ def recipe_from_dict(values: Mapping[str, Any], folder: Path | None = None) -> R
     if unknown:
         raise ValueError(f"{sorted(unknown)}, expected fields of a Recipe")
     plain = dict(values)
-    if "gains" in plain:
-        red, green, blue = (float(v) for v in plain["gains"])
-        plain["gains"] = (red, green, blue)
+    for name in {"gains", "white_balance"} & set(plain):
+        red, green, blue = (float(v) for v in plain[name])
+        plain[name] = (red, green, blue)
     if folder is not None:
         plain |= {name: str(folder / plain[name]) for name in FILES if name in plain}
     return Recipe(**plain)

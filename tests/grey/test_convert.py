@@ -119,6 +119,34 @@ def test_what_does_not_fit_the_weights_is_refused_with_what_came(encoding: Any, 
         to_grey(rgb, Weights(1, 0, 0, encoding=encoding))
 
 
+NIKON = np.array(((1.661, -0.579, -0.082), (-0.14, 1.557, -0.417), (0.009, -0.457, 1.448)))
+"""A matrix from balanced sensor colours to sRGB: of a D3100, as LibRaw has it."""
+
+
+@pytest.mark.parametrize("white", [0.7, 1.0])
+@pytest.mark.parametrize("balance", [(2.397, 1.0, 1.4), (0.9, 1.0, 1.7)])
+def test_what_is_blown_out_is_white_in_the_colour_twin(
+    white: float, balance: tuple[float, float, float]
+) -> None:
+    matrix = NIKON @ np.diag(balance)
+    rgb = np.array([[[65535, 65535, 65535], [30000, 65535, 50000], [65535, 40000, 65535]]], np.uint16)
+    assert to_colour(rgb, matrix, white)[0, 0].tolist() == [255, 255, 255]
+    grey = np.rint(0.3 * 65535 / np.array(balance)).astype(np.uint16)
+    colour = to_colour(grey[None, None], matrix, white)[0, 0]
+    assert np.ptp(colour) <= 1
+    assert colour[1] == pytest.approx(
+        255 * (1.055 * (0.3 / min(white, *balance)) ** (1 / 2.4) - 0.055), abs=1
+    )
+
+
+def test_what_is_blown_out_has_no_colour_after_gains() -> None:
+    """A photograph made darker, and balanced, before: its saturated pixels are no longer at the end of the range."""
+    gains = (0.5, 0.4, 0.45)
+    saturated = np.rint(np.array(gains) * 65535).astype(np.uint16)
+    colour = to_colour(saturated[None, None], NIKON @ np.diag((2.0, 1.0, 1.4)), 1.0, gains)[0, 0]
+    assert np.ptp(colour) <= 1
+
+
 def test_colour_twin_is_srgb_with_the_white_of_the_set() -> None:
     """sRGB of linear 0.5 is 188, of 0.2 is 124 (IEC 61966-2-1)."""
     rgb = np.array([[[65535 // 4] * 3, [65535 // 10] * 3, [65535 // 2] * 3, [0, 0, 0]]], np.uint16)

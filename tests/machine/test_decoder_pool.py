@@ -28,7 +28,7 @@ from colmap_ihe.machine import decoder_process, memory
 from colmap_ihe.machine import decoder_wire as wire
 from colmap_ihe.machine.decoder_process import Decoder
 from colmap_ihe.machine.executor import in_order
-from colmap_ihe.photographs.decode import decode_photograph, read_photograph, read_size
+from colmap_ihe.photographs.decode import PhotographHeader, decode_photograph, read_photograph, read_size
 from colmap_ihe.photographs.discover import Capture
 from colmap_ihe.photographs.exif.metadata import read_metadata
 from colmap_ihe.photographs.preview import decode_small, small_picture
@@ -61,7 +61,7 @@ def test_pixels_and_words_are_those_of_this_process(tmp_path: Path) -> None:
         near, far = decode_photograph(shot), read_photograph(shot)
         np.testing.assert_array_equal(near.rgb, far.rgb)
         assert (near.encoding, near.profile) == (far.encoding, far.profile)
-        assert read_size(shot) == (128, 96, "")
+        assert read_size(shot) == PhotographHeader(128, 96)
         np.testing.assert_array_equal(small_picture(shot, 64), decode_small(shot, 64))
     far.rgb[0, 0] = 7  # an array like any other
 

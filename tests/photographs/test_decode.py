@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from colmap_ihe.errors import PhotographError
-from colmap_ihe.photographs.decode import read_photograph, read_size
+from colmap_ihe.photographs.decode import PhotographHeader, read_photograph, read_size
 from colmap_ihe.photographs.discover import Capture, discover
 from colmap_ihe.photographs.exif.metadata import read_metadata
 from colmap_ihe.photographs.png import encode_png
@@ -44,7 +44,7 @@ def read(file: Path) -> NDArray[Any]:
     photograph = read_photograph(capture)
     assert photograph.encoding == "coded"
     assert photograph.srgb_from_camera is None
-    assert read_size(capture) == (*photograph.rgb.shape[1::-1], "")
+    assert read_size(capture) == PhotographHeader(*photograph.rgb.shape[1::-1])
     return photograph.rgb
 
 

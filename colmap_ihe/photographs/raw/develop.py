@@ -6,7 +6,7 @@ No white balance, no colour matrix, no gamma, no denoising, no sharpening, and t
 from __future__ import annotations
 
 import warnings
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -34,8 +34,8 @@ Sensor = Literal["bayer", "x-trans", "mosaic", "monochrome", "demosaiced"]
 @dataclass(frozen=True)
 class Development:
     """Hold `linear_rgb`: (H, W, 3) uint16, linear, 65535 at sensor saturation, the sensor's own colours.
-    `srgb_from_camera`: (3, 3) float64, as-shot white balance and colour matrix in one, for the colour twin only;
-    camera white becomes (1, 1, 1)."""
+    `srgb_from_camera`: (3, 3) float64, white balance and colour matrix in one, for the colour twin only; camera white
+    becomes (1, 1, 1)."""
 
     linear_rgb: NDArray[np.uint16]
     srgb_from_camera: NDArray[np.float64]
@@ -43,11 +43,13 @@ class Development:
 
 @dataclass(frozen=True)
 class RawHeader:
-    """Hold width and height of what `develop` gives, in pixels, and the kind of sensor."""
+    """Hold width and height of what `develop` gives, in pixels, the kind of sensor, and the white balance of the shot:
+    factors of red, green and blue, 1 for green."""
 
     width: int
     height: int
     sensor: Sensor
+    white_balance: tuple[float, float, float] = (1.0, 1.0, 1.0)
 
 
 def develop(path: Path, recipe: Recipe | None = None) -> Development:
@@ -68,7 +70,8 @@ def develop(path: Path, recipe: Recipe | None = None) -> Development:
             _scale_layers(raw, path)
         # of values that are between black 0 and white 65535 already
         levels: dict[str, Any] = {"user_black": 0, "user_cblack": [0, 0, 0, 0], "user_sat": FULL}
-        return Development(_postprocessed(raw, recipe.demosaic, **levels), _srgb_from_camera(raw))
+        balance = recipe.white_balance or _as_shot(raw)
+        return Development(_postprocessed(raw, recipe.demosaic, **levels), _srgb_from_camera(raw, balance))
 
 
 def read_mosaic(path: Path) -> Mosaic:
@@ -100,7 +103,7 @@ def half_size(path: Path) -> NDArray[np.uint16]:
 def read_header(path: Path) -> RawHeader:
     """Return what is known before the pixels are decoded. Raises `PhotographError`."""
     with _opened(path) as raw:
-        return RawHeader(int(raw.sizes.width), int(raw.sizes.height), _sensor(raw))
+        return RawHeader(int(raw.sizes.width), int(raw.sizes.height), _sensor(raw), _as_shot(raw))
 
 
 def preview_of(path: Path) -> bytes:
@@ -214,8 +217,10 @@ def _scale_layers(raw: rawpy.RawPy, path: Path) -> None:
     levels = (raw.black_level_per_channel or [0] * 4)[: raw.num_colors]
     span = _white(raw, min(levels), path) - min(levels)
     for channel, level in enumerate(levels):
-        above = cv2.subtract(np.ascontiguousarray(layers[..., channel]), np.full(4, level))
-        layers[..., channel] = cv2.multiply(above, np.full(4, FULL / span))
+        layer = np.ascontiguousarray(layers[..., channel])
+        scaled = cv2.multiply(cv2.subtract(layer, np.full(4, level)), np.full(4, FULL / span))
+        scaled[layer >= raw.white_level] = FULL  # also where black is higher than in another channel
+        layers[..., channel] = scaled
 
 
 def _postprocessed(raw: rawpy.RawPy, demosaic: Demosaic, **options: Any) -> NDArray[np.uint16]:
@@ -236,15 +241,17 @@ def _postprocessed(raw: rawpy.RawPy, demosaic: Demosaic, **options: Any) -> NDAr
     return np.asarray(pixels, np.uint16)
 
 
-def _srgb_from_camera(raw: rawpy.RawPy) -> NDArray[np.float64]:
-    """Return as-shot white balance, then LibRaw's matrix to sRGB, whose rows sum to 1 so that white stays white."""
-    balance = np.ones(3)
+def _as_shot(raw: rawpy.RawPy) -> tuple[float, float, float]:
+    """Return the white balance of the shot, 1 for green; of daylight where the file does not say."""
     for factors in (raw.camera_whitebalance, raw.daylight_whitebalance):
         if factors and np.isfinite(factors[:3]).all() and min(factors[:3]) > 0:
-            balance = np.array(factors[:3], np.float64) / factors[1]
-            break
+            return factors[0] / factors[1], 1.0, factors[2] / factors[1]
+    return 1.0, 1.0, 1.0
+
+
+def _srgb_from_camera(raw: rawpy.RawPy, balance: Sequence[float]) -> NDArray[np.float64]:
+    """Return white balance, then LibRaw's matrix to sRGB, whose rows sum to 1 so that white stays white."""
     matrix = np.array(raw.color_matrix, np.float64)[:, :3]
     if not np.isfinite(matrix).all() or abs(np.linalg.det(matrix)) < 1e-6:
         matrix = np.eye(3)
-    result: NDArray[np.float64] = matrix @ np.diag(balance)
-    return result
+    return np.asarray(matrix @ np.diag(balance))

@@ -1,4 +1,5 @@
-"""The black level of a DNG that varies over the sensor, of which LibRaw takes the mean.
+"""The black level of a DNG that is no whole number for each colour: LibRaw takes the mean of what varies by row or
+column, the least of a larger pattern than the colours', and cuts fractions off.
 
 Digital Negative Specification 1.7: BlackLevelRepeatDim, BlackLevel, BlackLevelDeltaH, BlackLevelDeltaV.
 """
@@ -18,19 +19,19 @@ from colmap_ihe.photographs.raw.mosaic import tiled
 
 _CFA, _LINEAR_RAW = 32803, 34892
 _MOST_PAGES = 32  # a directory may name itself as the next but one, again and again
+_CELL = 2  # pixels a side of the cell of colours that LibRaw knows black levels of
 _REPEAT, _LEVEL, _DELTA_H, _DELTA_V = 50713, 50714, 50715, 50716
 
 
 def black_plane(path: Path, shape: tuple[int, ...]) -> NDArray[np.float32] | None:
-    """Return the black level, (H, W) float32, in the sensor's units, of the visible picture; None where black does not
-    vary by row or column, where the file is no DNG, or where what it says does not fit `shape`."""
+    """Return the black level, (H, W) float32, in the sensor's units, of the visible picture; None where it is one whole
+    number for each colour, where the file is no DNG, or where what it says does not fit `shape`."""
     if path.suffix.lower() != ".dng":
         return None
     try:
         with tifffile.TiffFile(path) as tiff:
             for page in _pages(tiff):
-                varies = _DELTA_H in page.tags or _DELTA_V in page.tags
-                if page.photometric in (_CFA, _LINEAR_RAW) and varies:
+                if page.photometric in (_CFA, _LINEAR_RAW) and not _is_plain(page):
                     return _plane(page, shape)
     except Exception:  # noqa: BLE001  what is broken in the file is LibRaw's to say
         return None
@@ -41,6 +42,12 @@ def _pages(tiff: tifffile.TiffFile) -> Iterator[Any]:
     for page in islice(tiff.pages, _MOST_PAGES):
         yield page
         yield from getattr(page, "pages", None) or ()
+
+
+def _is_plain(page: Any) -> bool:
+    varies = _DELTA_H in page.tags or _DELTA_V in page.tags
+    levels, repeat = _numbers(page, _LEVEL, [0]), _numbers(page, _REPEAT, [1, 1])
+    return not varies and max(repeat) <= _CELL and bool((levels == np.rint(levels)).all())
 
 
 def _plane(page: Any, shape: tuple[int, ...]) -> NDArray[np.float32] | None:

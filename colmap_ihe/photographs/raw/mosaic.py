@@ -89,7 +89,8 @@ def calibrated(
         linear *= gains[: len(seen)]
         if frames.flat is not None:
             linear *= frames.flat[rows]
-            linear[seen >= mosaic.white] = FULL  # saturated stays saturated, whatever the flat field says
+        if seen.max() >= mosaic.white:  # saturated stays saturated, whatever black, gains and flat field say
+            linear[seen >= mosaic.white] = FULL
         linear += 0.5
         values[rows] = np.clip(linear, _FLOOR, FULL, out=linear)
     if marked:

@@ -166,7 +166,7 @@ def _converted(
             grey = wallis(grey)
         yield grey_file, encode_image(grey, exif, options.format)
     if colour_file is not None and colour_due:
-        colour = _colour_twin(photograph, fit.colour_white)
+        colour = _colour_twin(photograph, fit.colour_white, surveyed.capture.recipe.gains)
         yield colour_file, encode_image(colour, exif, options.format, photograph.profile)
 
 
@@ -183,10 +183,10 @@ def weights_for(capture: Capture, fit: Fit) -> Grey:
     return weights
 
 
-def _colour_twin(photograph: DecodedPhotograph, white: float) -> NDArray[np.uint8]:
+def _colour_twin(photograph: DecodedPhotograph, white: float, gains: Sequence[float]) -> NDArray[np.uint8]:
     if photograph.srgb_from_camera is None:
         return np.asarray(photograph.rgb, np.uint8)
-    return to_colour(np.asarray(photograph.rgb, np.uint16), photograph.srgb_from_camera, white)
+    return to_colour(np.asarray(photograph.rgb, np.uint16), photograph.srgb_from_camera, white, gains)
 
 
 def _files(project: Project, record: Record) -> list[Path]:

@@ -17,6 +17,7 @@ from colmap_ihe.photographs.each import LeftOut
 from colmap_ihe.photographs.known_cameras import focal_px, pattern_of, unused_patterns
 from colmap_ihe.photographs.survey import Surveyed
 from colmap_ihe.pipeline.warnings.colmap_sensors import knows_sensor
+from colmap_ihe.pipeline.warnings.linear import linear_warnings
 from colmap_ihe.pipeline.warnings.model import named
 from colmap_ihe.project.options import CamerasOptions
 
@@ -124,6 +125,7 @@ def warnings_of(surveyed: Sequence[Surveyed], ignored: tuple[str, ...] = ()) -> 
         *exif_warnings(surveyed),
         *profile_warnings(surveyed),
         *page_warnings(surveyed),
+        *linear_warnings(surveyed),
         *unread_pictures(ignored),
         *linked_folders(ignored),
         *memory_warnings([s.capture for s in surveyed]),

@@ -15,7 +15,7 @@ from PIL import ExifTags, Image
 
 from colmap_ihe.colmap.native import pycolmap
 from colmap_ihe.evaluation.demo.exif import PhotoExif, jpeg_exif
-from colmap_ihe.photographs.coded import stored_size
+from colmap_ihe.photographs.coded import stored_header
 from colmap_ihe.photographs.encode import SUFFIXES, Format, encode_image
 from colmap_ihe.photographs.exif import metadata as captures_metadata
 from colmap_ihe.photographs.exif.metadata import Metadata, decode_metadata, read_metadata, sized
@@ -42,7 +42,7 @@ def photograph(folder: Path, name: str = "a.jpg", **changes: Any) -> Path:
 
 def grey_of(file: Path, metadata: Metadata, folder: Path, file_format: Format) -> Path:
     """A grey file of the photograph's size with its EXIF, as `convert` writes it."""
-    grey = np.zeros(stored_size(file)[::-1], np.uint8)
+    grey = np.zeros(stored_header(file)[1::-1], np.uint8)
     target = folder / f"grey{SUFFIXES[file_format]}"
     target.write_bytes(encode_image(grey, metadata.exif, file_format))
     return target

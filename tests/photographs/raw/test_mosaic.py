@@ -105,6 +105,16 @@ def test_greens_are_brought_level_and_red_and_blue_left_alone(ratio: float) -> N
     np.testing.assert_allclose(values[1::2, 1::2], scene()[1::2, 1::2], atol=1e-4)
 
 
+def test_what_is_saturated_is_level_whatever_green_equilibrium_and_black_say() -> None:
+    share = scene().copy()
+    share[1::2, 0::2] *= 1.06
+    share[:60] = 1.5
+    black = np.array([[BLACK, BLACK + 40], [BLACK + 80, BLACK]], np.float32)
+    mosaic = mosaic_of(np.minimum(share, 1), black)
+    assert (plain(mosaic, green=True)[:60] == 65535).all()
+    assert (plain(mosaic, green=True)[70:] < 65535).all()
+
+
 def test_a_texture_of_the_scene_is_not_taken_for_the_sensors() -> None:
     share = scene().copy()
     share[1:80:2, 0:120:2] *= 0.5  # fine stripes on a sixth of the picture

@@ -92,6 +92,23 @@ def test_black_that_differs_by_place_in_the_cell(tmp_path: Path) -> None:
     require_scene(shot(tmp_path, values, black=tuple(black.ravel()), repeat=(2, 2)))
 
 
+@pytest.mark.parametrize("repeat", [(4, 4), (2, 4), (4, 2)])
+def test_black_that_repeats_in_a_larger_cell_than_the_colours(
+    tmp_path: Path, repeat: tuple[int, int]
+) -> None:
+    black = 800.0 + 30 * np.arange(repeat[0] * repeat[1]).reshape(repeat)
+    tiled = np.tile(black, (HEIGHT // repeat[0], WIDTH // repeat[1]))
+    values = np.rint(seen(RGGB) * 14200 + tiled).astype(np.uint16)
+    require_scene(shot(tmp_path, values, white=15000, black=tuple(black.ravel()), repeat=repeat))
+
+
+def test_black_that_is_no_whole_number(tmp_path: Path) -> None:
+    """Within half a level of the sensor, where LibRaw takes 1000.9 for 1000."""
+    values = np.full((HEIGHT, WIDTH), 2000, np.uint16)
+    rgb = develop(shot(tmp_path, values, white=15000, black=(1000.9,))).linear_rgb
+    np.testing.assert_allclose(rgb[6:-6, 6:-6], 65535 * 999.1 / 13999.1, atol=1)
+
+
 def test_black_that_differs_by_row_and_column(tmp_path: Path) -> None:
     across, down = np.linspace(0, 80, WIDTH).round(2), np.linspace(0, 40, HEIGHT).round(2)
     values = np.rint(seen(RGGB) * 15000 + 200 + across[None] + down[:, None]).astype(np.uint16)
