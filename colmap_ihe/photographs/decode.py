@@ -21,6 +21,7 @@ from colmap_ihe.photographs import developed_cache
 from colmap_ihe.photographs.adjust import prepared
 from colmap_ihe.photographs.coded import MAX_PIXELS, read_coded, read_linear, stored_header
 from colmap_ihe.photographs.discover import Capture
+from colmap_ihe.photographs.icc_profile import to_srgb
 from colmap_ihe.photographs.raw.develop import develop, read_header
 from colmap_ihe.photographs.raw.undecoded import refuse_damaged
 
@@ -71,6 +72,21 @@ def read_photograph(capture: Capture) -> DecodedPhotograph:
     if photograph.encoding != encoding_of(capture):
         raise nonsense(capture.name, f"{photograph.encoding} pixels")
     return photograph
+
+
+def read_srgb(capture: Capture, profile_name: str) -> NDArray[np.uint8]:
+    """Return the pixels of a gamma-coded capture in sRGB, (H, W, 3) uint8, upright as the sensor had it. `profile_name`
+    as its metadata has it. Raises as `read_photograph`."""
+    rgb = in_decoder(decode_srgb, capture, profile_name, pixels=capture.pixels)
+    if rgb.dtype != np.uint8 or rgb.shape[2:] != (3,):
+        raise nonsense(capture.name, f"{rgb.shape=} {rgb.dtype=}")
+    return rgb
+
+
+def decode_srgb(capture: Capture, profile_name: str) -> NDArray[np.uint8]:
+    """Return what `read_srgb` does, in this process."""
+    photograph = decode_photograph(capture)
+    return to_srgb(np.asarray(photograph.rgb, np.uint8), photograph.profile, profile_name)
 
 
 def decode_photograph(capture: Capture) -> DecodedPhotograph:

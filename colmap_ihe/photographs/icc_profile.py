@@ -1,17 +1,24 @@
 """ICC profiles: which colours the numbers of a photograph stand for.
 
-Fit and conversion run on the numbers as stored, whatever their profile; a photograph without one is sRGB.
+Fit and conversion run on the numbers as stored, whatever their profile; a photograph without one is sRGB. Colour
+twins of a project are brought to sRGB, which cloud, mesh and texture are in.
 """
 
 from __future__ import annotations
 
 from io import BytesIO
 
+import numpy as np
+from numpy.typing import NDArray
 from PIL import Image, ImageCms
 
 from colmap_ihe.errors import PhotographError
 
+UNREADABLE_PROFILE = "a profile that cannot be read"
 _COLOUR_SPACE = slice(16, 20)  # of an ICC profile's header (ICC.1:2022, 7.2)
+_SRGB_FROM_ADOBE = np.array(
+    [[1.39836, -0.39836, 0], [0, 1, 0], [0, -0.04293, 1.04293]], np.float32
+)  # linear; Adobe RGB (1998) 4.3.5.3 and IEC 61966-2-1: red and blue lie on the same lines
 _DCF_OPTION = "R03"  # DCF 2.0: cameras say Adobe RGB by this and the file's name, mostly without a profile
 
 
@@ -30,11 +37,33 @@ def name_of_profile(image: Image.Image, interoperability: str = "") -> str:
     try:
         name = ImageCms.getProfileDescription(ImageCms.ImageCmsProfile(BytesIO(profile))).strip()
     except (ImageCms.PyCMSError, OSError):
-        return "a profile that cannot be read"
+        return UNREADABLE_PROFILE
     for usual in ("sRGB", "Adobe RGB"):  # "sRGB IEC61966-2.1", "sRGB built-in", "Adobe RGB (1998)"
         if usual.lower() in name.lower():
             return usual
     return name or "a profile without a name"
+
+
+def to_srgb(rgb: NDArray[np.uint8], profile: bytes, name: str) -> NDArray[np.uint8]:
+    """Return (H, W, 3) uint8 RGB in sRGB. `profile` that it is in; empty for the colours called `name` by
+    `name_of_profile`. A profile that cannot be used leaves the numbers as they are."""
+    if not profile:
+        return _adobe_to_srgb(rgb) if name == "Adobe RGB" else rgb
+    try:
+        source = ImageCms.ImageCmsProfile(BytesIO(profile))
+        srgb = ImageCms.createProfile("sRGB")
+        converted = ImageCms.profileToProfile(Image.fromarray(rgb), source, srgb, outputMode="RGB")
+    except (ImageCms.PyCMSError, OSError):
+        return rgb
+    return rgb if converted is None else np.asarray(converted)
+
+
+def _adobe_to_srgb(rgb: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """Return Adobe RGB (1998) in sRGB; both have the white of D65, and green and blue of Adobe RGB lie outside."""
+    light = (np.arange(256, dtype=np.float32) / 255) ** np.float32(563 / 256)
+    linear = np.clip(light[rgb] @ _SRGB_FROM_ADOBE.T, 0, 1)
+    coded = np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** np.float32(1 / 2.4) - 0.055)
+    return np.asarray(255 * coded + 0.5, np.uint8)
 
 
 def cmyk_to_srgb(image: Image.Image, name: str) -> Image.Image:

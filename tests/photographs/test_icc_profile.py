@@ -16,6 +16,7 @@ from colmap_ihe.photographs.decode import DecodedPhotograph, read_photograph
 from colmap_ihe.photographs.discover import discover
 from colmap_ihe.photographs.encode import SUFFIXES, Format, encode_image
 from colmap_ihe.photographs.exif.metadata import read_metadata
+from colmap_ihe.photographs.icc_profile import to_srgb
 
 ADOBE = rgb_profile("Adobe RGB (1998)")
 PINK = np.full((70, 80, 3), (200, 100, 120), np.uint8)
@@ -72,6 +73,20 @@ def test_a_camera_says_adobe_rgb_by_exif_alone(tmp_path: Path) -> None:
     exif.get_ifd(0x8769)[0xA005] = {1: "R03"}
     Image.fromarray(PINK).save(tmp_path / "a.jpg", exif=exif)
     assert read_metadata(tmp_path / "a.jpg", "coded").profile == "Adobe RGB"
+
+
+@pytest.mark.parametrize(
+    ("profile", "name"), [(ADOBE, "Adobe RGB"), (b"", "Adobe RGB"), (rgb_profile("X"), "X"), (b"", "sRGB")]
+)
+def test_colours_come_to_srgb(profile: bytes, name: str) -> None:
+    """Adobe RGB of 200, 100, 120 is 227, 100, 122 in sRGB; what its green has beyond sRGB is cut."""
+    pixels = np.array([[[200, 100, 120], [90, 90, 90], [0, 255, 0]]], np.uint8)
+    expected = [[227, 100, 122], [90, 90, 90], [0, 255, 0]] if name != "sRGB" else pixels[0]
+    assert np.abs(to_srgb(pixels, profile, name)[0].astype(int) - expected).max() <= 1
+
+
+def test_a_profile_that_cannot_be_used_leaves_the_numbers_alone() -> None:
+    np.testing.assert_array_equal(to_srgb(PINK, ADOBE[:140], "a profile that cannot be read"), PINK)
 
 
 @pytest.mark.parametrize("name", ["a.jpg", "a.tif"])

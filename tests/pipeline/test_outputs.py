@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from icc import rgb_profile
 from PIL import Image
 
 from colmap_ihe.colmap.native import pycolmap
@@ -138,6 +139,17 @@ def test_masks_may_be_named_after_the_photograph(finished: Path, quick_options: 
     Image.fromarray(mask[:50]).save(finished / f"masks/{name}.png")
     with pytest.raises(ProjectError, match="its photograph has"):
         reconstruct(finished, quick_options(), until="features")
+
+
+def test_colour_twins_of_a_project_are_in_srgb(tmp_path: Path, quick_options: MakeOptions) -> None:
+    """As the cloud, the mesh and its texture are, which have no place for a profile."""
+    pixels = np.full((80, 90, 3), (200, 100, 120), np.uint8)
+    (tmp_path / "images").mkdir()
+    Image.fromarray(pixels).save(tmp_path / "images/a.png", icc_profile=rgb_profile("Adobe RGB (1998)"))
+    reconstruct(tmp_path, quick_options(), until="convert")
+    with Image.open(tmp_path / "colour/a.png") as twin:
+        assert "icc_profile" not in twin.info
+        assert np.abs(np.asarray(twin)[0, 0].astype(int) - (227, 100, 122)).max() <= 1
 
 
 @pytest.mark.parametrize("words", [("dense", "fit"), ("dense", None)])

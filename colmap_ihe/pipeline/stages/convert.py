@@ -25,7 +25,7 @@ from colmap_ihe.machine.memory import at_once, keep_freed
 from colmap_ihe.machine.progress import Progress
 from colmap_ihe.machine.remaining_time import Part
 from colmap_ihe.machine.threads import local_workers
-from colmap_ihe.photographs.decode import DecodedPhotograph, encoding_of, read_photograph
+from colmap_ihe.photographs.decode import DecodedPhotograph, encoding_of, read_photograph, read_srgb
 from colmap_ihe.photographs.discover import Capture
 from colmap_ihe.photographs.each import LeftOut, each_usable
 from colmap_ihe.photographs.encode import SUFFIXES, encode_image
@@ -78,6 +78,7 @@ def run(run: RunContext, progress: Progress) -> ConvertRecord:
         progress,
         strict=run.strict,
         keep_finished=run.resumed,
+        in_srgb=True,
     )
     warnings = set_warnings.fit_warnings(captures, fit.weights.values())
     warnings += set_warnings.wallis_warnings(run.options.convert.wallis)
@@ -96,17 +97,19 @@ def convert_captures(
     *,
     strict: bool,
     keep_finished: bool,
+    in_srgb: bool = False,
 ) -> tuple[dict[str, str], LeftOut]:
     """Write the grey image of every capture, with its EXIF, and its colour twin where a folder is given.
 
     Return the names of the grey images by capture, and what was left out. `keep_finished` leaves alone
-    what is there under its final name: the caller knows that it comes from the same input. Raises as
-    `survey`, `WeightsError` if the weights are for another encoding or cannot have the tone, `DiskFullError`.
+    what is there under its final name: the caller knows that it comes from the same input. `in_srgb`: colour twins are
+    brought to sRGB, else they keep the profile of their photograph. Raises as `survey`, `WeightsError` if the weights
+    are for another encoding or cannot have the tone, `DiskFullError`.
     """
     for weights in fit.weights.values():
         check_tone(weights, options.tone)
     left_out: LeftOut = {}
-    convert = partial(_converted, fit, options, grey_folder, colour_folder, keep_finished)
+    convert = partial(_converted, fit, options, grey_folder, colour_folder, keep_finished, in_srgb)
     names = {s.capture.name: s.capture.grey_stem + SUFFIXES[options.format] for s in surveyed}
     if not shares_memory(executor):
         converted = partial(_write_converted, convert)
@@ -148,6 +151,7 @@ def _converted(
     grey_folder: Path,
     colour_folder: Path | None,
     keep_finished: bool,
+    in_srgb: bool,
     surveyed: Surveyed,
 ) -> Iterator[tuple[Path, bytes]]:
     """Yield the files of one photograph that are due, with their content."""
@@ -166,8 +170,12 @@ def _converted(
             grey = wallis(grey)
         yield grey_file, encode_image(grey, exif, options.format)
     if colour_file is not None and colour_due:
-        colour = _colour_twin(photograph, fit.colour_white, surveyed.capture.recipe.gains)
-        yield colour_file, encode_image(colour, exif, options.format, photograph.profile)
+        colour, profile = _colour_twin(photograph, fit.colour_white, surveyed.capture.recipe.gains), b""
+        if photograph.encoding == "coded" and in_srgb and surveyed.metadata.profile != "sRGB":
+            colour = read_srgb(surveyed.capture, surveyed.metadata.profile)
+        elif not in_srgb:
+            profile = photograph.profile
+        yield colour_file, encode_image(colour, exif, options.format, profile)
 
 
 def weights_for(capture: Capture, fit: Fit) -> Grey:

@@ -14,6 +14,7 @@ from colmap_ihe.machine.threads import local_workers
 from colmap_ihe.photographs.decode import read_photograph
 from colmap_ihe.photographs.discover import Capture
 from colmap_ihe.photographs.each import LeftOut
+from colmap_ihe.photographs.icc_profile import UNREADABLE_PROFILE
 from colmap_ihe.photographs.known_cameras import focal_px, pattern_of, unused_patterns
 from colmap_ihe.photographs.survey import Surveyed
 from colmap_ihe.pipeline.warnings.colmap_sensors import knows_sensor
@@ -212,8 +213,13 @@ def _mixed_cameras(surveyed: Sequence[Surveyed]) -> list[str]:
 
 
 def profile_warnings(surveyed: Sequence[Surveyed]) -> list[str]:
-    """Warn of several colour profiles: numbers are taken as stored, so one colour in two profiles is two colours."""
+    """Warn of profiles that cannot be read, and of several: numbers are taken as stored, so one colour in two profiles
+    is two colours."""
     profiles = Counter(s.metadata.profile for s in surveyed if s.capture.kind == "coded")
+    if profiles[UNREADABLE_PROFILE]:
+        return [
+            f"{profiles[UNREADABLE_PROFILE]} photographs have {UNREADABLE_PROFILE}: their colours are taken for sRGB"
+        ]
     if len(profiles) < 2:
         return []
     counts = ", ".join(f"{count} in {name}" for name, count in profiles.most_common())
