@@ -22,6 +22,7 @@ with warnings.catch_warnings():  # of scikit-image missing, which it does not ne
     from rawpy.enhance import find_bad_pixels
 
 from colmap_ihe.errors import PhotographError
+from colmap_ihe.photographs.raw.cut_short import refuse_cut_short
 from colmap_ihe.photographs.raw.dng_black import black_plane
 from colmap_ihe.photographs.raw.mosaic import FULL, Frames, Mosaic, calibrated
 from colmap_ihe.photographs.raw.undecoded import refuse_damaged, unpack
@@ -156,6 +157,7 @@ def libraw_metadata(path: Path) -> LibrawMetadata:
 @contextmanager
 def _opened(path: Path) -> Iterator[rawpy.RawPy]:
     try:
+        refuse_cut_short(path)
         with rawpy.imread(str(path)) as raw:
             if raw.num_colors not in (1, 3):
                 raise PhotographError(
