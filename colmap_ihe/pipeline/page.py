@@ -91,7 +91,7 @@ def gather(run: RunContext, summary: Mapping[str, Any], progress: Progress) -> C
         cameras=_cameras(grey_of, model) if model else (),
         sliders=[_slider(project, name, grey_of[name]) for name in _spread(sorted(looks), _SLIDERS)],
         pairs=_pairs(project, summary, grey_of, matched, photographs, progress),
-        track_lengths=model.track_lengths() if model else {},
+        points_by_images=model.points_by_images() if model else {},
         matches=matched,
         warnings=summary["warnings"],
         seconds=summary["stages"],

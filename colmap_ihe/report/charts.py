@@ -15,7 +15,7 @@ from colmap_ihe.report.embed import as_base64
 WIDTH, HEIGHT = 640, 200  # of a chart, in units of its drawing
 _HIGHEST_SHARE = 99.5
 """Percentile of the tones that a chart reaches to: black and white borders stand out of it."""
-_BARS = 20  # longest track with a bar of its own
+_BARS = 20  # numbers of images with a bar of their own
 _INK = (46, 110, 178)  # R, G, B of the match picture: seen on dark and on light
 _LEAST_SIDE = 320
 
@@ -62,18 +62,18 @@ def tones_chart(grey: Grey) -> TonesChart | None:
     return TonesChart(chosen, rec709, bool((both > top).any()))
 
 
-def tracks_chart(track_lengths: Mapping[int, int]) -> list[Bar]:
-    """Return a bar for each number of images from the least, the last for all longer tracks too."""
-    if not track_lengths or not any(track_lengths.values()):
+def tracks_chart(points_by_images: Mapping[int, int]) -> list[Bar]:
+    """Return a bar for each number of images from the least, the last for more images too."""
+    if not points_by_images or not any(points_by_images.values()):
         return []
-    first, longest = min(track_lengths), max(track_lengths)
+    first, longest = min(points_by_images), max(points_by_images)
     last = min(longest, first + _BARS - 1)
-    counts = {length: track_lengths.get(length, 0) for length in range(first, last + 1)}
-    counts[last] += sum(points for length, points in track_lengths.items() if length > last)
+    counts = {images: points_by_images.get(images, 0) for images in range(first, last + 1)}
+    counts[last] += sum(points for images, points in points_by_images.items() if images > last)
     total, most = sum(counts.values()), max(counts.values())
     step, bars = WIDTH / len(counts), []
-    for i, (length, points) in enumerate(counts.items()):
-        label = f"{length}+" if length == last < longest else str(length)
+    for i, (images, points) in enumerate(counts.items()):
+        label = f"{images}+" if images == last < longest else str(images)
         left, width, height = i * step + 0.1 * step, 0.8 * step, HEIGHT * points / most
         bars.append(Bar(label, points, points / total, round(left, 2), round(width, 2), round(height, 2)))
     return bars

@@ -160,7 +160,7 @@ class BatchContents:
 
 @dataclass(frozen=True)
 class Contents:
-    """Hold the page of a project. `rows`: the summary as a person reads it; `track_lengths`: points by the number of
+    """Hold the page of a project. `rows`: the summary as a person reads it; `points_by_images`: points by the number of
     images that see them; `matches` (n, n): verified inliers between photographs, in the order of `photographs`;
     `options` as YAML; `methods_sentence`: for a methods section, with the citation."""
 
@@ -173,7 +173,7 @@ class Contents:
     cameras: Sequence[CameraPose] = ()
     sliders: Sequence[Slider] = ()
     pairs: Sequence[Pair] = ()
-    track_lengths: Mapping[int, int] = field(default_factory=dict)
+    points_by_images: Mapping[int, int] = field(default_factory=dict)
     matches: NDArray[np.int64] | None = None
     warnings: Sequence[str] = ()
     seconds: Mapping[str, float] = field(default_factory=dict)

@@ -56,7 +56,7 @@ def test_a_page_shows_the_whole_project(finished: Path, quick_options: MakeOptio
     assert found.matches is not None
     assert (found.matches == found.matches.T).all()
     assert found.matches[0, 1] > 15
-    assert sum(found.track_lengths.values()) > 300
+    assert sum(found.points_by_images.values()) > 300
     assert found.pairs
     assert all(min(pair.chosen_inliers, pair.default_inliers) > 15 for pair in found.pairs)
     assert 1 <= len(found.sliders) <= 4
