@@ -22,7 +22,8 @@ _LEAST_SIDE = 320
 
 @dataclass(frozen=True)
 class TonesChart:
-    """Hold the outlines of two histograms as SVG paths; `clipped` where a tone stands out of the chart."""
+    """Hold the outlines of two histograms as SVG paths, `rec709` empty without one; `clipped` where a tone stands out
+    of the chart."""
 
     chosen: str
     rec709: str
@@ -53,13 +54,14 @@ class MatchPicture:
 
 def tones_chart(grey: Grey) -> TonesChart | None:
     """Return the chart of the tones, None where the histograms are missing."""
-    if len(grey.tones_chosen) < 2 or len(grey.tones_chosen) != len(grey.tones_rec709):
+    given = [tones for tones in (grey.tones_chosen, grey.tones_rec709) if len(tones)]
+    if len(grey.tones_chosen) < 2 or len({len(tones) for tones in given}) != 1:
         return None
-    both = np.nan_to_num(np.array([grey.tones_chosen, grey.tones_rec709], np.float64))
-    top = float(np.percentile(both, _HIGHEST_SHARE)) or float(both.max()) or 1.0
+    tones = np.nan_to_num(np.array(given, np.float64))
+    top = float(np.percentile(tones, _HIGHEST_SHARE)) or float(tones.max()) or 1.0
     top *= 1.08
-    chosen, rec709 = (_outline(np.minimum(tones / top, 1)) for tones in both)
-    return TonesChart(chosen, rec709, bool((both > top).any()))
+    outlines = [_outline(np.minimum(each / top, 1)) for each in tones]
+    return TonesChart(outlines[0], outlines[1] if len(outlines) > 1 else "", bool((tones > top).any()))
 
 
 def tracks_chart(points_by_images: Mapping[int, int]) -> list[Bar]:

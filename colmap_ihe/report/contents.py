@@ -79,20 +79,19 @@ class Slider:
 
 @dataclass(frozen=True)
 class Pair:
-    """Show two photographs side by side with their verified matches, in the chosen grey and in COLMAP's default."""
+    """Show two photographs side by side with their verified matches, in the chosen grey and in COLMAP's default, None
+    where that is the chosen one."""
 
     first: str
     second: str
     chosen: Picture
-    chosen_inliers: int
-    default: Picture
-    default_inliers: int
+    default: Picture | None = None
 
 
 @dataclass(frozen=True)
 class Grey:
     """Describe the chosen grey. `weights` R, G, B in 0..1; `tones` the histograms (256,) of the whole set in shares, in
-    the chosen grey and in Rec.709; `patchwork` of the set in colour and in grey."""
+    the chosen grey and in Rec.709, empty where that is the chosen one; `patchwork` of the set in colour and in grey."""
 
     method: str
     weights: tuple[float, float, float] | None

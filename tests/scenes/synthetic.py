@@ -112,10 +112,7 @@ def synthetic_contents(points: int = 20_000, photographs: int = 24, hostile: str
         )
         for i in range(3)
     ]
-    pairs = [
-        Pair(names[i], names[i + 1], _pair(chosen, 812 + i), 812 + i, _pair(rec709, 640 + i), 640 + i)
-        for i in range(2)
-    ]
+    pairs = [Pair(names[i], names[i + 1], _pair(chosen, 812 + i), _pair(rec709, 640 + i)) for i in range(2)]
     return Contents(
         title=f"{hostile}Priory of Saint-Cosme, west front",
         result=f"{hostile}A dense cloud of 812,400 points from 23 of 24 photographs, mean error 0.46 px.",
