@@ -23,6 +23,7 @@ import cv2
 import numpy as np
 from PIL import Image
 
+from colmap_ihe.colmap.measures import images_seeing
 from colmap_ihe.colmap.native import pycolmap
 from colmap_ihe.dense.depth_maps import sgm_depth_maps
 from colmap_ihe.dense.fusion import fuse
@@ -109,7 +110,7 @@ def _errors(folder: Path) -> np.ndarray[Any, np.dtype[np.float64]]:
             point = model.points3D[seen.point3D_id]
             column, row = (seen.xy - 0.01).astype(int)
             found = depth[min(row, depth.shape[0] - 1), min(column, depth.shape[1] - 1)]
-            if found > 0 and point.track.length() >= 3:
+            if found > 0 and images_seeing(point) >= 3:
                 errors.append(abs(found / (pose[2, :3] @ point.xyz + pose[2, 3]) - 1))
     return np.array(errors)
 

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from colmap_ihe.colmap.measures import images_seeing
 from colmap_ihe.colmap.native import apply_options, called, fill, pycolmap
 from colmap_ihe.colmap.process import ColmapProcesses
 from colmap_ihe.errors import MappingError
@@ -15,7 +16,7 @@ from colmap_ihe.machine.files import replace_folder
 from colmap_ihe.machine.progress import SILENT, Progress
 from colmap_ihe.project.options import SparseOptions
 
-_LONG_TRACK = 3
+_FEW = 3  # images; points that more see are the most trustworthy
 
 _MAPPERS: dict[str, tuple[Any, Any]] = {
     "incremental": (pycolmap.incremental_mapping, pycolmap.IncrementalPipelineOptions),
@@ -26,7 +27,8 @@ _MAPPERS: dict[str, tuple[Any, Any]] = {
 
 @dataclass(frozen=True)
 class ModelStatistics:
-    """Describe one model of the set. `mean_reprojection_error_px` in pixels of the grey images."""
+    """Describe one model of the set. `points_over_3_views`: seen in more than three images; `mean_track_length`:
+    observations a point, as COLMAP counts; `mean_reprojection_error_px` in pixels of the grey images."""
 
     registered_images: int
     points3d: int
@@ -160,7 +162,7 @@ def describe(model: pycolmap.Reconstruction) -> ModelStatistics:
     return ModelStatistics(
         registered_images=model.num_reg_images(),
         points3d=model.num_points3D(),
-        points_over_3_views=sum(p.track.length() > _LONG_TRACK for p in model.points3D.values()),
+        points_over_3_views=sum(images_seeing(p) > _FEW for p in model.points3D.values()),
         mean_track_length=model.compute_mean_track_length(),
         mean_reprojection_error_px=model.compute_mean_reprojection_error(),
         image_names=tuple(sorted(model.image(i).name for i in model.reg_image_ids())),

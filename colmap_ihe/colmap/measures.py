@@ -14,6 +14,11 @@ from colmap_ihe.colmap.native import pycolmap
 _STRONGEST = 2000
 
 
+def images_seeing(point: pycolmap.Point3D) -> int:
+    """Count the images that see a point. Its track counts observations, and one image may have two of them."""
+    return len({element.image_id for element in point.track.elements})
+
+
 def poses_of(folder: Path) -> dict[str, NDArray[np.float64]]:
     """Return `cam_from_world`, (3, 4) float64, of every registered image of a model, by name."""
     model = pycolmap.Reconstruction(folder)

@@ -124,7 +124,7 @@ def _fit(parsed: argparse.Namespace, display: Display) -> None:
     names = ("method", "guard", "step", "sample", "weighting", "recount")
     assignments = [f"fit.{name}={json.dumps(getattr(parsed, name))}" for name in names]
     options = load_options(None, assignments).fit
-    weights, left_out = fit_files(
+    fit = fit_files(
         parsed.images,
         options,
         output=parsed.output,
@@ -135,11 +135,14 @@ def _fit(parsed: argparse.Namespace, display: Display) -> None:
         strict=parsed.strict,
         progress=display,
     )
-    if _printed_as_json(parsed, display, {**weights.as_dict(), "left_out": left_out}):
+    tried = fit.tried.as_dict() if fit.tried else None
+    if _printed_as_json(parsed, display, {**fit.grey.as_dict(), "tried": tried, "left_out": fit.left_out}):
         return
-    for reason in left_out.values():
+    for reason in fit.left_out.values():
         display.warn(f"left out: {reason}")
-    values = {name: value for name, value in weights.as_dict().items() if name != "curve"}
+    values = {name: value for name, value in fit.grey.as_dict().items() if name != "curve"}
+    if tried:
+        values |= {"chosen": tried["chosen"], "measured": tried["in_words"]}
     words = [", ".join(map(str, v)) if isinstance(v, list) else str(v) for v in values.values()]
     print_table("", list(zip(values, words, strict=True)))
 

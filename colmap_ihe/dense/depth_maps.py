@@ -94,11 +94,14 @@ def _plan(
     count: int,
 ) -> tuple[_Job, dict[int, str]]:
     """Return the depth map of image id `reference` as a job, and the sources that were left out, with the reason."""
-    ids = [point.point3D_id for point in model.images[reference].get_observation_points2D()]
+    observations = model.images[reference].get_observation_points2D()
+    ids = list(
+        dict.fromkeys(point.point3D_id for point in observations)
+    )  # an image may have two of one point
     points = [model.points3D[point_id] for point_id in ids]
     points_world = np.array([point.xyz for point in points]).reshape(-1, 3)
-    seen = [(row, element.image_id) for row, point in enumerate(points) for element in point.track.elements]
-    rows, images = np.array(seen, np.int64).reshape(-1, 2).T
+    seen = {(row, element.image_id) for row, point in enumerate(points) for element in point.track.elements}
+    rows, images = np.array(sorted(seen), np.int64).reshape(-1, 2).T
     chosen, left_out = choose_sources(reference, cameras, points_world, rows, images, count)
     members = (reference, *chosen)
     names = tuple(model.images[image_id].name for image_id in members)

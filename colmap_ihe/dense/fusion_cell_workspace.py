@@ -128,7 +128,8 @@ class Maps:
 
     def _sparse_points(self, cell: Cell, index: int) -> list[int]:
         """Return the ids of the sparse points near the cell that an image sees."""
-        ids = [p.point3D_id for p in self._image(index).get_observation_points2D()]
+        observations = self._image(index).get_observation_points2D()
+        ids = list(dict.fromkeys(p.point3D_id for p in observations))  # an image may have two of one point
         points = np.array([self.model.points3D[i].xyz for i in ids]).reshape(-1, 3)
         near = cell.holds(points, cell.margin)
         return [i for i, is_near in zip(ids, near, strict=True) if is_near]

@@ -11,10 +11,10 @@ from colmap_ihe.dense.undistort import read_colour, read_grey
 from colmap_ihe.evaluation.tables import MethodResult, sentences, tables_of
 from colmap_ihe.machine.files import write_bytes
 from colmap_ihe.pipeline import model_view
-from colmap_ihe.pipeline.page import CITATION
 from colmap_ihe.project.folder import Project
 from colmap_ihe.report import pictures
 from colmap_ihe.report.contents import Comparison, MethodFigures, Picture
+from colmap_ihe.report.methods_sentence import CITATION
 from colmap_ihe.report.page import render_comparison
 
 _LONGEST, _CLOUD = 900, 640  # pixels; of a cloud fewer, for it has about one point for each

@@ -20,7 +20,17 @@ from colmap_ihe.grey.conversions import CONVERSIONS
 from colmap_ihe.grey.equalise import curve_of
 from colmap_ihe.grey.histogram import Histogram, Weighting, mass_of
 from colmap_ihe.grey.ihe import count_levels, fit_cells, fit_histogram, white_point
-from colmap_ihe.grey.weights import FIXED, Encoding, Formula, Grey, Triplet, Weights, shares, triplets
+from colmap_ihe.grey.weights import (
+    FIXED,
+    Encoding,
+    Formula,
+    Grey,
+    Triplet,
+    Weights,
+    is_rec709,
+    shares,
+    triplets,
+)
 from colmap_ihe.machine.executor import in_order
 from colmap_ihe.machine.progress import Progress
 from colmap_ihe.photographs.colour_counts import sampled
@@ -227,7 +237,7 @@ class _SetFit:
 
     def against_rec709(self, grey: Grey, trial: Trial) -> ChosenGrey:
         default = self.weights(REFERENCE, FIXED[REFERENCE])
-        if isinstance(grey, Weights) and max(np.abs(np.subtract(grey.triplet, default.triplet))) < 0.01:
+        if isinstance(grey, Weights) and is_rec709(grey.triplet):
             return ChosenGrey(REFERENCE, TrialResult(reason=SAME))
         return ChosenGrey(grey.method, self.measure({REFERENCE: default, grey.method: grey}, trial, {}))
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any, Literal
@@ -32,9 +32,16 @@ FIXED: Mapping[str, tuple[float, float, float]] = {
 }
 """Conversions with fixed weights, by the name they have on the command line."""
 
+_DIFFERENT = 0.01  # a step of the fit
+
 _HINT = "write one with `colmap-ihe fit IMAGES -o weights.yaml`"
 _COMMON = ("images", "pixels", "encoding", "white")
 _SUM_TOLERANCE = 2e-3  # MATLAB's rgb2gray is published as .2989 .5870 .1140, which is .9999
+
+
+def is_rec709(triplet: Sequence[float]) -> bool:
+    """Tell whether weights of red, green and blue are those of COLMAP's default, within a step of the fit."""
+    return max(abs(w - r) for w, r in zip(triplet, FIXED["rec709"], strict=True)) < _DIFFERENT
 
 
 @dataclass(frozen=True)

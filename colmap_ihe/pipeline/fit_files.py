@@ -12,7 +12,7 @@ from typing import Any
 from colmap_ihe.errors import WeightsError
 from colmap_ihe.fit import given_weights
 from colmap_ihe.fit.counting import SetCounts
-from colmap_ihe.fit.fit_set import Fit, fit_captures
+from colmap_ihe.fit.fit_set import ChosenGrey, Fit, fit_captures
 from colmap_ihe.fit.histogram_file import SUFFIX, StoredCounts, read_stored, write_stored
 from colmap_ihe.fit.weights_file import write_weights
 from colmap_ihe.grey.weights import Grey, Weights
@@ -50,6 +50,16 @@ class _Campaigns:
     notes: list[str] = field(default_factory=list)
 
 
+@dataclass(frozen=True)
+class FilesFit:
+    """Hold the grey of the larger part of a set, what was left out with the reason, and what was tried on pairs of its
+    photographs, if anything."""
+
+    grey: Grey
+    left_out: LeftOut
+    tried: ChosenGrey | None
+
+
 def fit_files(
     paths: Sequence[Path],
     options: FitOptions | None = None,
@@ -61,11 +71,11 @@ def fit_files(
     calibration: Path | None = None,
     strict: bool = False,
     progress: RunProgress = SILENT,
-) -> tuple[Grey, LeftOut]:
+) -> FilesFit:
     """Fit the weights of a set of projects, histograms, folders and files, and write them to `output` if given; those
     of the larger part where the set mixes RAW and gamma-coded photographs. What was counted is written to `histogram`,
     which can be named in a later fit. With `weights` nothing is fitted: the user is told whether they fit the set.
-    Return them and what was left out. Raises `KnownError`s."""
+    Raises `KnownError`s."""
     _require_suffix(output, (".yaml", ".yml"), "-o weights.yaml")
     _require_suffix(histogram, (SUFFIX,), f"--histogram all{SUFFIX}")
     options, develop = options or FitOptions(), develop or DevelopOptions()
@@ -103,7 +113,7 @@ def fit_files(
         write_stored(histogram, StoredCounts(fit.gathered, options.sample, developments[0][1]))
     if output is not None:
         write_weights(output, fit.main)
-    return fit.main, unreadable | fit.left_out
+    return FilesFit(fit.main, unreadable | fit.left_out, fit.tried.get(fit.main.encoding))
 
 
 def is_project(path: Path) -> bool:

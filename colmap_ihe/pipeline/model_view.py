@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from colmap_ihe.colmap.measures import upright
+from colmap_ihe.colmap.measures import images_seeing, upright
 from colmap_ihe.colmap.native import pycolmap
 from colmap_ihe.dense.ply import read_ply
 
@@ -98,10 +98,12 @@ class ModelView:
         cells = np.clip((places * _CELLS).astype(int), 0, _CELLS - 1)
         coverage = len(np.unique(cells[:, 0] * _CELLS + cells[:, 1])) / _CELLS**2
         errors = [self._model.points3D[p.point3D_id].error for p in points]
-        return ImageCoverage(len(points), float(np.mean(errors)), coverage)
+        seen = len({p.point3D_id for p in points})
+        return ImageCoverage(seen, float(np.mean(errors)), coverage)
 
-    def track_lengths(self) -> Mapping[int, int]:
-        return dict(sorted(Counter(p.track.length() for p in self._model.points3D.values()).items()))
+    def points_by_images(self) -> Mapping[int, int]:
+        """Count the points by the number of images that see them."""
+        return dict(sorted(Counter(map(images_seeing, self._model.points3D.values())).items()))
 
 
 def cloud_as_seen(cloud: Path, model: Path, name: str, longest: int) -> _U8:

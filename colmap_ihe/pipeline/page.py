@@ -24,13 +24,10 @@ from colmap_ihe.project.folder import Project
 from colmap_ihe.project.options import Options
 from colmap_ihe.report import contents, pictures
 from colmap_ihe.report.contents import Contents, PhotographEntry
+from colmap_ihe.report.methods_sentence import citation, is_default, methods_sentence
 from colmap_ihe.report.page import render_page
 from colmap_ihe.report.summary import summary_rows, weights_in_words
 
-CITATION = (
-    "Intensity histogram equalisation, a colour-to-grey conversion strategy improving photogrammetric reconstruction"
-    " of urban architectural heritage (2016)"
-)
 _POINTS = 200_000  # of the cloud; a page is to be sent by mail
 _THUMBNAIL, _SLIDER, _PAIR, _TILE = 240, 1000, 1000, 96  # pixels
 _MATCHED = 1600  # pixels of the longer side, at which pairs are matched again
@@ -80,25 +77,28 @@ def gather(run: RunContext, summary: Mapping[str, Any], progress: Progress) -> C
     model = model_view.ModelView(project.sparse / "0") if "sparse" in records else None
     photographs = _photographs(summary, grey_of, looks, model)
     greys = [grey_of.get(p.name, "") for p in photographs]
+    compared = not is_default(summary)  # else the grey would be compared with itself
     matched = model_view.verified_matches(project.database, greys) if "matches" in records else None
     return Contents(
         title=project.root.name,
         result=_result(summary),
         rows=summary_rows(summary),
-        grey=_grey(summary, options, list(looks.values())),
+        grey=_grey(summary, options, list(looks.values()), compared),
         photographs=photographs,
         cloud=_cloud(project, records, model) if model else None,
         cameras=_cameras(grey_of, model) if model else (),
-        sliders=[_slider(project, name, grey_of[name]) for name in _spread(sorted(looks), _SLIDERS)],
-        pairs=_pairs(project, summary, grey_of, matched, photographs, progress),
-        track_lengths=model.track_lengths() if model else {},
+        sliders=[
+            _slider(project, name, grey_of[name]) for name in _spread(sorted(looks), _SLIDERS) if compared
+        ],
+        pairs=_pairs(project, summary, grey_of, matched, photographs, compared, progress),
+        points_by_images=model.points_by_images() if model else {},
         matches=matched,
         warnings=summary["warnings"],
         seconds=summary["stages"],
         versions=library_versions("pycolmap", "opencv", "rawpy", "libraw"),
         options=yaml.safe_dump(options.as_yaml(), sort_keys=False),
-        methods_sentence=_methods(summary, options),
-        citation=CITATION,
+        methods_sentence=methods_sentence(summary, options, library_versions("pycolmap")["pycolmap"]),
+        citation=citation(summary, options),
     )
 
 
@@ -112,19 +112,6 @@ def _result(summary: Mapping[str, Any]) -> str:
     return f"{', '.join(parts)}; {error}."
 
 
-def _methods(summary: Mapping[str, Any], options: Options) -> str:
-    weights = summary["weights"]
-    words = f" ({weights_in_words(weights)})" if weights else ""
-    versions = library_versions("pycolmap")
-    is_guarded = (options.fit.method, options.fit.guard) == ("ihe", "noise")
-    guard = ", with a guard against noise" if is_guarded else ""
-    return (
-        "The photographs were converted to grey by one conversion for the whole set,"
-        f" {options.fit.method}{guard}{words},"
-        f" and reconstructed with COLMAP (pycolmap {versions['pycolmap']}) driven by colmap-ihe."
-    )
-
-
 def _look(project: Project, name: str, grey_name: str) -> _Look:
     colour, grey = read_colour(project.colour / grey_name), read_grey(project.grey / grey_name)
     small = pictures.shrunk(colour, _THUMBNAIL)
@@ -134,7 +121,9 @@ def _look(project: Project, name: str, grey_name: str) -> _Look:
     return _Look(name, thumbnail, small, pictures.shrunk(grey, _THUMBNAIL), *tones)
 
 
-def _grey(summary: Mapping[str, Any], options: Options, looks: Sequence[_Look]) -> contents.Grey:
+def _grey(
+    summary: Mapping[str, Any], options: Options, looks: Sequence[_Look], compared: bool
+) -> contents.Grey:
     weights = summary["weights"]
     total = [sum(getattr(look, name) for look in looks) for name in ("tones_chosen", "tones_rec709")]
     shares = [tuple((counts / counts.sum()).tolist()) for counts in total]
@@ -149,7 +138,7 @@ def _grey(summary: Mapping[str, Any], options: Options, looks: Sequence[_Look]) 
         else f"the conversion {options.fit.method}, which has no weights",
         benefit=summary["tried"]["in_words"] if summary["tried"] else "",
         tones_chosen=shares[0],
-        tones_rec709=shares[1],
+        tones_rec709=shares[1] if compared else (),
         patchwork_colour=pictures.picture(coloured, "the set in colour", 12 * _TILE),
         patchwork_grey=pictures.picture(grey, "the set in the chosen grey", 12 * _TILE),
     )
@@ -208,9 +197,11 @@ def _pairs(
     grey_of: Mapping[str, str],
     matched: NDArray[np.int64] | None,
     photographs: Sequence[PhotographEntry],
+    compared: bool,
     progress: Progress,
 ) -> list[contents.Pair]:
-    """Draw the pairs on which the grey was measured, else those with most matches, matched again in both greys."""
+    """Draw the pairs on which the grey was measured, else those with most matches, matched again in the chosen grey,
+    and if `compared` in COLMAP's default."""
     pairs = [tuple(pair) for pair in (summary["tried"] or {}).get("pairs", ())]
     names = [p.name for p in photographs]
     if not pairs and matched is not None and matched.any():
@@ -225,31 +216,33 @@ def _pairs(
     progress.start(len(pairs), "pairs drawn")
     found = []
     for first, second in pairs:
-        found.append(_pair(project, (first, second), (grey_of[first], grey_of[second]), progress))
+        found.append(_pair(project, (first, second), (grey_of[first], grey_of[second]), compared, progress))
         progress.advance()
     return found
 
 
 def _pair(
-    project: Project, names: tuple[str, str], greys: tuple[str, str], progress: Progress
+    project: Project, names: tuple[str, str], greys: tuple[str, str], compared: bool, progress: Progress
 ) -> contents.Pair:
+    """Draw the matches. They are not counted: `Grey.benefit` is the one measurement, on more of the pixels."""
+    chosen = [pictures.shrunk(read_grey(project.grey / grey), _MATCHED) for grey in greys]
+    alt = f"verified matches of {names[0]} and {names[1]}"
+    drawn = _matches_drawn(chosen, f"{alt} in the chosen grey", progress)
+    if not compared:
+        return contents.Pair(*names, drawn)
     colours = [pictures.shrunk(read_colour(project.colour / grey), _MATCHED) for grey in greys]
-    looks = {
-        "chosen grey": [pictures.shrunk(read_grey(project.grey / grey), _MATCHED) for grey in greys],
-        "Rec.709": [pictures.rec709(colour) for colour in colours],
-    }
-    drawn, counts = [], []
-    for words, (one, other) in looks.items():
-        with quiet():
-            first, second = features_of([one, other], progress, first_octave=0)
-        pairs = match(first, second)
-        ones, others = first.places[pairs[:, 0]], second.places[pairs[:, 1]]
-        kept = verified(ones, others, (one.shape[1], one.shape[0]), (other.shape[1], other.shape[0]))
-        alt = f"{names[0]} and {names[1]} in {words}, {len(kept)} verified matches"
-        lines = pictures.matches_drawn(one, other, ones[kept], others[kept])
-        drawn.append(pictures.picture(lines, alt, _PAIR))
-        counts.append(len(kept))
-    return contents.Pair(names[0], names[1], drawn[0], counts[0], drawn[1], counts[1])
+    default = _matches_drawn([pictures.rec709(colour) for colour in colours], f"{alt} in Rec.709", progress)
+    return contents.Pair(*names, drawn, default)
+
+
+def _matches_drawn(greys: Sequence[_U8], alt: str, progress: Progress) -> contents.Picture:
+    one, other = greys
+    with quiet():
+        first, second = features_of([one, other], progress, first_octave=0)
+    pairs = match(first, second)
+    ones, others = first.places[pairs[:, 0]], second.places[pairs[:, 1]]
+    kept = verified(ones, others, (one.shape[1], one.shape[0]), (other.shape[1], other.shape[0]))
+    return pictures.picture(pictures.matches_drawn(one, other, ones[kept], others[kept]), alt, _PAIR)
 
 
 def _spread(names: Sequence[str], most: int) -> list[str]:

@@ -15,14 +15,15 @@ from colmap_ihe.report.embed import as_base64
 WIDTH, HEIGHT = 640, 200  # of a chart, in units of its drawing
 _HIGHEST_SHARE = 99.5
 """Percentile of the tones that a chart reaches to: black and white borders stand out of it."""
-_BARS = 20  # longest track with a bar of its own
+_BARS = 20  # numbers of images with a bar of their own
 _INK = (46, 110, 178)  # R, G, B of the match picture: seen on dark and on light
 _LEAST_SIDE = 320
 
 
 @dataclass(frozen=True)
 class TonesChart:
-    """Hold the outlines of two histograms as SVG paths; `clipped` where a tone stands out of the chart."""
+    """Hold the outlines of two histograms as SVG paths, `rec709` empty without one; `clipped` where a tone stands out
+    of the chart."""
 
     chosen: str
     rec709: str
@@ -53,27 +54,28 @@ class MatchPicture:
 
 def tones_chart(grey: Grey) -> TonesChart | None:
     """Return the chart of the tones, None where the histograms are missing."""
-    if len(grey.tones_chosen) < 2 or len(grey.tones_chosen) != len(grey.tones_rec709):
+    given = [tones for tones in (grey.tones_chosen, grey.tones_rec709) if len(tones)]
+    if len(grey.tones_chosen) < 2 or len({len(tones) for tones in given}) != 1:
         return None
-    both = np.nan_to_num(np.array([grey.tones_chosen, grey.tones_rec709], np.float64))
-    top = float(np.percentile(both, _HIGHEST_SHARE)) or float(both.max()) or 1.0
+    tones = np.nan_to_num(np.array(given, np.float64))
+    top = float(np.percentile(tones, _HIGHEST_SHARE)) or float(tones.max()) or 1.0
     top *= 1.08
-    chosen, rec709 = (_outline(np.minimum(tones / top, 1)) for tones in both)
-    return TonesChart(chosen, rec709, bool((both > top).any()))
+    outlines = [_outline(np.minimum(each / top, 1)) for each in tones]
+    return TonesChart(outlines[0], outlines[1] if len(outlines) > 1 else "", bool((tones > top).any()))
 
 
-def tracks_chart(track_lengths: Mapping[int, int]) -> list[Bar]:
-    """Return a bar for each number of images from the least, the last for all longer tracks too."""
-    if not track_lengths or not any(track_lengths.values()):
+def tracks_chart(points_by_images: Mapping[int, int]) -> list[Bar]:
+    """Return a bar for each number of images from the least, the last for more images too."""
+    if not points_by_images or not any(points_by_images.values()):
         return []
-    first, longest = min(track_lengths), max(track_lengths)
+    first, longest = min(points_by_images), max(points_by_images)
     last = min(longest, first + _BARS - 1)
-    counts = {length: track_lengths.get(length, 0) for length in range(first, last + 1)}
-    counts[last] += sum(points for length, points in track_lengths.items() if length > last)
+    counts = {images: points_by_images.get(images, 0) for images in range(first, last + 1)}
+    counts[last] += sum(points for images, points in points_by_images.items() if images > last)
     total, most = sum(counts.values()), max(counts.values())
     step, bars = WIDTH / len(counts), []
-    for i, (length, points) in enumerate(counts.items()):
-        label = f"{length}+" if length == last < longest else str(length)
+    for i, (images, points) in enumerate(counts.items()):
+        label = f"{images}+" if images == last < longest else str(images)
         left, width, height = i * step + 0.1 * step, 0.8 * step, HEIGHT * points / most
         bars.append(Bar(label, points, points / total, round(left, 2), round(width, 2), round(height, 2)))
     return bars

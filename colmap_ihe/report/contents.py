@@ -79,20 +79,19 @@ class Slider:
 
 @dataclass(frozen=True)
 class Pair:
-    """Show two photographs side by side with their verified matches, in the chosen grey and in COLMAP's default."""
+    """Show two photographs side by side with their verified matches, in the chosen grey and in COLMAP's default, None
+    where that is the chosen one."""
 
     first: str
     second: str
     chosen: Picture
-    chosen_inliers: int
-    default: Picture
-    default_inliers: int
+    default: Picture | None = None
 
 
 @dataclass(frozen=True)
 class Grey:
     """Describe the chosen grey. `weights` R, G, B in 0..1; `tones` the histograms (256,) of the whole set in shares, in
-    the chosen grey and in Rec.709; `patchwork` of the set in colour and in grey."""
+    the chosen grey and in Rec.709, empty where that is the chosen one; `patchwork` of the set in colour and in grey."""
 
     method: str
     weights: tuple[float, float, float] | None
@@ -160,7 +159,7 @@ class BatchContents:
 
 @dataclass(frozen=True)
 class Contents:
-    """Hold the page of a project. `rows`: the summary as a person reads it; `track_lengths`: points by the number of
+    """Hold the page of a project. `rows`: the summary as a person reads it; `points_by_images`: points by the number of
     images that see them; `matches` (n, n): verified inliers between photographs, in the order of `photographs`;
     `options` as YAML; `methods_sentence`: for a methods section, with the citation."""
 
@@ -173,7 +172,7 @@ class Contents:
     cameras: Sequence[CameraPose] = ()
     sliders: Sequence[Slider] = ()
     pairs: Sequence[Pair] = ()
-    track_lengths: Mapping[int, int] = field(default_factory=dict)
+    points_by_images: Mapping[int, int] = field(default_factory=dict)
     matches: NDArray[np.int64] | None = None
     warnings: Sequence[str] = ()
     seconds: Mapping[str, float] = field(default_factory=dict)

@@ -68,7 +68,7 @@ def summary_rows(summary: Mapping[str, Any]) -> list[tuple[str, str]]:
             ("registered images", f"{summary['registered_images']} of {summary['images']}"),
             ("points", f"{summary['points3D']:,}, {over_3}"),
             ("mean reprojection error", f"{summary['mean_reprojection_error_px']:.3f} px"),
-            ("mean track length", f"{summary['mean_track_length']:.2f} images"),
+            ("mean track length", f"{summary['mean_track_length']:.2f} observations a point"),
         ]
     if summary["dense_points"] is not None:
         coverage = summary["dense_pixels_with_depth_percent"]

@@ -41,6 +41,18 @@ def test_fit_of_files_and_folders_is_the_same_set(capsys: Captured, photos: Path
     assert parts == whole
 
 
+def test_fit_by_trial_says_what_was_tried(capsys: Captured, small_demo: Path, tmp_path: Path) -> None:
+    for name in ("portico_04.jpg", "portico_05.jpg"):
+        shutil.copy(small_demo / "images" / name, tmp_path)
+    result = json_of(capsys, "fit", tmp_path, "--step", "0.1", "--method", "auto")
+    tried = result["tried"]
+    assert tried["pairs"] == [["portico_04.jpg", "portico_05.jpg"]]
+    assert {"rec709", "ihe", "ihe of the paper", "snr", "mean", "green"} <= set(tried["candidates"])
+    assert tried["chosen"] in tried["candidates"] and "verified matches" in tried["in_words"]
+    assert tried["in_words"][:30] in output_of(capsys, "fit", tmp_path, "--step", "0.1", "--method", "auto")
+    assert json_of(capsys, "fit", tmp_path, "--step", "0.1")["tried"] is None
+
+
 def test_the_curve_of_raw_is_in_the_file_alone(capsys: Captured, small_demo: Path, tmp_path: Path) -> None:
     raw, file = small_demo / "images/portico_01.dng", tmp_path / "weights.yaml"
     assert "curve" not in output_of(capsys, "fit", raw, "--method", "mean", "-o", file)

@@ -11,6 +11,7 @@ from unittest.mock import Mock
 
 import numpy as np
 import pytest
+from doubled import doubled_model
 from numpy.typing import NDArray
 from PIL import Image
 from plane import COLOUR, NORMAL, SIZE, VIEWS, make_project, plane_depth
@@ -223,3 +224,11 @@ def driver(devices: int, error: int = 0) -> SimpleNamespace:
 def test_an_unknown_fusion_option_is_refused(project: Path) -> None:
     with pytest.raises(OptionError, match=r"dense\.colmap"):
         fuse(project / "dense", options={"min_pixels": 3})
+
+
+def test_a_photograph_with_two_observations_of_a_point_counts_once_as_a_source(tmp_path: Path) -> None:
+    model = doubled_model(*[[1, 2]] * 30, *[[1, 1, 3, 3]] * 20, images=3)
+    cameras = {image_id: depth_maps.camera_of(model, image_id) for image_id in (1, 2, 3)}
+    job, _ = depth_maps._plan(tmp_path, model, cameras, 1, 1)
+    assert job.names == ("1.png", "2.png")
+    assert len(job.points_world) == 50

@@ -105,7 +105,7 @@ def folder_of(folder: Path, numbers: Sequence[int]) -> Path:
 def test_files_of_histograms_and_folders_in_any_mixture(tmp_path: Path) -> None:
     first, second = folder_of(tmp_path / "a", range(2)), folder_of(tmp_path / "b", range(2, COUNT))
     whole = folder_of(tmp_path / "all", range(COUNT))
-    one, _ = fit_files([whole], output=tmp_path / "one.yaml", histogram=tmp_path / "one.histogram")
+    one = fit_files([whole], output=tmp_path / "one.yaml", histogram=tmp_path / "one.histogram").grey
     parts = [tmp_path / "a.histogram", tmp_path / "b.histogram"]
     for folder, part in zip((first, second), parts, strict=True):
         fit_files([folder], histogram=part)
@@ -114,9 +114,9 @@ def test_files_of_histograms_and_folders_in_any_mixture(tmp_path: Path) -> None:
     assert (tmp_path / "two.yaml").read_bytes() == (tmp_path / "one.yaml").read_bytes()
     alone, pooled = (read_stored(tmp_path / f"{n}.histogram").gathered["coded"] for n in ("one", "two"))
     assert pooled.keys == alone.keys
-    assert fit_files([second, tmp_path / "a.histogram"])[0] == one
+    assert fit_files([second, tmp_path / "a.histogram"]).grey == one
     folder_of(tmp_path / "c", range(2))
-    assert fit_files([tmp_path / "c", second])[0] == one  # the same names in both would be confused
+    assert fit_files([tmp_path / "c", second]).grey == one  # the same names in both would be confused
 
 
 def test_a_photograph_that_is_in_two_campaigns_is_told_of(tmp_path: Path) -> None:
@@ -144,8 +144,8 @@ def test_what_does_not_pool_is_refused(tmp_path: Path, options: dict[str, object
 
 def test_without_contrast_there_is_no_guard(tmp_path: Path) -> None:
     folder_of(tmp_path / "a", [1, 2])
-    plain, _ = fit_files([tmp_path / "a"], FitOptions(guard="none"), histogram=tmp_path / "a.histogram")
-    assert fit_files([tmp_path / "a.histogram"], FitOptions(guard="none"))[0] == plain
+    plain = fit_files([tmp_path / "a"], FitOptions(guard="none"), histogram=tmp_path / "a.histogram").grey
+    assert fit_files([tmp_path / "a.histogram"], FitOptions(guard="none")).grey == plain
     with pytest.raises(WeightsError, match="holds no contrast"):
         fit_files([tmp_path / "a.histogram"])
 
@@ -240,7 +240,7 @@ def test_a_project_keeps_its_histogram_and_takes_weights(
     options = quick_options("fit.measure=false")
     first, second = new_project(3, name="a"), new_project(2, name="b", suffixes=(".dng",))
     done = reconstruct(first, options, until="fit")
-    same, _ = fit_files([first], FitOptions(step=0.1))
+    same = fit_files([first], FitOptions(step=0.1)).grey
     assert same.as_dict()["weights"] == done.summary["weights"]
     weights = tmp_path / "blue.yaml"
     weights.write_text("weights: [0, 0, 1]\n")

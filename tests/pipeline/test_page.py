@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Callable
 from pathlib import Path
 
@@ -56,13 +57,39 @@ def test_a_page_shows_the_whole_project(finished: Path, quick_options: MakeOptio
     assert found.matches is not None
     assert (found.matches == found.matches.T).all()
     assert found.matches[0, 1] > 15
-    assert sum(found.track_lengths.values()) > 300
+    assert sum(found.points_by_images.values()) > 300
     assert found.pairs
-    assert all(min(pair.chosen_inliers, pair.default_inliers) > 15 for pair in found.pairs)
-    assert 1 <= len(found.sliders) <= 4
     assert found.grey is not None
     assert sum(found.grey.tones_chosen) == pytest.approx(1)
-    assert len(found.grey.tones_chosen) == len(found.grey.tones_rec709) == 256
+    assert len(found.grey.tones_chosen) == 256
+
+
+def test_a_grey_is_compared_with_the_default_and_measured_once(
+    new_project: Make, quick_options: MakeOptions
+) -> None:
+    options = quick_options("dense.enabled=false", "fit.method=blue")
+    project = new_project(4)
+    reconstruct(project, options)
+    found = contents_of(project, options)
+    assert 1 <= len(found.sliders) <= 4
+    assert found.grey is not None
+    assert len(found.grey.tones_rec709) == 256
+    assert all(pair.default is not None for pair in found.pairs)
+    figures = re.findall(r"[\d,]+ verified matches", (project / "report/index.html").read_text())
+    measured = json.loads((project / "report/summary.json").read_text())["tried"]["candidates"]["blue"]
+    assert set(figures) == {f"{measured['inliers']:,} verified matches"}
+
+
+def test_the_default_is_not_compared_with_itself(new_project: Make, quick_options: MakeOptions) -> None:
+    options = quick_options("dense.enabled=false", "fit.method=rec709")
+    project = new_project(4)
+    reconstruct(project, options)
+    found = contents_of(project, options)
+    assert found.grey is not None
+    assert (len(found.grey.tones_chosen), len(found.grey.tones_rec709), found.sliders) == (256, 0, [])
+    assert found.pairs and all(pair.default is None for pair in found.pairs)
+    assert "minus Rec.709" not in (project / "report/index.html").read_text()
+    assert found.citation == ""
 
 
 def test_it_is_written_again_only_with_the_model(finished: Path, quick_options: MakeOptions) -> None:

@@ -112,10 +112,7 @@ def synthetic_contents(points: int = 20_000, photographs: int = 24, hostile: str
         )
         for i in range(3)
     ]
-    pairs = [
-        Pair(names[i], names[i + 1], _pair(chosen, 812 + i), 812 + i, _pair(rec709, 640 + i), 640 + i)
-        for i in range(2)
-    ]
+    pairs = [Pair(names[i], names[i + 1], _pair(chosen, 812 + i), _pair(rec709, 640 + i)) for i in range(2)]
     return Contents(
         title=f"{hostile}Priory of Saint-Cosme, west front",
         result=f"{hostile}A dense cloud of 812,400 points from 23 of 24 photographs, mean error 0.46 px.",
@@ -139,7 +136,7 @@ def synthetic_contents(points: int = 20_000, photographs: int = 24, hostile: str
         cameras=facade_cameras(names),
         sliders=sliders,
         pairs=pairs,
-        track_lengths={2: 9120, 3: 4210, 4: 2310, 5: 1200, 6: 730, 7: 402, 8: 210, 9: 120, 11: 31},
+        points_by_images={2: 9120, 3: 4210, 4: 2310, 5: 1200, 6: 730, 7: 402, 8: 210, 9: 120, 11: 31},
         matches=matches,
         warnings=[f"{hostile}Two photographs are much darker than the others: DSC_4112.NEF, DSC_4113.NEF."],
         seconds={"captures": 12.1, "fit": 6.4, "features": 31.2, "matches": 44.8, "dense": 812.5},

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from colmap_ihe.colmap.measures import images_seeing
 from colmap_ihe.colmap.native import pycolmap
 
 FLAT = 0.01
@@ -59,7 +60,7 @@ class Shape:
 def shape_of(folder: Path) -> Shape:
     """Return the shape of the model in `folder`."""
     model = pycolmap.Reconstruction(folder)
-    places = [p.xyz for p in model.points3D.values() if p.track.length() > 2]
+    places = [p.xyz for p in model.points3D.values() if images_seeing(p) > 2]
     xyz = np.array(places, np.float64).reshape(-1, 3)
     axes = np.array([model.images[i].cam_from_world().rotation.matrix()[2] for i in model.reg_image_ids()])
     mean = axes.mean(axis=0)

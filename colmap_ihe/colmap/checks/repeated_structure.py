@@ -18,7 +18,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from colmap_ihe.colmap.measures import strongest_pairs
+from colmap_ihe.colmap.measures import images_seeing, strongest_pairs
 from colmap_ihe.colmap.native import pycolmap
 
 _F64 = NDArray[np.float64]
@@ -81,7 +81,7 @@ class _Points:
         points = sorted(model.points3D.items())
         self.ids = np.array([i for i, _ in points], np.int64)
         self.xyz = np.array([p.xyz for _, p in points], np.float64).reshape(-1, 3)
-        self.is_long = np.array([p.track.length() >= _LONG_TRACK for _, p in points], bool)
+        self.is_long = np.array([images_seeing(p) >= _LONG_TRACK for _, p in points], bool)
 
 
 def conflicts_of(folder: Path, database: Path) -> Conflicts:

@@ -24,6 +24,8 @@ from colmap_ihe.project.options import Options
 _ENOUGH = 0.4  # inliers for each feature: with fewer, photographs see so much less of each other
 _LIKELY_POINTS = 0.1  # for each pixel with depth
 POINTS_A_PIXEL = 0.15  # at the most
+_LAYOUT = 2
+"""Of the folder and of how sources are chosen: a higher number makes dense clouds of earlier versions anew."""
 
 
 class DenseRecord(StageRecord):
@@ -79,6 +81,7 @@ def _result_options(options: Options) -> dict[str, Any]:
     values = section_values(options, "dense")
     enabled = values["dense"].pop("enabled")
     values["dense"]["backend"] = pick_backend(options.dense.backend) if enabled else "none"
+    values["dense"]["layout"] = _LAYOUT
     return values
 
 

@@ -48,7 +48,7 @@ def run(run: RunContext, progress: Progress) -> MatchesRecord:
     except MappingError as error:
         reason, hint = model_warnings.why_no_match(project.database, run.photographs_by_grey(), images)
         raise MappingError(reason, hint) from error
-    return MatchesRecord(**asdict(counts), warnings=model_warnings.match_warnings(counts.found_again))
+    return MatchesRecord(**asdict(counts), warnings=[])
 
 
 def _remove(project: Project) -> None:

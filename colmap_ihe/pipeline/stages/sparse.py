@@ -50,7 +50,10 @@ def run(run: RunContext, progress: Progress) -> SparseRecord:
         reason, hint = model_warnings.why_no_model(project.database, images)
         raise MappingError(reason, hint) from error
     missing = sorted(by_grey[n] for n in run.grey_names() if n not in models[0].image_names)
-    warnings = model_warnings.model_warnings(models, project.sparse, project.database, by_grey, missing)
+    found_again = run.records["matches"].get("found_again", 1.0)
+    warnings = model_warnings.model_warnings(
+        models, project.sparse, project.database, by_grey, missing, found_again
+    )
     described = [_ModelRecord(**asdict(model)) for model in models]
     return SparseRecord(models=described, unregistered=missing, warnings=warnings)
 
