@@ -14,7 +14,7 @@ from pathlib import Path
 
 from colmap_ihe.commandline.bars import print_table
 from colmap_ihe.fit.fit_set import Fit, fit_captures
-from colmap_ihe.fit.trial import Trial
+from colmap_ihe.fit.trial_bench import Trial
 from colmap_ihe.machine.executor import local_executor
 from colmap_ihe.machine.progress import SILENT
 from colmap_ihe.photographs.discover import discover

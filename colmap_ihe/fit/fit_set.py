@@ -14,8 +14,9 @@ from numpy.typing import NDArray
 from colmap_ihe.errors import DiskFullError, KnownError, WeightsError
 from colmap_ihe.fit.counting import CountOptions, SetCounts, gather
 from colmap_ihe.fit.histogram_file import StoredCounts
-from colmap_ihe.fit.trial import Trial, coarse_grid, measure
-from colmap_ihe.fit.trial_result import REFERENCE, SAME, TrialResult, choose, in_words
+from colmap_ihe.fit.trial import coarse_grid, measure
+from colmap_ihe.fit.trial_bench import Trial
+from colmap_ihe.fit.trial_result import DEFAULT, REFERENCE, SAME, TrialResult, choose, in_words
 from colmap_ihe.grey.conversions import CONVERSIONS
 from colmap_ihe.grey.equalise import curve_of
 from colmap_ihe.grey.histogram import Histogram, Weighting, mass_of
@@ -27,7 +28,7 @@ from colmap_ihe.grey.weights import (
     Grey,
     Triplet,
     Weights,
-    is_rec709,
+    are_alike,
     shares,
     triplets,
 )
@@ -39,6 +40,11 @@ from colmap_ihe.photographs.discover import Capture
 from colmap_ihe.photographs.each import LeftOut
 from colmap_ihe.project.options import FitOptions
 
+_DEFAULTS: Mapping[Encoding, str] = {
+    "coded": DEFAULT,
+    "linear": "the default grey of developed photographs (Rec.709 after white balance)",
+}
+
 
 @dataclass(frozen=True)
 class ChosenGrey:
@@ -46,9 +52,10 @@ class ChosenGrey:
 
     chosen: str
     measured: TrialResult
+    encoding: Encoding = "coded"
 
     def as_dict(self) -> dict[str, Any]:
-        words = in_words(self.measured, self.chosen)
+        words = in_words(self.measured, self.chosen, _DEFAULTS[self.encoding])
         return {"chosen": self.chosen, "in_words": words, **self.measured.as_dict()}
 
 
@@ -181,12 +188,25 @@ class _SetFit:
             return self.flattest(self.gathered.contrast.admitted(grid) if guarded else grid)
         if method == "snr":
             return self.weights(method, shares(self.gathered.contrast.best(grid)))
+        if method == REFERENCE:
+            return self.weights(method, self.rec709)
         if method in FIXED:
             return self.weights(method, FIXED[method])
         histogram, formula = self.gathered.histogram, self.gathered.formula
         parameters: tuple[float, ...] = () if formula is None else formula.finish()
         white = 1.0 if formula is not None else self.white_of(FIXED["green"])  # as its fit saw the values
         return Formula(method, parameters, self.encoding, white, histogram.images, histogram.pixels)
+
+    @property
+    def rec709(self) -> tuple[float, float, float]:
+        """Return the triplet of COLMAP's default grey. Of linear photographs it weighs balanced channels, since that is
+        what any program would give COLMAP; sensors see red and blue at about half of green."""
+        balances = [c.recipe.white_balance for c in self.members if c.recipe.white_balance]
+        if self.encoding == "coded" or not balances:
+            return FIXED[REFERENCE]
+        weighed = np.array(FIXED[REFERENCE]) * np.median(balances, axis=0)
+        red, green, blue = (float(w) for w in weighed / weighed.sum())
+        return red, green, blue
 
     def weights(self, method: str, triplet: tuple[float, float, float]) -> Weights:
         images, pixels = self.gathered.histogram.images, self.gathered.histogram.pixels
@@ -233,13 +253,18 @@ class _SetFit:
         screen = {n: self.weights("grid", w.triplet) for n, w in coarse_grid(self.encoding).items()}
         measured = self.measure(greys, trial, screen)
         name = choose(measured) if measured.candidates else "ihe"
-        return replace({**screen, **greys}[name], method="auto"), ChosenGrey(name, measured)
+        return replace({**screen, **greys}[name], method="auto"), ChosenGrey(name, measured, self.encoding)
 
     def against_rec709(self, grey: Grey, trial: Trial) -> ChosenGrey:
-        default = self.weights(REFERENCE, FIXED[REFERENCE])
-        if isinstance(grey, Weights) and is_rec709(grey.triplet):
-            return ChosenGrey(REFERENCE, TrialResult(reason=SAME))
-        return ChosenGrey(grey.method, self.measure({REFERENCE: default, grey.method: grey}, trial, {}))
+        default = self.grey(REFERENCE)
+        if (
+            isinstance(default, Weights)
+            and isinstance(grey, Weights)
+            and are_alike(grey.triplet, default.triplet)
+        ):
+            return ChosenGrey(REFERENCE, TrialResult(reason=SAME), self.encoding)
+        measured = self.measure({REFERENCE: default, grey.method: grey}, trial, {})
+        return ChosenGrey(grey.method, measured, self.encoding)
 
     def measure(self, greys: Mapping[str, Grey], trial: Trial, screen: Mapping[str, Grey]) -> TrialResult:
         """Measure greys on pairs; where that fails the result says so, for it is no reason to end a run."""

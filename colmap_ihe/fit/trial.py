@@ -8,67 +8,37 @@ with its standard error, from how it varies over the windows.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from concurrent.futures import Executor
-from dataclasses import dataclass
+from dataclasses import replace
+from itertools import islice
 from types import MappingProxyType
+from typing import Literal
 
-import cv2
 import numpy as np
-from numpy.typing import NDArray
 
-from colmap_ihe.colmap.two_views import Features, features_of, match, quiet, verified
-from colmap_ihe.errors import PhotographError
-from colmap_ihe.fit.overlaps import Box, Overlap, find_overlaps
-from colmap_ihe.fit.trial_result import REFERENCE, Counts, TrialResult, summed_up
-from colmap_ihe.grey.conversions import CONVERSIONS
-from colmap_ihe.grey.convert import Tone, to_grey
-from colmap_ihe.grey.weights import Encoding, Formula, Grey, Weights, shares, triplets
-from colmap_ihe.machine.executor import in_order, threads_of
+from colmap_ihe.colmap.two_views import quiet
+from colmap_ihe.fit.overlaps import find_overlaps
+from colmap_ihe.fit.trial_bench import Bench, Pair, Trial, readable_pairs
+from colmap_ihe.fit.trial_result import REFERENCE, Counts, TrialResult, leader_of, summed_up
+from colmap_ihe.grey.weights import Encoding, Grey, Weights, shares, triplets
+from colmap_ihe.machine.executor import threads_of
 from colmap_ihe.machine.progress import Progress
-from colmap_ihe.photographs.decode import encoding_of, read_photograph
+from colmap_ihe.photographs.decode import encoding_of
 from colmap_ihe.photographs.discover import Capture
 
 PAIRS = 3
-_WINDOW = 600_000  # pixels at working resolution, where the first octave is 0
-_FINER = 4  # so many times the pixels there are in the octave before
+_Role = Literal["screen", "choose", "hold out"]
+_ROLES: tuple[tuple[_Role, ...], ...] = (
+    (),
+    ("choose",),  # and held out by halves
+    ("choose", "hold out"),
+    ("choose", "hold out", "hold out"),
+    ("screen", "choose", "hold out", "hold out"),
+    ("screen", "choose", "choose", "hold out", "hold out"),
+)
+"""What pairs are for where one of several greys is chosen, by their number."""
 _SCREENED = 4  # so many times smaller are the windows in which the grid is screened
-_KEPT = 10_000
-"""Features a photograph. COLMAP takes whole levels of scale until there are more than 8,192 places: about a
-tenth more, and some places have two orientations."""
-_LEAST_KEPT = 100
-_BLOB = 1.0  # pixels at half working resolution: about the smallest features that COLMAP keeps there
-_LEAST_CONTRAST = 1.7  # grey levels, of COLMAP's SIFT
-_LEAST_BLOBS = 300  # a photograph with fewer is taken for even
-_CELLS = 4  # a side, of the grid over a window that the standard error comes from
-
-_Pixels = NDArray[np.uint8] | NDArray[np.uint16]
-
-
-@dataclass(frozen=True, eq=False)
-class _View:
-    """Hold one photograph of a pair and the window in it. `scale`: working pixels per pixel; `kept`: how many
-    features COLMAP would keep in the window."""
-
-    rgb: _Pixels
-    box: Box
-    scale: float
-    kept: int
-
-    @property
-    def size(self) -> tuple[int, int]:
-        return self.rgb.shape[1], self.rgb.shape[0]
-
-
-_Views = tuple[_View, _View]
-
-
-@dataclass(frozen=True)
-class Trial:
-    """Describe how COLMAP will see the photographs: the tone of linear ones, and the longer side in pixels."""
-
-    tone: Tone = "sqrt"
-    max_image_size: int = 3200
 
 
 def measure(
@@ -81,8 +51,9 @@ def measure(
 ) -> TrialResult:
     """Return verified matches of each of `greys` on at most three pairs of photographs.
 
-    One of `greys` is named "rec709", and all are for one encoding; captures of another are passed over. The
-    best of `screen` on one pair, in smaller windows, is measured with the others. The same photographs give the same
+    One of `greys` is named "rec709", and all are for one encoding; captures of another are passed over. With `screen`
+    one is to be chosen: the best of `screen` on one pair, in smaller windows, is measured with the others, and the
+    winner measured once more on pairs that had no part in the choice. The same photographs give the same
     answer. Photographs that cannot be read are passed over; without a pair that overlaps the result has none, and says
     why. Raises ValueError for greys as above, `NativeError`, `Cancelled`.
     """
@@ -93,9 +64,13 @@ def measure(
     if len(members) < 2:
         return TrialResult(reason=f"a pair takes two photographs, and there are {len(members)} of this kind")
     with quiet(), threads_of(executor) as threads:
-        overlaps, reason = find_overlaps(members, PAIRS + bool(screen), threads, progress)
-        bench = _Bench(threads, progress, trial, greys[REFERENCE])
-        return _measure(bench, overlaps, greys, screen, reason)
+        count = len(_ROLES) - 1 if screen else PAIRS
+        overlaps, reason = find_overlaps(members, count, threads, progress)
+        pairs = readable_pairs(Bench(threads, progress, trial, greys[REFERENCE]), overlaps)
+        reason = "the photographs that overlap cannot be read in full" if overlaps else reason
+        if screen:
+            return _choose(pairs, len(overlaps), greys, screen, reason)
+        return _measure(pairs, greys, reason)
 
 
 def coarse_grid(encoding: Encoding, step: float = 0.25) -> dict[str, Weights]:
@@ -105,151 +80,39 @@ def coarse_grid(encoding: Encoding, step: float = 0.25) -> dict[str, Weights]:
     return {" ".join(f"{w:g}" for w in weights): Weights(*weights, "grid", encoding) for weights in grid}
 
 
-@dataclass(frozen=True)
-class _Bench:
-    """Hold what every measurement on a pair needs."""
-
-    executor: Executor
-    progress: Progress
-    trial: Trial
-    reference: Grey
-
-    def load(self, overlap: Overlap) -> tuple[_Pixels, _Pixels] | None:
-        """Return both photographs; None if one cannot be read after all."""
-
-        def load(capture: Capture) -> _Pixels | None:
-            try:
-                return read_photograph(capture).rgb
-            except PhotographError:
-                return None
-
-        both = (overlap.first, overlap.second)
-        first, second = in_order(self.executor, load, both, progress=self.progress)
-        return None if first is None or second is None else (first, second)
-
-    def views(self, overlap: Overlap, both: tuple[_Pixels, _Pixels], pixels: float) -> _Views:
-        """Return windows of so many pixels at working resolution."""
-        sizes = [(rgb.shape[1], rgb.shape[0]) for rgb in both]
-        scales = [min(1.0, self.trial.max_image_size / max(size)) for size in sizes]
-        sides = [round(pixels**0.5 / scale) for scale in scales]
-        boxes = overlap.boxes((sizes[0], sizes[1]), (sides[0], sides[1]))
-        first, second = map(self.view, both, boxes, scales)
-        return first, second
-
-    def view(self, rgb: _Pixels, box: Box, scale: float) -> _View:
-        return _View(rgb, box, scale, max(_LEAST_KEPT, round(_KEPT * self.share(rgb, box, scale))))
-
-    def share(self, rgb: _Pixels, box: Box, scale: float) -> float:
-        """Return how many of the photograph's features lie in the box, going by its blobs at half working
-        resolution."""
-        grey = to_grey(rgb, self.reference, self.trial.tone)
-        height, width = (max(8, round(n * scale / 2)) for n in grey.shape)
-        half = np.asarray(cv2.resize(grey, (width, height), interpolation=cv2.INTER_AREA), np.float32)
-        band = cv2.GaussianBlur(half, (0, 0), _BLOB) - cv2.GaussianBlur(half, (0, 0), _BLOB * 2 ** (1 / 3))
-        size = np.abs(band)
-        blobs = (size >= _LEAST_CONTRAST) & (size >= cv2.dilate(size, np.ones((3, 3), np.uint8)))
-        left, top, right, bottom = (round(n * scale / 2) for n in box)
-        if blobs.sum() < _LEAST_BLOBS:
-            return float((right - left) * (bottom - top) / blobs.size)
-        return int(blobs[top:bottom, left:right].sum()) / int(blobs.sum())
-
-    def features(self, views: _Views, greys: Sequence[Grey], first_octave: int) -> list[list[Features]]:
-        """Return the features of both windows in each grey that COLMAP would keep, at places in whole photographs."""
-        jobs = [(view, grey) for grey in greys for view in views]
-        windows = list(in_order(self.executor, lambda job: _window(*job, self.trial.tone), jobs))
-        found = features_of(windows, self.progress, first_octave=first_octave)
-        whole = [
-            _in_photograph(f.coarsest(view.kept), view) for f, (view, _) in zip(found, jobs, strict=True)
-        ]
-        return [whole[n : n + 2] for n in range(0, len(whole), 2)]
-
-    def counts(self, views: _Views, greys: Sequence[Grey], first_octave: int) -> list[Counts]:
-        """Return what each grey brings on a pair, equal greys measured once."""
-        unlike = {_look(grey): grey for grey in greys}
-
-        def count(found: list[Features]) -> Counts:
-            first, second = found
-            pairs = match(first, second)
-            ones, others = first.places[pairs[:, 0]], second.places[pairs[:, 1]]
-            kept = verified(ones, others, views[0].size, views[1].size)
-            return Counts(len(first) + len(second), len(pairs), _by_cell(ones[kept], views[0].box))
-
-        self.progress.start(len(unlike), "greys")
-        counted: dict[object, Counts] = {}
-        features = self.features(views, list(unlike.values()), first_octave)
-        for look, counts in zip(unlike, in_order(self.executor, count, features), strict=True):
-            counted[look] = counts
-            self.progress.advance()
-        return [counted[_look(grey)] for grey in greys]
+def _measure(pairs: Iterable[Pair], greys: Mapping[str, Grey], reason: str) -> TrialResult:
+    names, counts = [], []
+    for pair in islice(pairs, PAIRS):
+        counts.append(pair.counts(greys))
+        names.append(pair.names)
+    return summed_up(names, list(greys), counts, reason)
 
 
-def _measure(
-    bench: _Bench,
-    overlaps: Sequence[Overlap],
-    greys: Mapping[str, Grey],
-    screen: Mapping[str, Grey],
-    reason: str,
+def _choose(
+    pairs: Iterable[Pair], count: int, greys: Mapping[str, Grey], screen: Mapping[str, Grey], reason: str
 ) -> TrialResult:
-    """Measure the greys. The grid is screened on a pair that is not measured afterwards, if there is one to spare: a
-    grey that was lucky there has no luck left."""
-    tried, names = dict(greys), []
-    found: list[list[Counts]] = []
-    first_octave: int | None = None
-    spare = len(overlaps) > PAIRS
-    for overlap in overlaps:
-        both = bench.load(overlap)
-        if both is None:
-            continue
-        if first_octave is None:
-            # Where COLMAP has its fill of features of two pixels and more, which takes a quarter of the time.
-            views = bench.views(overlap, both, _WINDOW)
-            coarse = sum(map(len, bench.features(views, [bench.reference], 0)[0]))
-            first_octave = 0 if coarse >= sum(view.kept for view in views) else -1
-        pixels = _WINDOW / (1 if first_octave == 0 else _FINER)
-        if screen:
-            small = bench.views(overlap, both, pixels / _SCREENED)
-            inliers = [c.inliers for c in bench.counts(small, list(screen.values()), first_octave)]
+    """Measure the greys and the best of the grid on the first of `count` pairs, and the winner on the last ones. The
+    grid is screened on a pair that is not measured afterwards, if there is one to spare: a grey that was lucky there
+    has no luck left."""
+    tried, leader = dict(greys), ""
+    chosen_on: tuple[list[tuple[str, str]], list[list[Counts]]] = [], []
+    held_out: tuple[list[tuple[str, str]], list[list[Counts]]] = [], []
+    for role, pair in zip(_ROLES[count], pairs, strict=False):
+        if tried.keys() == greys.keys():
+            inliers = [c.inliers for c in pair.counts(screen, _SCREENED)]
             best = list(screen)[int(np.argmax(inliers))]
-            tried[best], screen = screen[best], {}
-            if spare:
-                continue
-        found.append(bench.counts(bench.views(overlap, both, pixels), list(tried.values()), first_octave))
-        names.append((overlap.first.name, overlap.second.name))
-        if len(found) == PAIRS:
-            break
-    if overlaps and not found:
-        reason = "the photographs that overlap cannot be read in full"
-    return summed_up(names, list(tried), found, reason)
-
-
-def _window(view: _View, grey: Grey, tone: Tone) -> NDArray[np.uint8]:
-    """Return the window in this grey, at working resolution: (H, W) uint8."""
-    left, top, right, bottom = view.box
-    if isinstance(grey, Formula) and CONVERSIONS[grey.method].scope == "image":
-        whole = to_grey(view.rgb, grey, tone)  # on all of which the window's grey depends
-        window = whole[top:bottom, left:right]
-    else:
-        window = to_grey(view.rgb[top:bottom, left:right], grey, tone)
-    if view.scale < 1:
-        size = [max(1, round(n * view.scale)) for n in (right - left, bottom - top)]
-        window = np.asarray(cv2.resize(window, size, interpolation=cv2.INTER_AREA), np.uint8)
-    return np.ascontiguousarray(window)
-
-
-def _in_photograph(found: Features, view: _View) -> Features:
-    places = found.places / view.scale + np.array(view.box[:2])
-    return Features(places, found.scales / view.scale, found.descriptors)
-
-
-def _look(grey: Grey) -> object:
-    """Return what two greys have in common that make the same picture."""
-    if isinstance(grey, Formula):
-        return grey.method, grey.parameters, grey.white
-    return grey.triplet, grey.white
-
-
-def _by_cell(places: NDArray[np.float64], box: Box) -> tuple[int, ...]:
-    """Return how many of (N, 2) places lie in each cell of a grid over the box."""
-    edges = [np.linspace(box[n], box[n + 2], _CELLS + 1) for n in (0, 1)]
-    counted, _, _ = np.histogram2d(places[:, 0], places[:, 1], bins=edges)
-    return tuple(int(n) for n in counted.ravel())
+            tried[best] = screen[best]
+        if role == "choose":
+            chosen_on[0].append(pair.names)
+            chosen_on[1].append(pair.counts(tried))
+        elif role == "hold out":
+            leader = leader or leader_of(summed_up(chosen_on[0], list(tried), chosen_on[1]))
+            held_out[0].append(pair.names)
+            held_out[1].append(pair.counts({name: tried[name] for name in {REFERENCE: 0, leader: 0}}))
+    names = list(tried)
+    if held_out[0]:
+        winner = summed_up(held_out[0], list(dict.fromkeys((REFERENCE, leader))), held_out[1])
+        return replace(summed_up(chosen_on[0], names, chosen_on[1], reason), held_out=winner)
+    first, second = ([[c.half(n) for c in row] for row in chosen_on[1]] for n in (0, 1))
+    winner = summed_up(chosen_on[0], names, second, reason)
+    return replace(summed_up(chosen_on[0], names, first, reason), held_out=winner)

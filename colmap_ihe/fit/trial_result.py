@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 REFERENCE = "rec709"
 """COLMAP's default grey, which the others are compared with."""
+DEFAULT = "COLMAP's default grey"
 SAME = "the grey is COLMAP's default"
 """Reason of a measurement that was not needed."""
 _CLEAR = 2.0  # standard errors
@@ -30,6 +31,12 @@ class Counts:
     @property
     def inliers(self) -> int:
         return sum(self.cells)
+
+    def half(self, number: int) -> Counts:
+        """Return the same with every other cell only, like the black (0) or the white (1) fields of a chessboard."""
+        side = math.isqrt(len(self.cells))
+        cells = [n for at, n in enumerate(self.cells) if (at // side + at % side) % 2 == number]
+        return replace(self, cells=tuple(cells))
 
 
 @dataclass(frozen=True)
@@ -53,11 +60,13 @@ class Candidate:
 @dataclass(frozen=True)
 class TrialResult:
     """Hold what a trial measured. `pairs`: the photographs, two by two, by name. `candidates` by name, none if there
-    is no pair: then `reason` says why."""
+    is no pair: then `reason` says why. `held_out`: where one of several was chosen, what it gave on pairs, or on
+    halves of pairs, that had no part in the choice: the winner of several is better by luck where it won."""
 
     pairs: tuple[tuple[str, str], ...] = ()
     candidates: tuple[tuple[str, Candidate], ...] = ()
     reason: str = ""
+    held_out: TrialResult | None = None
 
     def of(self, name: str) -> Candidate | None:
         return dict(self.candidates).get(name)
@@ -68,6 +77,7 @@ class TrialResult:
             "pairs": [list(pair) for pair in self.pairs],
             "candidates": {name: {**asdict(c), "by_pair": list(c.by_pair)} for name, c in self.candidates},
             "reason": self.reason,
+            **({"held_out": self.held_out.as_dict()} if self.held_out else {}),
         }
 
 
@@ -77,7 +87,8 @@ def trial_result_from_dict(values: Any) -> TrialResult:
     pairs = tuple((str(first), str(second)) for first, second in values["pairs"])
     named = values["candidates"].items()
     candidates = tuple((name, Candidate(**{**c, "by_pair": tuple(c["by_pair"])})) for name, c in named)
-    return TrialResult(pairs, candidates, str(values["reason"]))
+    held_out = trial_result_from_dict(values["held_out"]) if "held_out" in values else None
+    return TrialResult(pairs, candidates, str(values["reason"]), held_out)
 
 
 def summed_up(
@@ -115,28 +126,38 @@ def gain_of(cells: NDArray[np.float64], reference: NDArray[np.float64]) -> tuple
     return gain, _BETWEEN_PAIRS * spread / total
 
 
+def leader_of(measured: TrialResult) -> str:
+    """Return the candidate with most verified matches, the reference where there is none."""
+    return max(measured.candidates, key=lambda c: c[1].inliers)[0] if measured.candidates else REFERENCE
+
+
 def choose(measured: TrialResult) -> str:
-    """Return the candidate with most verified matches if it is clearly better than the reference, else the
-    reference."""
-    if not measured.candidates:
-        return REFERENCE
-    name, best = max(measured.candidates, key=lambda c: c[1].inliers)
-    return name if best.differs and best.gain > 0 else REFERENCE
+    """Return the candidate with most verified matches if it is clearly better than the reference where it had no part
+    in the choice, else the reference."""
+    name = leader_of(measured)
+    best = (measured.held_out or measured).of(name)
+    return name if best is not None and best.differs and best.gain > 0 else REFERENCE
 
 
-def in_words(measured: TrialResult, chosen: str) -> str:
-    """Return what the grey of this name brings, in one sentence, in losing cases too."""
-    mine, reference = measured.of(chosen), measured.of(REFERENCE)
+def in_words(measured: TrialResult, chosen: str, default: str = DEFAULT) -> str:
+    """Return what the grey of this name brings, in one sentence, in losing cases too. `default`: what the reference is
+    called."""
     if chosen == REFERENCE and measured.reason == SAME:
-        return "this is COLMAP's default grey: nothing to gain or to lose against it"
+        return f"this is {default}: nothing to gain or to lose against it"
+    where = "your photographs"
+    if measured.held_out is not None and measured.held_out.of(chosen):
+        is_half = set(measured.held_out.pairs) <= set(measured.pairs)
+        where += f", {'in a half of them' if is_half else 'pairs'} that had no part in the choice,"
+        measured = measured.held_out
+    mine, reference = measured.of(chosen), measured.of(REFERENCE)
     if mine is None or reference is None:
         reason = measured.reason or f"{chosen} was not among the candidates"
         return f"what this grey brings on your photographs could not be measured: {reason}"
     pairs = f"{len(measured.pairs)} pair{'s' if len(measured.pairs) > 1 else ''}"
-    gave = f"on {pairs} of your photographs this grey gave {mine.inliers:,} verified matches"
+    gave = f"on {pairs} of {where} this grey gave {mine.inliers:,} verified matches"
     if chosen == REFERENCE:
-        return f"{gave}; it is COLMAP's default grey"
-    gave += f", COLMAP's default grey {reference.inliers:,}"
+        return f"{gave}; it is {default}"
+    gave += f", {default} {reference.inliers:,}"
     if mine.gain > 1 and mine.differs:
         return gave
     percent, give_or_take = round(100 * abs(mine.gain)), max(1, math.ceil(100 * _CLEAR * mine.error))

@@ -39,9 +39,14 @@ _COMMON = ("images", "pixels", "encoding", "white")
 _SUM_TOLERANCE = 2e-3  # MATLAB's rgb2gray is published as .2989 .5870 .1140, which is .9999
 
 
+def are_alike(triplet: Sequence[float], other: Sequence[float]) -> bool:
+    """Tell whether two triplets of weights are the same within a step of the fit."""
+    return max(abs(w - o) for w, o in zip(triplet, other, strict=True)) < _DIFFERENT
+
+
 def is_rec709(triplet: Sequence[float]) -> bool:
     """Tell whether weights of red, green and blue are those of COLMAP's default, within a step of the fit."""
-    return max(abs(w - r) for w, r in zip(triplet, FIXED["rec709"], strict=True)) < _DIFFERENT
+    return are_alike(triplet, FIXED["rec709"])
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,7 @@ from typing import Any
 
 from colmap_ihe.errors import KnownError, WeightsError
 from colmap_ihe.fit.fit_set import Fit, fit_captures
-from colmap_ihe.fit.trial import Trial
+from colmap_ihe.fit.trial_bench import Trial
 from colmap_ihe.grey.convert import Tone, check_tone
 from colmap_ihe.grey.weights import Grey, grey_from_dict
 from colmap_ihe.machine.files import fingerprint_of

@@ -37,8 +37,11 @@ def citation(summary: Mapping[str, Any], options: Options) -> str:
 
 def is_default(summary: Mapping[str, Any]) -> bool:
     """Tell whether the grey of the set is that which COLMAP makes of colour by itself."""
-    every = list(summary["weights_by_encoding"].values())
-    return bool(every) and all(weights is not None and is_rec709(weights) for weights in every)
+    every = summary["weights_by_encoding"]
+    return bool(every) and all(
+        encoding == "coded" and weights is not None and is_rec709(weights)
+        for encoding, weights in every.items()
+    )
 
 
 def _conversion(summary: Mapping[str, Any], options: Options) -> str:

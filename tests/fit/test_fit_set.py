@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import shutil
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 from pathlib import Path
 from typing import Literal
 
@@ -17,13 +18,14 @@ from colmap_ihe.errors import NativeError
 from colmap_ihe.fit import counting as gathering
 from colmap_ihe.fit import fit_set as fitting
 from colmap_ihe.fit.fit_set import Fit, fit_captures
-from colmap_ihe.fit.trial import Trial
+from colmap_ihe.fit.trial_bench import Trial
 from colmap_ihe.fit.trial_result import Candidate, TrialResult
 from colmap_ihe.grey.ihe import fit_weights
 from colmap_ihe.grey.weights import Formula, Weights
 from colmap_ihe.machine.progress import SILENT
 from colmap_ihe.photographs.discover import discover
 from colmap_ihe.project.options import FitOptions
+from colmap_ihe.project.recipe import Recipe
 
 
 def noisy_blue(seed: int) -> NDArray[np.uint8]:
@@ -141,6 +143,22 @@ def test_a_triplet_of_the_grid_is_as_complete_as_any(
     assert (found.triplet, found.images, found.method) == ((0, 0.75, 0.25), 3, "auto")
     assert found.pixels == 3 * 240 * 320
     assert found.contrast is not None
+
+
+def test_the_default_grey_of_raw_weighs_balanced_channels(small_demo: Path, tmp_path: Path) -> None:
+    """Else a sensor's red and blue, which it sees at half of green, would count for half."""
+    for n in (1, 2):
+        shutil.copy(small_demo / f"images/portico_0{n}.dng", tmp_path)
+    captures = [replace(c, recipe=Recipe(white_balance=(2.0, 1.0, 1.5))) for c in discover(tmp_path).captures]
+    with ThreadPoolExecutor(2) as executor:
+        options = FitOptions(method="green", step=0.25)
+        found = fit_captures(captures, options, executor, SILENT, strict=True, trial=Trial())
+        default = fit_captures(captures, FitOptions(method="rec709"), executor, SILENT, strict=True)
+    expected = np.array([2 * 0.2126, 0.7152, 1.5 * 0.0722]) / (2 * 0.2126 + 0.7152 + 1.5 * 0.0722)
+    assert isinstance(default.main, Weights)
+    assert default.main.triplet == pytest.approx(expected)
+    words = found.tried["linear"].as_dict()["in_words"]
+    assert "the default grey of developed photographs (Rec.709 after white balance)" in words
 
 
 @pytest.mark.parametrize("method", ["ihe", pytest.param("auto", marks=pytest.mark.slow)])

@@ -13,7 +13,7 @@ from colmap_ihe.errors import WeightsError
 from colmap_ihe.fit import given_weights, weights_file
 from colmap_ihe.fit.fit_set import Fit, fit_captures
 from colmap_ihe.fit.histogram_file import StoredCounts, write_stored
-from colmap_ihe.fit.trial import Trial
+from colmap_ihe.fit.trial_bench import Trial
 from colmap_ihe.grey.weights import Encoding, Weights, grey_from_dict
 from colmap_ihe.machine.files import digest_file
 from colmap_ihe.machine.progress import Progress
