@@ -103,6 +103,8 @@ def _against_truth(dense: Path, truth: Truth) -> dict[str, str]:
     accuracy = surface_errors(some[0], true).accuracy
     completeness = surface_errors(cloud, some[1]).completeness
     found = {"depth, median error": f"{depth.median_percent:.3f} %"}
+    for where, judged in (("all pixels", depth.all), ("0 to 4 px from edges", depth.near_edges)):
+        found[f"right, wrong depths: {where}"] = f"{judged.right_percent:.1f}, {judged.wrong_percent:.1f} %"
     for percent in WITHIN_PERCENT:
         within = percent / 100 * truth.extent_m
         a, c = (100 * float(np.mean(errors <= within)) for errors in (accuracy, completeness))

@@ -11,29 +11,53 @@ import numpy as np
 from colmap_ihe.evaluation.truth import F32, F64, TrueImage
 
 _EDGE = 0.02  # relative step of true depth within 3 x 3 pixels that counts as an edge
+TOLERANCE = 0.02
+"""Relative error up to which a depth is right."""
+_NEAR = 4  # pixels from an edge
+_AROUND = np.ones((3, 3), np.uint8)
+
+
+@dataclass(frozen=True)
+class Judged:
+    """Count pixels: `seeing` the scene, with a `right` depth, and with a `wrong` one. A depth where there is nothing is
+    wrong; beside an edge either side's depth is right."""
+
+    seeing: int = 0
+    right: int = 0
+    wrong: int = 0
+
+    @property
+    def right_percent(self) -> float:
+        """Return the share of the pixels that see the scene which have a right depth."""
+        return 100 * self.right / self.seeing if self.seeing else float("nan")
+
+    @property
+    def wrong_percent(self) -> float:
+        """Return the share of the depths that are wrong."""
+        depths = self.right + self.wrong
+        return 100 * self.wrong / depths if depths else float("nan")
+
+    def __add__(self, other: Judged) -> Judged:
+        """Return the counts of both together."""
+        return Judged(self.seeing + other.seeing, self.right + other.right, self.wrong + other.wrong)
 
 
 @dataclass(frozen=True)
 class DepthErrors:
     """Hold the errors of one image or several.
 
-    `relative_percent` (N,) float32 is |estimated / true - 1| in percent where both are known, away
-    from edges; `seeing` pixels see the scene, `estimated` of them have a depth.
+    `relative_percent` (N,) float32 is |estimated / true - 1| in percent where both are known, away from edges. `all`
+    judges every pixel, `near_edges` those within 4 pixels of an edge of true depth.
     """
 
     relative_percent: F32
-    seeing: int
-    estimated: int
+    all: Judged
+    near_edges: Judged
 
     @property
     def median_percent(self) -> float:
         """Return the median error, nan where nothing could be compared."""
         return float(np.median(self.relative_percent)) if self.relative_percent.size else float("nan")
-
-    @property
-    def coverage_percent(self) -> float:
-        """Return the share of the pixels that see the scene which have an estimated depth."""
-        return 100 * self.estimated / self.seeing if self.seeing else float("nan")
 
 
 def depth_errors(estimated: F32, calibration: F64, truth: TrueImage, metres_per_unit: float) -> DepthErrors:
@@ -42,7 +66,7 @@ def depth_errors(estimated: F32, calibration: F64, truth: TrueImage, metres_per_
     `estimated` is (H, W) float32 along the optical axis in the model's unit, not positive or nan
     where unknown; `calibration` its K (3, 3), of an undistorted camera at the place of the true
     one, perhaps of another size. `metres_per_unit` is the scale of `PoseErrors.world_from_model`.
-    Each estimated pixel is compared with the true pixel nearest to its ray, skipping edges of depth.
+    Each estimated pixel is compared with the true pixel nearest to its ray, and next to an edge with those around it.
     """
     if estimated.ndim != 2:
         raise ValueError(f"{estimated.shape=}, expected (H, W)")
@@ -54,22 +78,34 @@ def depth_errors(estimated: F32, calibration: F64, truth: TrueImage, metres_per_
     inside = ((row >= 0) & (row < true.shape[0]))[:, None] & (column >= 0) & (column < true.shape[1])
     rows = np.clip(np.floor(row), 0, true.shape[0] - 1).astype(np.intp)
     columns = np.clip(np.floor(column), 0, true.shape[1] - 1).astype(np.intp)
-    expected = true[np.ix_(rows, columns)]
-    seeing = inside & (expected > 0)
-    both = seeing & (estimated > 0)
-    compared = both & ~_at_edge(true)[np.ix_(rows, columns)]
-    error = 100 * np.abs(estimated[compared] * np.float32(metres_per_unit) / expected[compared] - 1)
-    return DepthErrors(error.astype(np.float32), int(seeing.sum()), int(both.sum()))
+    rays = np.ix_(rows, columns)
+    nearest, farthest = (np.asarray(f(true, _AROUND), np.float32) for f in (cv2.erode, cv2.dilate))
+    edge = np.asarray(farthest > (1 + _EDGE) * nearest)
+    near = np.asarray(cv2.dilate(edge.astype(np.uint8), np.ones((2 * _NEAR + 1,) * 2, np.uint8)), bool)[rays]
+    depth, with_depth = estimated * np.float32(metres_per_unit), inside & (estimated > 0)
+    error = _relative(depth, true[rays])
+    beside = np.minimum(_relative(depth, nearest[rays]), _relative(depth, farthest[rays]))
+    fits = np.minimum(error, np.where(edge[rays], beside, np.inf)) <= TOLERANCE
+    seeing, wrong = inside & (true[rays] > 0), with_depth & ~fits
+    right = seeing & with_depth & fits
+    compared = 100 * error[with_depth & seeing & ~edge[rays]]
+    judged, near_edges = (
+        Judged(int((seeing & part).sum()), int((right & part).sum()), int((wrong & part).sum()))
+        for part in (inside, near)
+    )
+    return DepthErrors(compared.astype(np.float32), judged, near_edges)
 
 
 def pooled(errors: Iterable[DepthErrors]) -> DepthErrors:
     """Return the errors of several images as if they were one."""
     parts = list(errors)
     relative = np.concatenate([np.empty(0, np.float32), *(part.relative_percent for part in parts)])
-    return DepthErrors(relative, sum(part.seeing for part in parts), sum(part.estimated for part in parts))
+    return DepthErrors(
+        relative, sum((p.all for p in parts), Judged()), sum((p.near_edges for p in parts), Judged())
+    )
 
 
-def _at_edge(depth: F32) -> np.ndarray[tuple[int, ...], np.dtype[np.bool_]]:
-    """Return where depth within 3 x 3 pixels differs by more than `_EDGE`; nothing (0) beside something does too."""
-    kernel = np.ones((3, 3), np.uint8)
-    return np.asarray(cv2.dilate(depth, kernel) > (1 + _EDGE) * cv2.erode(depth, kernel))
+def _relative(depth: F32, true: F32) -> F32:
+    """Return |depth / true - 1|, infinite where there is nothing."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return np.asarray(np.where(true > 0, np.abs(depth / true - 1), np.inf), np.float32)

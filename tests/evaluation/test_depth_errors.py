@@ -43,13 +43,25 @@ def test_true_depth_is_stored_far_more_finely_than_it_is_judged(image: TrueImage
 def test_right_depth_has_no_error_and_full_coverage(image: TrueImage) -> None:
     errors = depth_errors(slanted(K, WIDTH, HEIGHT) / np.float32(4), K, image, metres_per_unit=4.0)
     assert errors.median_percent < 0.005
-    assert errors.coverage_percent == 100
-    assert errors.seeing == WIDTH * HEIGHT * 3 // 4
+    assert errors.all.right_percent == 100
+    assert errors.all.seeing == WIDTH * HEIGHT * 3 // 4
 
 
 def test_a_known_error_is_found(image: TrueImage) -> None:
     errors = depth_errors(slanted(K, WIDTH, HEIGHT) * np.float32(1.01), K, image, 1.0)
     assert errors.median_percent == pytest.approx(1, abs=0.01)
+    assert errors.all.right_percent == 100
+    errors = depth_errors(slanted(K, WIDTH, HEIGHT) * np.float32(1.1), K, image, 1.0)
+    assert (errors.all.right, errors.all.wrong_percent) == (0, 100)
+
+
+def test_depth_in_the_sky_is_wrong(image: TrueImage) -> None:
+    depth = slanted(K, WIDTH, HEIGHT)
+    errors = depth_errors(depth, K, image, 1.0)
+    assert errors.all.right == WIDTH * HEIGHT * 3 // 4
+    assert errors.all.wrong == WIDTH * (HEIGHT // 4 - 1)
+    depth[: HEIGHT // 4] = 0
+    assert depth_errors(depth, K, image, 1.0).all.wrong_percent == 0
 
 
 def test_pixels_without_depth_lower_the_coverage_only(image: TrueImage) -> None:
@@ -57,7 +69,7 @@ def test_pixels_without_depth_lower_the_coverage_only(image: TrueImage) -> None:
     depth[:, :60] = 0
     depth[:, 60:120] = np.nan
     errors = depth_errors(depth, K, image, 1.0)
-    assert errors.coverage_percent == pytest.approx(50)
+    assert errors.all.right_percent == pytest.approx(50)
     assert errors.median_percent < 0.005
 
 
@@ -68,28 +80,32 @@ def test_another_camera_at_the_same_place_is_matched_by_rays(image: TrueImage, s
     errors = depth_errors(slanted(other, width, height), other, image, 1.0)
     # Half a true pixel of this plane is up to 0.4 % of depth: the nearest pixel is not the same ray.
     assert errors.median_percent < 0.25
-    assert errors.coverage_percent == 100
+    assert errors.all.right_percent == 100
     unscaled = depth_errors(slanted(other, width, height), K, image, 1.0)
     assert unscaled.median_percent > 1
 
 
-def test_edges_of_depth_are_not_judged(tmp_path: Path) -> None:
+def test_edges_have_figures_of_their_own(tmp_path: Path) -> None:
+    """Depth 3 and, from column 40 on, 6.55: the foreground is two pixels too wide, and one is a depth between both."""
     code = np.full((80, 80), 65535, np.uint16)
     code[:, 40:] = 30000
     Image.fromarray(code).save(tmp_path / "a.png")
     image = TrueImage(80, 80, K, np.eye(3, 4), tmp_path / "a.png", 3.0)
     estimated = image.depth_m()
-    estimated[:, 40] = 3.0  # wrong by half, beside the edge
+    estimated[:, 40:42] = 3.0  # the first lies beside the edge, where either depth is right
+    estimated[:, 42] = 5.0
     errors = depth_errors(estimated, K, image, 1.0)
     assert errors.relative_percent.size == 80 * 78
-    assert errors.relative_percent.max() < 1e-3
-    assert errors.coverage_percent == 100
+    assert errors.all.right_percent == pytest.approx(100 * 78 / 80)
+    assert errors.near_edges.seeing == 80 * 10
+    assert errors.near_edges.right_percent == pytest.approx(80)
+    assert errors.near_edges.wrong_percent == pytest.approx(20)
 
 
 def test_images_are_pooled_by_pixels(image: TrueImage) -> None:
     right = depth_errors(slanted(K, WIDTH, HEIGHT), K, image, 1.0)
     nothing = depth_errors(np.zeros((HEIGHT, WIDTH), np.float32), K, image, 1.0)
     both = pooled([right, nothing])
-    assert both.coverage_percent == pytest.approx(50)
+    assert both.all.right_percent == pytest.approx(50)
     assert both.median_percent == right.median_percent
     assert np.isnan(nothing.median_percent)

@@ -40,7 +40,8 @@ def demo(folder: Path, assignments: list[str], progress: RunProgress) -> Reconst
 
 
 def truth_summary(done: Reconstruction, truth: Truth) -> dict[str, float]:
-    """Return the section `truth` of summary.json; without a dense cloud, only the errors of poses."""
+    """Return the section `truth` of summary.json; without a dense cloud, only the errors of poses. A depth is right
+    within 2 %: shares of right ones are of the pixels that see the scene, of wrong ones of the depths."""
     poses = pose_errors(poses_of(done.sparse_model), truth)
     section = {
         "rotation_error_deg": poses.rotation_error_deg,
@@ -49,7 +50,10 @@ def truth_summary(done: Reconstruction, truth: Truth) -> dict[str, float]:
     if done.summary["dense_points"] is not None:
         depth = _depth_errors(done.project.dense, truth, poses.world_from_model.scale)
         section["dense_median_error_percent"] = depth.median_percent
-        section["depth_coverage_percent"] = depth.coverage_percent
+        section["depth_right_percent"] = depth.all.right_percent
+        section["depth_wrong_percent"] = depth.all.wrong_percent
+        section["depth_right_near_edges_percent"] = depth.near_edges.right_percent
+        section["depth_wrong_near_edges_percent"] = depth.near_edges.wrong_percent
     return section
 
 
