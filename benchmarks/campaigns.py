@@ -20,7 +20,7 @@ from guard_sets import DATA, raw_set
 from colmap_ihe.commandline.bars import print_table
 from colmap_ihe.evaluation.demo.render import render_demo
 from colmap_ihe.fit.fit_set import fit_captures
-from colmap_ihe.fit.given_weights import misfit, warnings_of
+from colmap_ihe.fit.weights_file import misfit, warnings_of
 from colmap_ihe.grey.ihe import flatness
 from colmap_ihe.grey.weights import Weights
 from colmap_ihe.machine.executor import local_executor

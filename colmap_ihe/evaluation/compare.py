@@ -25,11 +25,9 @@ from colmap_ihe.colmap.measures import rms_px, thin_out
 from colmap_ihe.colmap.native import logged_to
 from colmap_ihe.dense.cloud import dense_cloud
 from colmap_ihe.errors import MappingError, OptionError
-from colmap_ihe.evaluation.figures import errors_against, matching_of, plain_truth, truth_of
+from colmap_ihe.evaluation.figures import errors_against, matching_of, plain_truth, read_pairs, truth_of
 from colmap_ihe.evaluation.page import write_comparison
-from colmap_ihe.evaluation.pair_list import read_pairs
-from colmap_ihe.evaluation.significance import LEFT_OUT
-from colmap_ihe.evaluation.tables import METHODS, PAPER, MethodResult, tables_of
+from colmap_ihe.evaluation.tables import LEFT_OUT, METHODS, PAPER, MethodResult, tables_of
 from colmap_ihe.evaluation.truth import Truth
 from colmap_ihe.grey.conversions import CONVERSIONS
 from colmap_ihe.machine.executor import local_executor

@@ -12,8 +12,7 @@ from numpy.typing import NDArray
 
 from colmap_ihe.grey import kernels
 from colmap_ihe.grey.histogram import LINEAR_EDGES, Histogram
-from colmap_ihe.grey.rules import Rules
-from colmap_ihe.grey.weights import Triplet
+from colmap_ihe.grey.weights import Rules, Triplet
 from colmap_ihe.machine.threads import local_workers
 
 WHITE_PERCENTILE = 99.8

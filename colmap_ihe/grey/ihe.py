@@ -23,8 +23,7 @@ from colmap_ihe.grey.boxes import Pyramid, estimates_of, whites_of
 from colmap_ihe.grey.contrast import Contrast
 from colmap_ihe.grey.equalise import curve_of
 from colmap_ihe.grey.histogram import LINEAR_EDGES, Histogram
-from colmap_ihe.grey.rules import LEVELS, linear_rules
-from colmap_ihe.grey.weights import FIXED, Triplet, Weights, shares, triplets
+from colmap_ihe.grey.weights import FIXED, LEVELS, Triplet, Weights, linear_rules, shares, triplets
 
 Recount = Callable[[Sequence[Triplet], Sequence[int]], NDArray[np.int64]]
 """Counts the grey levels of n triplets, with their white points, over the whole set: (n, 256) int64."""

@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 
 from colmap_ihe.errors import Cancelled, CapabilityError, PhotographError
 from colmap_ihe.machine import memory, threads
-from colmap_ihe.machine.cancel import stopped
 from colmap_ihe.machine.child_process import ChildProcess
 from colmap_ihe.machine.decoder_wire import (
     Message,
@@ -24,6 +23,7 @@ from colmap_ihe.machine.decoder_wire import (
     receive,
     send,
 )
+from colmap_ihe.machine.progress import stopped
 
 logger = logging.getLogger(__name__)
 

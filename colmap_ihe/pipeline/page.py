@@ -19,13 +19,13 @@ from colmap_ihe.machine.files import write_bytes
 from colmap_ihe.machine.libraries import library_versions
 from colmap_ihe.machine.progress import Progress, RunProgress
 from colmap_ihe.pipeline import model_view
-from colmap_ihe.pipeline.run_context import RunContext
+from colmap_ihe.pipeline.stage import RunContext
 from colmap_ihe.project.folder import Project
 from colmap_ihe.project.options import Options
 from colmap_ihe.report import contents, pictures
 from colmap_ihe.report.contents import Contents, PhotographEntry
 from colmap_ihe.report.page import render_page
-from colmap_ihe.report.summary import summary_rows, weights_in_words
+from colmap_ihe.report.tables import summary_rows, weights_in_words
 
 CITATION = (
     "Intensity histogram equalisation, a colour-to-grey conversion strategy improving photogrammetric reconstruction"

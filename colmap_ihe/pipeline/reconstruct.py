@@ -18,23 +18,19 @@ from colmap_ihe.machine.progress import SILENT, RunProgress
 from colmap_ihe.machine.threads import limited
 from colmap_ihe.photographs.discover import discover
 from colmap_ihe.pipeline import outputs
-from colmap_ihe.pipeline.estimates import needs_of, stage_parts
-from colmap_ihe.pipeline.fingerprints import fingerprints, inputs_of, why_stale
+from colmap_ihe.pipeline.estimates import disk_warnings, needs_of, stage_parts
 from colmap_ihe.pipeline.input_digests import digests_of
 from colmap_ihe.pipeline.page import page_of
-from colmap_ihe.pipeline.records import read_record
+from colmap_ihe.pipeline.records import fingerprints, inputs_of, read_record, why_stale
 from colmap_ihe.pipeline.repeat import RunRecord, differences_from, write_run_record
-from colmap_ihe.pipeline.resource_check import disk_warnings
-from colmap_ihe.pipeline.resource_needs import PhotoSetSize
-from colmap_ihe.pipeline.run_context import RunContext
+from colmap_ihe.pipeline.resource_needs import Known, PhotoSetSize
 from colmap_ihe.pipeline.run_stages import run_stages, warn_of
-from colmap_ihe.pipeline.stage import Stage
+from colmap_ihe.pipeline.stage import RunContext, Stage
 from colmap_ihe.pipeline.stages import STAGE_NAMES, STAGES
 from colmap_ihe.pipeline.stages.fit import write_weights_file
-from colmap_ihe.pipeline.time_estimate import Known
+from colmap_ihe.pipeline.summary import summarise
 from colmap_ihe.project.folder import Project
 from colmap_ihe.project.options import Options
-from colmap_ihe.report.summary import summarise
 
 
 @dataclass(frozen=True)

@@ -11,12 +11,10 @@ from colmap_ihe.machine.files import require_same_folder
 from colmap_ihe.machine.progress import RunProgress
 from colmap_ihe.machine.threads import local_workers
 from colmap_ihe.pipeline import outputs
-from colmap_ihe.pipeline.fingerprints import versions_of, why_stale
+from colmap_ihe.pipeline.estimates import memory_warnings
 from colmap_ihe.pipeline.input_digests import require_unchanged
-from colmap_ihe.pipeline.records import read_record
-from colmap_ihe.pipeline.resource_check import memory_warnings
-from colmap_ihe.pipeline.run_context import Record, RunContext
-from colmap_ihe.pipeline.stage import Stage
+from colmap_ihe.pipeline.records import read_record, versions_of, why_stale
+from colmap_ihe.pipeline.stage import Record, RunContext, Stage
 
 
 def run_stages(

@@ -10,14 +10,18 @@ from typing import Any
 from colmap_ihe.machine.executor import local_executor
 from colmap_ihe.machine.progress import SILENT
 from colmap_ihe.photographs.discover import Discovery, discover
-from colmap_ihe.pipeline.estimates import needs_of
-from colmap_ihe.pipeline.fingerprints import INPUT_CHANGED, fingerprints, inputs_of, versions_of, why_stale
+from colmap_ihe.pipeline.estimates import in_words, needs_of
 from colmap_ihe.pipeline.input_digests import digests_of
-from colmap_ihe.pipeline.records import read_record
-from colmap_ihe.pipeline.resource_check import in_words
+from colmap_ihe.pipeline.records import (
+    INPUT_CHANGED,
+    fingerprints,
+    inputs_of,
+    read_record,
+    versions_of,
+    why_stale,
+)
 from colmap_ihe.pipeline.resource_needs import PhotoSetSize
-from colmap_ihe.pipeline.run_context import Inputs, Record
-from colmap_ihe.pipeline.stage import Stage
+from colmap_ihe.pipeline.stage import Inputs, Record, Stage
 from colmap_ihe.pipeline.stages import STAGES
 from colmap_ihe.project.folder import Project
 from colmap_ihe.project.options import Options

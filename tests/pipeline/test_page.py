@@ -17,12 +17,12 @@ from colmap_ihe.photographs.discover import discover
 from colmap_ihe.pipeline import page as pages
 from colmap_ihe.pipeline.reconstruct import reconstruct
 from colmap_ihe.pipeline.records import read_record
-from colmap_ihe.pipeline.run_context import RunContext
+from colmap_ihe.pipeline.stage import RunContext
 from colmap_ihe.pipeline.stages import STAGES
+from colmap_ihe.pipeline.summary import summarise
 from colmap_ihe.project.folder import Project
 from colmap_ihe.project.options import Options
 from colmap_ihe.report.contents import Contents
-from colmap_ihe.report.summary import summarise
 
 Make = Callable[..., Path]
 MakeOptions = Callable[..., Options]

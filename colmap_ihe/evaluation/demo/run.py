@@ -15,7 +15,7 @@ from colmap_ihe.evaluation.truth import Truth, key_of, pose_errors, read_truth
 from colmap_ihe.machine.files import write_json
 from colmap_ihe.machine.progress import RunProgress
 from colmap_ihe.pipeline.reconstruct import Reconstruction, reconstruct
-from colmap_ihe.pipeline.rewrite_page import report
+from colmap_ihe.pipeline.summary import report
 from colmap_ihe.project.options_file import project_options
 
 

@@ -30,11 +30,9 @@ from colmap_ihe.photographs.discover import Capture
 from colmap_ihe.photographs.each import LeftOut, each_usable
 from colmap_ihe.photographs.encode import SUFFIXES, encode_image
 from colmap_ihe.photographs.survey import Surveyed, survey
-from colmap_ihe.pipeline.resource_needs import BASE_BYTES, PhotoSetSize, StageNeeds
-from colmap_ihe.pipeline.run_context import Record, RunContext
-from colmap_ihe.pipeline.stage import NameBelow, Stage, StageRecord
+from colmap_ihe.pipeline.resource_needs import BASE_BYTES, Known, PhotoSetSize, StageNeeds
+from colmap_ihe.pipeline.stage import NameBelow, Record, RunContext, Stage, StageRecord
 from colmap_ihe.pipeline.stages.fit import fit_of
-from colmap_ihe.pipeline.time_estimate import Known
 from colmap_ihe.pipeline.warnings import photographs as set_warnings
 from colmap_ihe.project.folder import Project
 from colmap_ihe.project.options import ConvertOptions, Options

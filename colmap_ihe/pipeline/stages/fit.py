@@ -10,7 +10,7 @@ from typing import Annotated, Any
 from pydantic import AfterValidator, Field, model_validator
 
 from colmap_ihe.errors import WeightsError
-from colmap_ihe.fit import given_weights, weights_file
+from colmap_ihe.fit import weights_file
 from colmap_ihe.fit.fit_set import Fit, fit_captures
 from colmap_ihe.fit.histogram_file import StoredCounts, write_stored
 from colmap_ihe.fit.trial import Trial
@@ -19,10 +19,17 @@ from colmap_ihe.machine.files import digest_file
 from colmap_ihe.machine.progress import Progress
 from colmap_ihe.machine.remaining_time import Part
 from colmap_ihe.photographs.discover import Discovery
-from colmap_ihe.pipeline.resource_needs import BASE_BYTES, PhotoSetSize, StageNeeds
-from colmap_ihe.pipeline.run_context import Inputs, Record, RunContext
-from colmap_ihe.pipeline.stage import Count, Stage, StageRecord, StrictModel, section_values
-from colmap_ihe.pipeline.time_estimate import Known
+from colmap_ihe.pipeline.resource_needs import BASE_BYTES, Known, PhotoSetSize, StageNeeds
+from colmap_ihe.pipeline.stage import (
+    Count,
+    Inputs,
+    Record,
+    RunContext,
+    Stage,
+    StageRecord,
+    StrictModel,
+    section_values,
+)
 from colmap_ihe.project.folder import Project
 from colmap_ihe.project.options import Options
 
@@ -88,7 +95,7 @@ def run(run: RunContext, progress: Progress) -> FitRecord:
             " and a colour is not the same grey in both; for one grey use one kind"
         )
     if isinstance(given, Weights):
-        warnings += given_weights.warnings_of(given, fit.gathered[given.encoding], options)
+        warnings += weights_file.warnings_of(given, fit.gathered[given.encoding], options)
     return record_of(fit, warnings)
 
 
