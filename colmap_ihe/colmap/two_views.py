@@ -149,18 +149,17 @@ def verified(
     second_size: tuple[int, int],
     *,
     max_error_px: float = 4.0,
-    seed: int = 0,
 ) -> NDArray[np.intp]:
     """Return the indices, (n,), of matched points that lie on the geometry most of them share; none if fewer than 15.
 
     first, second: (N, 2) float64, x and y in pixels of images of these sizes (width, height). COLMAP's verification
-    with its defaults, for cameras of unknown focal length. The same points and seed give the same answer. Raises
+    with its defaults, for cameras of unknown focal length. The same points give the same answer. Raises
     ValueError for other shapes.
     """
     if len(first) != len(second) or first.shape[1:] != (2,) or second.shape[1:] != (2,):
         raise ValueError(f"{first.shape=} {second.shape=}, expected (N, 2) each")
     options = pycolmap.TwoViewGeometryOptions()
-    options.ransac.random_seed = seed
+    options.ransac.random_seed = 0
     options.ransac.max_error = max_error_px
     if len(first) < options.min_num_inliers:
         return np.zeros(0, np.intp)

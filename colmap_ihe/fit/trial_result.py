@@ -63,21 +63,12 @@ class TrialResult:
         return dict(self.candidates).get(name)
 
     def as_dict(self) -> dict[str, Any]:
-        """Return plain values for JSON; `trial_result_from_dict` reads them back."""
+        """Return plain values for JSON."""
         return {
             "pairs": [list(pair) for pair in self.pairs],
             "candidates": {name: {**asdict(c), "by_pair": list(c.by_pair)} for name, c in self.candidates},
             "reason": self.reason,
         }
-
-
-def trial_result_from_dict(values: Any) -> TrialResult:
-    """Read what `as_dict` wrote. Raises KeyError, TypeError or ValueError for anything that `as_dict` could not have
-    written."""
-    pairs = tuple((str(first), str(second)) for first, second in values["pairs"])
-    named = values["candidates"].items()
-    candidates = tuple((name, Candidate(**{**c, "by_pair": tuple(c["by_pair"])})) for name, c in named)
-    return TrialResult(pairs, candidates, str(values["reason"]))
 
 
 def summed_up(

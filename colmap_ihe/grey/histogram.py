@@ -111,7 +111,7 @@ class Histogram:
         self.pixels += pixels
 
     def table(self) -> NDArray[np.uint64]:
-        """Return the mass of every cell, (2^24,), at `kernels.place_of` its codes."""
+        """Return the mass of every cell, (2^24,), at the places of `kernels.Table`."""
         return self._counted.at(slice(None)) if self._weighed is None else self._weighed
 
     def occupied(self) -> tuple[NDArray[np.uint64], NDArray[np.uint64]]:

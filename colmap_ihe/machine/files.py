@@ -204,15 +204,6 @@ def digest_file(path: Path) -> str:
     return digest.hexdigest()
 
 
-def file_stamp(path: Path) -> tuple[int, ...]:
-    """Return inode, size, mtime and ctime in ns, which differ after each writing; empty if there is no file."""
-    try:
-        about = path.stat()
-    except OSError:
-        return ()
-    return about.st_ino, about.st_size, about.st_mtime_ns, about.st_ctime_ns
-
-
 def quick_digest(path: Path) -> str:
     """Return a digest of a file's size, of its beginning, its end and pieces between: what an editor or another
     program writes differs there, at no cost of reading a file of gigabytes. Raises OSError."""

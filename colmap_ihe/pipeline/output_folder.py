@@ -7,7 +7,6 @@ a run ended. A file that we did not write, or that somebody changed since, is ne
 
 from __future__ import annotations
 
-import fcntl
 import os
 from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import Executor
@@ -28,6 +27,7 @@ from colmap_ihe.machine.files import (
     room_on_disk,
     write_json,
 )
+from colmap_ihe.machine.locks import has_lock
 from colmap_ihe.machine.progress import RunProgress
 from colmap_ihe.photographs.discover import discover
 from colmap_ihe.photographs.each import LeftOut, refused
@@ -142,12 +142,8 @@ def opened(folder: Path) -> Iterator[Ledger]:
         folder.mkdir(parents=True, exist_ok=True)
     handle = os.open(folder, os.O_RDONLY)
     try:
-        try:
-            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError as error:
-            raise ProjectError(
-                f"{folder}: another run is writing into it", hint="wait for it, or stop it"
-            ) from error
+        if not has_lock(handle):
+            raise ProjectError(f"{folder}: another run is writing into it", hint="wait for it, or stop it")
         remove_unfinished(folder)
         yield Ledger(folder)
     finally:
