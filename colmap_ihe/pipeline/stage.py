@@ -157,9 +157,4 @@ class Stage:
         """Return the options that affect the result, as plain values by section."""
         if self.result_options is not None:
             return self.result_options(options)
-        return section_values(options, *self.sections)
-
-
-def section_values(options: Options, *sections: str) -> dict[str, Any]:
-    """Return option sections as plain values by name."""
-    return {name: getattr(options, name).model_dump(mode="json") for name in sections}
+        return options.sections(*self.sections)

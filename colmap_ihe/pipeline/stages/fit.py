@@ -20,16 +20,7 @@ from colmap_ihe.machine.progress import Progress
 from colmap_ihe.machine.remaining_time import Part
 from colmap_ihe.photographs.discover import Discovery
 from colmap_ihe.pipeline.resource_needs import BASE_BYTES, Known, PhotoSetSize, StageNeeds
-from colmap_ihe.pipeline.stage import (
-    Count,
-    Inputs,
-    Record,
-    RunContext,
-    Stage,
-    StageRecord,
-    StrictModel,
-    section_values,
-)
+from colmap_ihe.pipeline.stage import Count, Inputs, Record, RunContext, Stage, StageRecord, StrictModel
 from colmap_ihe.project.folder import Project
 from colmap_ihe.project.options import Options
 
@@ -128,7 +119,7 @@ def trial_of(options: Options) -> Trial:
 
 
 def _result_options(options: Options) -> dict[str, Any]:
-    values = section_values(options, "fit")
+    values = options.sections("fit")
     values["fit"]["weights"] = options.fit.weights is not None  # their content counts, not where they lie
     return values | ({"trial": asdict(trial_of(options))} if options.fit.method == "auto" else {})
 
