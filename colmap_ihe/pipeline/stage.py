@@ -64,18 +64,22 @@ class StageRecord(StrictModel):
 
 @dataclass
 class RunContext:
-    """Hold what a run was given, and what its stages have found so far.
+    """Hold what a run was given, and what its stages have found so far. It ends with the stage `until`, and runs those
+    that are `forced` in any case, by name.
 
     `records` holds the records of the stages before this one; `resumed` is True if this stage was begun
     with the same fingerprint and not finished, so that its files may be kept. `developed`: where RAW photographs are
     kept developed for other runs on them, if anywhere. `digests` as `digests_of` found them when the run began, and
-    `inputs` of them by stage, kind and name. `needs` of its stages, by name, once `captures` is done.
+    `inputs` of them by stage, kind and name; `prints`: the fingerprint that the record of each stage is to have.
+    `needs` of its stages, by name, once `captures` is done.
     """
 
     project: Project
     options: Options
     discovery: Discovery
     executor: Executor
+    until: str = ""
+    forced: Sequence[str] = ()
     records: dict[str, Record] = field(default_factory=dict)
     resumed: bool = False
     surveyed: list[Surveyed] = field(default_factory=list)
@@ -83,6 +87,7 @@ class RunContext:
     digests: Mapping[str, Sequence[Any]] = field(default_factory=dict)
     needs: Mapping[str, StageNeeds] = field(default_factory=dict)
     inputs: Mapping[str, Inputs] = field(default_factory=dict)
+    prints: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def strict(self) -> bool:

@@ -94,5 +94,5 @@ def report(
     if isinstance(truth, dict) and all(type(value) in (int, float) for value in truth.values()):
         summary["truth"] = truth
     with folder.locked(), local_executor() as executor, progress.stage("page") as stage_progress:
-        run = RunContext(folder, options, discover(folder.images), executor, records)
+        run = RunContext(folder, options, discover(folder.images), executor, records=records)
         return write_page(run, summary, stage_progress)

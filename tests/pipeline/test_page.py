@@ -33,7 +33,7 @@ def contents_of(project: Path, options: Options) -> Contents:
     found = {stage.name: read_record(place, stage.name) for stage in STAGES}
     records = {name: record for name, record in found.items() if record is not None}
     with local_executor() as executor:
-        run = RunContext(place, options, discover(place.images), executor, records)
+        run = RunContext(place, options, discover(place.images), executor, records=records)
         return pages.gather(run, summarise(records, options), SILENT)
 
 

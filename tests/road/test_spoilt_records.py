@@ -67,7 +67,7 @@ def test_stage_records(data: bytes, folder: Path) -> object:
     summary = summarise(found, Options())
     summary_rows(summary)
     json.dumps(summary).encode("utf-8", "surrogatepass")
-    RunContext(place, Options(), _DISCOVERY, None, found).captures()  # type: ignore[arg-type]
+    RunContext(place, Options(), _DISCOVERY, None, records=found).captures()  # type: ignore[arg-type]
     return fit_of(found["fit"]) if "fit" in found else summary
 
 
