@@ -68,8 +68,7 @@ def features_of(
     """Return all SIFT features of each image, (H, W) uint8, by COLMAP on the CPU, one thread a core.
 
     `first_octave` 0 leaves out those smaller than two pixels, in a quarter of the time. The same images give the same
-    features. Raises `NativeError`, `DiskFullError`, `Cancelled`,
-    ValueError.
+    features. Raises `NativeError`, `DiskFullError`, `Cancelled`, ValueError.
     """
     for grey in images:
         if grey.ndim != 2 or grey.dtype != np.uint8 or not grey.size:

@@ -26,10 +26,8 @@ _LINE_SECONDS = 60.0  # between two lines of a whole batch, where stderr is no t
 
 
 class Terminal:
-    """Print for a person, on stderr: bars with the remaining time on a terminal, else a line now and then.
-
-    `verbose` adds how long each stage took; `quiet` leaves only warnings.
-    """
+    """Print for a person, on stderr: bars with the remaining time on a terminal, else a line now and then. `verbose`
+    adds how long each stage took; `quiet` leaves only warnings."""
 
     def __init__(self, *, quiet: bool = False, verbose: bool = False) -> None:
         self.console = Console(stderr=True, highlight=False, soft_wrap=True)
@@ -179,9 +177,21 @@ def print_summary(summary: Mapping[str, Any], title: str) -> None:
 
 def print_batch(state: BatchState) -> None:
     """Print how each project of a batch ended, on stdout."""
-    if state.projects:
-        columns = ("project", "state", "registered images", "mean error", "time", "why")
-        print_table("", batch_rows(state), columns)
+    rows = []
+    for project in state.projects:
+        figures = project.figures
+        registered, error = figures.get("registered_images"), figures.get("mean_reprojection_error_px")
+        row = [
+            project.name,
+            project.in_words,
+            "" if registered is None else f"{registered} of {figures['images']}",
+            "" if error is None else f"{error:.2f} px",
+            duration(sum(project.stages.values())) if project.stages else "",
+            project.reason,
+        ]
+        rows.append(row)
+    if rows:
+        print_table("", rows, ("project", "state", "registered images", "mean error", "time", "why"))
     print(state.in_words())
 
 
@@ -207,22 +217,3 @@ def batch_picture(state: BatchState) -> Group:
     bar = ProgressBar(total=max(1, len(state.projects)), completed=state.ended, width=32)
     whole.add_row(bar, Text(state.in_words()))
     return Group(rows, whole)
-
-
-def batch_rows(state: BatchState) -> list[tuple[str, ...]]:
-    """Return of each project its name, state, registered images, mean error, time, and why."""
-    rows: list[tuple[str, ...]] = []
-    for project in state.projects:
-        figures = project.figures
-        registered, error = figures.get("registered_images"), figures.get("mean_reprojection_error_px")
-        rows.append(
-            (
-                project.name,
-                project.in_words,
-                "" if registered is None else f"{registered} of {figures['images']}",
-                "" if error is None else f"{error:.2f} px",
-                duration(sum(project.stages.values())) if project.stages else "",
-                project.reason,
-            )
-        )
-    return rows

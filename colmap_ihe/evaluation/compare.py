@@ -136,10 +136,8 @@ def _options_of(method: str, options: Options) -> Options:
 
 
 def _project_of(compared: Project, common: Project, method: str, options: Options) -> Project:
-    """Make the project of a method: its options, and links to all that the user's holds besides photographs.
-
-    What does not depend on the grey is shared by all methods: means of calibration frames, digests of photographs.
-    """
+    """Make the project of a method: its options, and links to all that the user's holds besides photographs. All
+    methods share what does not depend on the grey: means of calibration frames, digests of photographs."""
     project = Project.at(common.root / method, compared.images)
     project.records.mkdir(parents=True, exist_ok=True)
     for given in ("masks", "calibration"):

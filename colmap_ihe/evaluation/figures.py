@@ -1,5 +1,4 @@
-"""Measure one method: its matches by pairs and movements, and its cameras against a truth; read the pairs that the user
-chose, and the truth."""
+"""Measure one method: its matches by pairs, those that the user chose or all, and its cameras against a truth."""
 
 from __future__ import annotations
 
@@ -30,10 +29,8 @@ def truth_of(project: Project) -> Truth | None:
 
 
 def read_pairs(file: Path, names: Collection[str]) -> set[frozenset[str]]:
-    """Return the pairs in `file`, two of `names` a line, which may hold spaces, as in COLMAP's lists of pairs.
-
-    Empty lines and those that begin with # do not count. Raises `OptionError`, which names the line.
-    """
+    """Return the pairs in `file`, two of `names` a line, which may hold spaces, as in COLMAP's lists of pairs. Empty
+    lines and those that begin with # do not count. Raises `OptionError`, which names the line."""
     hint = "two names of photographs a line, as below images/, with a space between"
     try:
         lines = read_at_most(file, _MOST_BYTES).decode("utf-8").splitlines()

@@ -174,10 +174,8 @@ def standard_error(values: Sequence[float]) -> float:
 
 
 def verdict(values: Sequence[float], reference: Sequence[float], *, more_is_better: bool) -> Verdict:
-    """Compare the values of two methods: the first with all matches, the others by the same seeds.
-
-    Raises ValueError for unlike numbers of values, or none.
-    """
+    """Compare the values of two methods: the first with all matches, the others by the same seeds. Raises ValueError
+    for unlike numbers of values, or none."""
     if len(values) != len(reference) or not values:
         raise ValueError(f"{len(values)} and {len(reference)} values, expected as many of both, at least one")
     differences = np.subtract(values, reference)

@@ -20,8 +20,7 @@ _BETWEEN_PAIRS = 1.12  # pairs differ by so much more than their cells let expec
 
 @dataclass(frozen=True)
 class Counts:
-    """Hold what one grey gave on one pair: features in both windows, putative matches, and verified ones by cell of
-    the first window."""
+    """Hold what one grey gave on a pair: features, putative matches, and verified ones by cell of the first window."""
 
     features: int
     putative: int
@@ -52,8 +51,7 @@ class Candidate:
 
 @dataclass(frozen=True)
 class TrialResult:
-    """Hold what a trial measured. `pairs`: the photographs, two by two, by name. `candidates` by name, none if there
-    is no pair: then `reason` says why."""
+    """Hold what a trial measured. `pairs` of photographs, `candidates` by name; without a pair `reason` says why."""
 
     pairs: tuple[tuple[str, str], ...] = ()
     candidates: tuple[tuple[str, Candidate], ...] = ()
@@ -93,11 +91,8 @@ def summed_up(
 
 
 def gain_of(cells: NDArray[np.float64], reference: NDArray[np.float64]) -> tuple[float, float]:
-    """Return the gain of a grey over another and its standard error, from matches (pairs, cells) of both.
-
-    The error of a ratio of sums (Cochran, Sampling Techniques, 6.2), with the cells that have matches as the
-    sample.
-    """
+    """Return the gain of a grey over another and its standard error, from matches (pairs, cells) of both: the error of
+    a ratio of sums (Cochran, Sampling Techniques, 6.2), with the cells that have matches as the sample."""
     total = max(1.0, float(reference.sum()))
     gain = (float(cells.sum()) - float(reference.sum())) / total
     residual = cells - (1 + gain) * reference
@@ -107,8 +102,7 @@ def gain_of(cells: NDArray[np.float64], reference: NDArray[np.float64]) -> tuple
 
 
 def choose(measured: TrialResult) -> str:
-    """Return the candidate with most verified matches if it is clearly better than the reference, else the
-    reference."""
+    """Return the candidate with most verified matches if it is clearly better than the reference, else that."""
     if not measured.candidates:
         return REFERENCE
     name, best = max(measured.candidates, key=lambda c: c[1].inliers)

@@ -3,7 +3,7 @@ photographs with what a fit of these would give."""
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -70,16 +70,12 @@ def _read_formula(file: Path, values: dict[str, Any]) -> Grey:
 class WeightsFit:
     """Hold shares of what weights fitted to the photographs give: `contrast` of detail over noise, None where none was
     measured, and `levels` of grey that are filled, with the white point of the photographs. Of linear ones also
-    `clipped`, the share of pixels that the weights' white point makes white, and `range`, how much of the grey up to
-    it is used."""
+    `clipped`, the share of pixels that the weights' white point makes white, and `range`, the part of it in use."""
 
     contrast: float | None
     levels: float
     clipped: float = 0.0
     range: float = 1.0
-
-    def as_dict(self) -> dict[str, float | None]:
-        return asdict(self)
 
 
 def misfit(weights: Weights, gathered: SetCounts, options: FitOptions) -> WeightsFit:

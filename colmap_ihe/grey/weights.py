@@ -145,8 +145,7 @@ Grey = Weights | Formula
 
 
 def grey_from_dict(values: Any, source: str = "weights") -> Grey:
-    """Read what `as_dict` wrote. Raises `WeightsError`, naming `source`, for anything that `as_dict` could not have
-    written."""
+    """Read what `as_dict` wrote. Raises `WeightsError`, naming `source`, for what it could not have written."""
     try:
         common: dict[str, Any] = {
             "encoding": values.get("encoding", "coded"),

@@ -47,8 +47,7 @@ def width_of(executor: Executor) -> int:
 
 @contextmanager
 def threads_of(executor: Executor) -> Iterator[Executor]:
-    """Give threads of this process, for work whose results are too large to be sent: the executor's own if it has
-    such."""
+    """Give threads of this process, the executor's own if it has such, for results too large to be sent."""
     if shares_memory(executor):
         yield executor
     else:

@@ -46,8 +46,7 @@ def acquire_lock(file: Path) -> IO[str] | None:
 
 
 def has_lock(descriptor: int, kind: int = fcntl.LOCK_EX) -> bool:
-    """Lock an open file or folder, until it is closed, if that can be done at once; tell whether it was. Raises
-    OSError."""
+    """Lock an open file or folder until it is closed, if that can be done at once; tell whether. Raises OSError."""
     try:
         fcntl.flock(descriptor, kind | fcntl.LOCK_NB)
     except BlockingIOError:

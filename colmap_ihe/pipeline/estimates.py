@@ -52,8 +52,7 @@ def stage_parts(options: Options, known: Known, until: str) -> list[Part]:
 
 
 def disk_left(project: Project, needs: Sequence[StageNeeds], names: Collection[str]) -> dict[str, int]:
-    """Return the bytes that each stage of these names will write besides what it left before, which is kept or goes
-    first."""
+    """Return the bytes that each stage of these names will write besides what it left before."""
     there = bytes_on_disk(project)
     return {need.stage: max(0, need.disk_bytes - there[need.stage]) for need in needs if need.stage in names}
 
@@ -81,8 +80,7 @@ def disk_warnings(project: Project, needs: Sequence[StageNeeds], names: Collecti
 
 
 def memory_warnings(needs: StageNeeds) -> list[str]:
-    """Warn where even one worker of a stage may find too little memory. It is tried all the same: the estimate is for
-    the worst."""
+    """Warn where even one worker may find too little memory; it is tried all the same, as the worst is estimated."""
     free, taken = memory.available(), memory.taken("self")[0]
     need = needs.memory_bytes(1)
     if not free or need <= free + taken:

@@ -35,9 +35,7 @@ LESS_MEMORY = f"{GOES_ON}: close other programs, or lower features.max_image_siz
 @dataclass(frozen=True)
 class ProjectJob:
     """Describe a run. `root` of the project; `assignments` go over its project.yaml, as those of `--set`.
-
-    `memory_bytes`: its share, 0 for all there is. `stop_file`: the run ends soon after a file of this name appears.
-    """
+    `memory_bytes`: its share, 0 for all there is. `stop_file`: the run ends soon after a file of this name appears."""
 
     root: str
     assignments: tuple[str, ...] = ()

@@ -91,9 +91,8 @@ class Ledger:
         return is_name_below(name) and not leads_out(self.folder / name, self.folder)
 
     def begin(self, expected: Mapping[str, str], prints: Mapping[str, str]) -> set[str]:
-        """Remove what is stale or no longer expected, note what will be written, and return these names.
-        `prints`: the fingerprint that each expected file is to have. Raises `ProjectError` for a stale file that
-        was changed since."""
+        """Remove what is stale or no longer expected, note what will be written, and return these names. `prints`: the
+        fingerprint that each expected file is to have. Raises `ProjectError` for a stale file that was changed."""
         there = self._digests([n for n, f in self.files.items() if f["digest"]])
         changed = self.changed = {n for n, digest in there.items() if digest != self.files[n]["digest"]}
         stale = {n for n in expected if self.files.get(n, {}).get("fingerprint") != prints[n]}
@@ -154,9 +153,8 @@ def opened(folder: Path) -> Iterator[Ledger]:
 
 @dataclass
 class FolderRun:
-    """Hold what the steps of work on one folder share: the photographs with how they are developed (`steps`, by
-    camera), `digests` of their content by name, a ledger for each folder that is written into, and what was left
-    out so far."""
+    """Hold what the steps of work on one folder share: photographs, how they are developed (`steps`, by camera),
+    `digests` of their content by name, a ledger for each folder that is written into, and what was left out."""
 
     surveyed: Sequence[Surveyed]
     steps: dict[str, list[str]]

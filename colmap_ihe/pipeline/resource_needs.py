@@ -25,8 +25,7 @@ _RAW = 10  # times as long to decode
 
 @dataclass(frozen=True)
 class PhotoSetSize:
-    """Hold the size of a set: `pixels` in all, `largest` pixels of one photograph, and `one_bytes`, the memory that
-    one takes while it is decoded."""
+    """Hold the size of a set: `pixels` in all, `largest` of one photograph, and `one_bytes` of memory to decode one."""
 
     images: int
     pixels: int

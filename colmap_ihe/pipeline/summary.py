@@ -32,6 +32,7 @@ def summarise(records: Mapping[str, Mapping[str, Any]], options: Options) -> dic
     features, matches, sparse, dense, mesh = (records.get(stage, {}) for stage in later)
     models = sparse.get("models", [])
     model = models[0] if models else {}
+    with_depth = 100 * dense["pixels_with_depth"] / dense["pixels"] if dense.get("pixels") else None
     left_out = {name: why for r in records.values() for name, why in r.get("left_out", {}).items()}
     return {
         "images": records["captures"]["images"] + len(records["captures"]["left_out"]),
@@ -57,16 +58,12 @@ def summarise(records: Mapping[str, Mapping[str, Any]], options: Options) -> dic
         "mean_reprojection_error_px": model.get("mean_reprojection_error_px"),
         "dense_points": dense.get("points"),
         "dense_backend": dense.get("backend"),
-        "dense_pixels_with_depth_percent": _percent(dense.get("pixels_with_depth"), dense.get("pixels")),
+        "dense_pixels_with_depth_percent": with_depth,
         "mesh_faces": mesh.get("faces"),
         "mesh_texture": [mesh["texture"]["width"], mesh["texture"]["height"]] if "texture" in mesh else None,
         "stages": {name: record["seconds"] for name, record in records.items()},
         "warnings": [text for record in records.values() for text in record["warnings"]],
     }
-
-
-def _percent(part: int | None, whole: int | None) -> float | None:
-    return 100 * part / whole if part is not None and whole else None
 
 
 def report(

@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from oracle import pooled, scene
 
 from colmap_ihe.grey import contrast, kernels
-from colmap_ihe.grey.boxes import Pyramid, estimates_of, whites_of
-from colmap_ihe.grey.histogram import LINEAR_EDGES
+from colmap_ihe.grey.boxes import boxes_of, estimates_of, whites_of
+from colmap_ihe.grey.histogram import LINEAR_EDGES, Cells
 from colmap_ihe.grey.weights import linear_rules, parts_rule, triplets
 
 PAIRS = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
@@ -115,15 +115,15 @@ def test_occupied_places_run_through_cubes_within_cubes() -> None:
         assert changes == len(np.unique(cube, axis=0))
 
 
-def linear_pyramid() -> tuple[NDArray[np.uint16], Pyramid]:
+def linear_cells() -> tuple[NDArray[np.uint16], Cells]:
     image = scene(5, 160, 120).astype(np.uint16) * 257
-    return image, Pyramid(pooled([image], "linear"))
+    return image, pooled([image], "linear").occupied()
 
 
 @pytest.mark.parametrize("bits", [4, 2, 0])
 def test_boxes_hold_every_pixel_and_no_other(bits: int) -> None:
-    image, pyramid = linear_pyramid()
-    boxes = pyramid.boxes(bits)
+    image, cells = linear_cells()
+    boxes = boxes_of(cells, bits)
     assert int(boxes.mass.sum()) == image.shape[0] * image.shape[1]
     cubes = (np.searchsorted(LINEAR_EDGES, image.reshape(-1, 3), side="right") - 1) >> bits
     cubes, counts = np.unique(cubes, axis=0, return_counts=True)
@@ -137,11 +137,11 @@ def test_boxes_hold_every_pixel_and_no_other(bits: int) -> None:
 
 @pytest.mark.parametrize("bits", [1, 0])
 def test_estimates_are_close(bits: int) -> None:
-    image, pyramid = linear_pyramid()
+    image, cells = linear_cells()
     grid = triplets(0.1)
-    rules = linear_rules(grid, whites_of(pyramid.boxes(2), grid))
+    rules = linear_rules(grid, whites_of(boxes_of(cells, 2), grid))
     exact = (kernels.count_pixels(image, rules).astype(float) ** 2).sum(axis=1)
-    assert np.abs(estimates_of(pyramid.boxes(bits), rules) / exact - 1).max() < 0.5
+    assert np.abs(estimates_of(boxes_of(cells, bits), rules) / exact - 1).max() < 0.5
 
 
 def test_what_is_not_contiguous_or_of_another_kind_is_refused() -> None:

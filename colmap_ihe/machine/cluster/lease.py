@@ -34,10 +34,8 @@ def new_lease(records: Path) -> Path:
 
 
 def end_lease(path: Path, progress: Progress, seconds: float = END_SECONDS) -> None:
-    """Tell the tasks of a lease that their run is over, wait for them and remove it.
-
-    Raises `ClusterError` if one does not end, and `Cancelled`; the lease then stays for the next run to wait for.
-    """
+    """Tell the tasks of a lease that their run is over, wait for them and remove it. Raises `ClusterError` if one does
+    not end, and `Cancelled`; the lease then stays for the next run to wait for."""
     with path.open("r+b") as handle:
         handle.truncate()  # in place, for the lock is on the file
         os.fsync(handle.fileno())

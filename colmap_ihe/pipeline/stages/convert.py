@@ -38,8 +38,7 @@ from colmap_ihe.project.folder import Project
 from colmap_ihe.project.options import ConvertOptions, Options
 
 _WAITING = 3
-"""Files that wait for the disk, for each photograph that is worked on: a disk that takes its time now and then holds
-nobody up."""
+"""Files that wait for the disk, for each photograph at work: a disk that is slow now and then holds nobody up."""
 _GREY_AND_COLOUR = {
     "png": {False: 2.9, True: 3.2},
     "tiff": {False: 4.1, True: 4.1},
