@@ -20,7 +20,8 @@ _BETWEEN_PAIRS = 1.12  # pairs differ by so much more than their cells let expec
 
 @dataclass(frozen=True)
 class Counts:
-    """Hold what one grey gave on a pair: features, putative matches, and verified ones by cell of the first window."""
+    """Hold what one grey gave on one pair: features in both windows, putative matches, and verified ones by cell of
+    the first window."""
 
     features: int
     putative: int

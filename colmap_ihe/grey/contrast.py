@@ -179,7 +179,8 @@ def _full_scale(tile: _Pixels) -> int:
 
 
 def _detail(tiles: Sequence[_Pixels]) -> _F64 | None:
-    """Return (3, 3): the mean of d d' in the detail band, over pixels away from saturated or black ones, if any."""
+    """Return (3, 3): the mean of d d' in the detail band, over pixels that are not on or beside saturated or black
+    ones; None if there are none."""
     start = _MARGIN - 2 * kernels.BAND_REACH
     most = 4 * _full_scale(tiles[0])  # of sums of 2x2 values
     total = np.zeros(7)

@@ -82,7 +82,7 @@ def _with_needs(
 
 
 def _what_changed(record: Record, stage: Stage, options: Options, inputs: Inputs, before: str) -> str:
-    """Say how a stage's record differs from what it would run with. `before`: a stage before it that runs again."""
+    """Say how a stage's record differs from what it would run with. `before`: one before it that runs again, if any."""
     reasons = [
         *_of_inputs(record.get("inputs", {}), inputs),
         *_of_values("its options changed", _flat(record["options"]), _flat(stage.options_of(options))),
