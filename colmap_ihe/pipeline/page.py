@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from colmap_ihe.colmap.two_views import features_of, match, quiet, verified
 from colmap_ihe.dense.undistort import read_colour, read_grey
 from colmap_ihe.errors import KnownError
+from colmap_ihe.grey.weights import FIXED
 from colmap_ihe.machine.executor import in_order, threads_of
 from colmap_ihe.machine.files import write_bytes
 from colmap_ihe.machine.libraries import library_versions
@@ -180,7 +181,7 @@ def _cloud(project: Project, records: _Records, model: model_view.ModelView) -> 
     dense_file = project.dense / "fused.ply"
     points = model.dense_points(dense_file, _POINTS) if kind == "dense" else model.points(_POINTS)
     weights = next(iter(records["fit"]["weights"].values()))["weights"]
-    grey = np.rint(points.colours @ np.array(weights or (0.2126, 0.7152, 0.0722))).astype(np.uint8)
+    grey = np.rint(points.colours @ np.array(weights or FIXED["rec709"])).astype(np.uint8)
     return contents.Cloud(points.positions, points.colours, grey, kind, points.in_all)
 
 
