@@ -12,7 +12,7 @@ from __future__ import annotations
 import argparse
 import tempfile
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 
 from guard_sets import DATA, raw_set
@@ -20,7 +20,7 @@ from guard_sets import DATA, raw_set
 from colmap_ihe.commandline.bars import print_table
 from colmap_ihe.evaluation.demo.render import render_demo
 from colmap_ihe.fit.fit_set import fit_captures
-from colmap_ihe.fit.given_weights import misfit, warnings_of
+from colmap_ihe.fit.weights_file import misfit, warnings_of
 from colmap_ihe.grey.ihe import flatness
 from colmap_ihe.grey.weights import Weights
 from colmap_ihe.machine.executor import local_executor
@@ -54,7 +54,7 @@ def table(title: str, campaigns: Sequence[Campaign], options: FitOptions) -> Non
             found = misfit(weights, gathered, options)
             told = warnings_of(weights, gathered, options)
             words = ", ".join(f"{w:.2f}" for w in weights.triplet)
-            numbers = ["-" if v is None else f"{v:.3f}" for v in found.as_dict().values()]
+            numbers = ["-" if v is None else f"{v:.3f}" for v in asdict(found).values()]
             kind = "same" if of.site == on.site else "other"
             rows.append((kind, of.name, words, on.name, *numbers, "warned" if told else ""))
     rows.sort(key=lambda row: (row[0] != "same", row[4]))

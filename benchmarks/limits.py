@@ -33,9 +33,8 @@ from colmap_ihe.commandline.bars import print_table
 from colmap_ihe.evaluation.demo.render import render_demo
 from colmap_ihe.machine import memory
 from colmap_ihe.machine.threads import local_workers
-from colmap_ihe.pipeline.estimates import needs_of
+from colmap_ihe.pipeline.estimates import bytes_on_disk, needs_of
 from colmap_ihe.pipeline.records import read_record
-from colmap_ihe.pipeline.resource_check import bytes_on_disk
 from colmap_ihe.pipeline.resource_needs import PhotoSetSize
 from colmap_ihe.project.folder import Project
 from colmap_ihe.project.options import Options

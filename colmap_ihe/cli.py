@@ -24,8 +24,7 @@ EXIT_FAILED, EXIT_CANCELLED = 1, 130
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run one command and return its exit status: 0 done, 1 a known failure, 130 cancelled. Wrong usage exits with
-    2."""
+    """Run a command and return its exit status: 0 done, 1 a known failure, 130 cancelled. Wrong usage exits with 2."""
     parsed = parser_of(COMMANDS).parse_args(arguments)
     parsed.arguments = sys.argv[1:] if arguments is None else list(arguments)
     warnings.filterwarnings("ignore", module=r"PIL\b")  # of broken photographs, which we name ourselves

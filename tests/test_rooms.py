@@ -19,10 +19,10 @@ THROUGH_OTHERS = {
     "__main__", "colmap/database", "colmap/database_probe", "colmap/features", "colmap/features_on_workers",
     "colmap/part_databases", "commandline/shared_arguments", "dense/fusion_cell_workspace",
     "dense/textured_mesh", "evaluation/demo/grid", "evaluation/demo/light", "evaluation/demo/materials",
-    "evaluation/demo/run", "evaluation/figures", "evaluation/page", "machine/cancel",
-    "machine/cluster/executor", "machine/cluster/local", "machine/cluster/task", "photographs/decoder_main",
+    "evaluation/demo/run", "evaluation/page",
+    "machine/cluster/executor", "machine/cluster/task", "photographs/decoder_main",
     "photographs/raw/calibration_masters", "photographs/raw/undecoded", "pipeline/doctor",
-    "pipeline/rewrite_page", "pipeline/run_stages", "pipeline/stages/convert", "pipeline/stages/features",
+    "pipeline/run_stages", "pipeline/stages/convert", "pipeline/stages/features",
     "pipeline/stages/matches", "pipeline/stages/sparse",
 }  # fmt: skip
 

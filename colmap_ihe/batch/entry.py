@@ -135,9 +135,7 @@ class Entry:
 
 def share_of(entry: Entry, running: Sequence[Entry], room: int) -> int | None:
     """Return the bytes that a run of `entry` may take beside those that run, 0 for no limit; None if it has to wait.
-
-    `room` is what is free now, 0 if unknown. What runs takes what it has, and will take what it needs.
-    """
+    `room` is what is free now, 0 if unknown. What runs takes what it has, and will take what it needs."""
     if not running:
         return room if entry.alone else min(entry.need or room, room)
     if entry.alone or any(other.alone for other in running):

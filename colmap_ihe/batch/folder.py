@@ -63,9 +63,8 @@ class BatchFolder:
                 locks.make(self.folder)
 
     def projects(self, warn: Callable[[str], None]) -> list[Path]:
-        """Return every folder below that has a folder `images`, sorted. Links are followed, each folder once; nothing
-        is looked for inside a project, in hidden folders, or in what we made. `warn` is told of folders that cannot be
-        read."""
+        """Return every folder below that has a folder `images`, sorted. Links are followed, each folder once; not
+        looked into are projects, hidden folders, and what we made. `warn` is told of folders that cannot be read."""
         projects: list[Path] = []
         seen: set[tuple[int, int]] = set()
 
@@ -94,8 +93,8 @@ class BatchFolder:
 
 
 def contents_of(project: Project) -> tuple[str, float]:
-    """Return a digest of the names, sizes and times of what the user put into a project, and when that last changed,
-    in seconds since the epoch."""
+    """Return a digest of names, sizes and times of what the user put into a project, and when that last changed, in
+    seconds since the epoch."""
     paths = [project.options_file]
     for folder in (project.images, project.masks, project.calibration):
         for parent, _, names in os.walk(folder):

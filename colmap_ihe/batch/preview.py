@@ -30,10 +30,8 @@ _THUMBNAIL = 240  # pixels
 
 @dataclass(frozen=True)
 class ProjectPreview:
-    """Hold the number of photographs, their pixels in all, and the bytes of memory that a run takes.
-
-    `up_to_date`: nothing is to be done, and the memory is 0. `reason`, `hint`: why it cannot run at all.
-    """
+    """Hold the number of photographs, their pixels in all, and the bytes of memory that a run takes. `up_to_date`:
+    nothing is to be done, and the memory is 0. `reason`, `hint`: why it cannot run at all."""
 
     photographs: int = 0
     pixels: int = 0

@@ -59,10 +59,7 @@ def extract_in_shards(
 
 def extract_shard(shard: _Shard) -> dict[int, int]:
     """Write the database of a shard, with one thread, as there are several workers where there are several cores.
-
-    Returns the ids of its images in the main database by those in its own. COLMAP leaves out images that it cannot
-    read.
-    """
+    Return the ids of its images in the main database by its own. COLMAP leaves out images that it cannot read."""
     hush()
     extraction = extraction_options(shard.options, threads=1)
     reader = pycolmap.ImageReaderOptions()

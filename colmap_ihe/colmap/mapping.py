@@ -140,11 +140,8 @@ def _map(given: MappingInput, _progress: Progress) -> None:
 
 
 def native_options(options: SparseOptions) -> Any:
-    """Return the pipeline options of the mapper in pycolmap.
-
-    The hierarchical mapper takes those of the incremental one, which maps its parts, by their own names too. Raises
-    `OptionError`.
-    """
+    """Return the pipeline options of the mapper in pycolmap. The hierarchical one takes those of the incremental one,
+    which maps its parts, by their own names too. Raises `OptionError`."""
     settings = _MAPPERS[options.mapper][1]()
     of_parts = getattr(settings, "incremental_options", None)
     values = options.colmap

@@ -147,9 +147,8 @@ class _BlockProgress(TaskProgress):
 
 
 def match_block(block: _Block, progress: Progress | None = None) -> Path:
-    """Write a database with the matches of a block and their geometry, with one thread whatever the options say, and
-    return its path. Where `progress` stops it, it writes what there is; a worker of a cluster has no `progress`, since
-    nobody waits for what it had begun."""
+    """Write a database with the matches of a block and their geometry, on one thread, and return its path. Where
+    `progress` stops it, it writes what there is; a worker of a cluster has none, since nobody waits for its part."""
     hush()
     matching, verification = matching_options(block.options), verification_options(block.options)
     matching.num_threads = 1

@@ -68,8 +68,7 @@ def putative_and_inliers(database: Path) -> dict[tuple[str, str], tuple[int, int
 def strongest_pairs(
     opened: pycolmap.Database, least: int = 1
 ) -> Iterator[tuple[tuple[int, int], NDArray[np.intp]]]:
-    """Yield the ids and the verified matches, (N, 2), of the pairs with most of them: at most 2,000 pairs, and none
-    with fewer than `least`."""
+    """Yield ids and verified matches, (N, 2), of the pairs with most of them: at most 2,000, each with `least`."""
     counts = zip(*opened.read_two_view_geometry_num_inliers(), strict=True)
     pairs = sorted(((int(count), int(pair)) for pair, count in counts if count >= least), reverse=True)
     for _, pair in pairs[:_STRONGEST]:

@@ -87,10 +87,8 @@ def _unset(options: Mapping[str, Any], values: Mapping[str, int]) -> dict[str, A
 
 @contextmanager
 def logged_to(file: Path, besides: bool = False) -> Iterator[None]:
-    """Write COLMAP's own log beside `file`, instead of to stderr, for as long as this lasts.
-
-    glog adds a date and the process to the name. The last few logs are kept, and `besides` another process's all.
-    """
+    """Write COLMAP's own log beside `file`, instead of to stderr, for as long as this lasts. glog adds a date and the
+    process to the name. The last few logs are kept, and `besides` another process's all."""
     file.parent.mkdir(parents=True, exist_ok=True)
     for old in [] if besides else sorted(file.parent.glob(f"{file.name}.*"))[:-_LOGS_KEPT]:
         old.unlink(missing_ok=True)

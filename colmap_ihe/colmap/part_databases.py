@@ -24,11 +24,8 @@ _LITTLE = 1 << 20  # bytes free with which nothing can be written: a database gr
 
 
 def write_images(database: Path, cameras: Mapping[int, pycolmap.Camera]) -> None:
-    """Write images without features by their ids, each with its camera.
-
-    They are named after their ids, since names in lists of pairs cannot hold spaces; each is a frame of its own, as
-    COLMAP imports them.
-    """
+    """Write images without features by their ids, each with its camera. They are named after their ids, since names in
+    lists of pairs cannot hold spaces; each is a frame of its own, as COLMAP imports them."""
     with pycolmap.Database.open(database) as opened, pycolmap.DatabaseTransaction(opened):
         for camera in {camera.camera_id: camera for camera in cameras.values()}.values():
             opened.write_camera(camera, use_camera_id=True)

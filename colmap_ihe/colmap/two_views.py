@@ -68,8 +68,7 @@ def features_of(
     """Return all SIFT features of each image, (H, W) uint8, by COLMAP on the CPU, one thread a core.
 
     `first_octave` 0 leaves out those smaller than two pixels, in a quarter of the time. The same images give the same
-    features. Raises `NativeError`, `DiskFullError`, `Cancelled`,
-    ValueError.
+    features. Raises `NativeError`, `DiskFullError`, `Cancelled`, ValueError.
     """
     for grey in images:
         if grey.ndim != 2 or grey.dtype != np.uint8 or not grey.size:
@@ -149,18 +148,17 @@ def verified(
     second_size: tuple[int, int],
     *,
     max_error_px: float = 4.0,
-    seed: int = 0,
 ) -> NDArray[np.intp]:
     """Return the indices, (n,), of matched points that lie on the geometry most of them share; none if fewer than 15.
 
     first, second: (N, 2) float64, x and y in pixels of images of these sizes (width, height). COLMAP's verification
-    with its defaults, for cameras of unknown focal length. The same points and seed give the same answer. Raises
+    with its defaults, for cameras of unknown focal length. The same points give the same answer. Raises
     ValueError for other shapes.
     """
     if len(first) != len(second) or first.shape[1:] != (2,) or second.shape[1:] != (2,):
         raise ValueError(f"{first.shape=} {second.shape=}, expected (N, 2) each")
     options = pycolmap.TwoViewGeometryOptions()
-    options.ransac.random_seed = seed
+    options.ransac.random_seed = 0
     options.ransac.max_error = max_error_px
     if len(first) < options.min_num_inliers:
         return np.zeros(0, np.intp)

@@ -8,26 +8,26 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from rich import progress
-from rich.console import Console
+from rich.console import Console, Group
 from rich.live import Live
+from rich.progress_bar import ProgressBar
 from rich.table import Table
 from rich.text import Text
 
-from colmap_ihe.batch.state import BatchState, ProjectState
-from colmap_ihe.commandline.batch_display import batch_picture, batch_rows, outcome_in_words
+from colmap_ihe.batch.state import BatchState, ProjectState, facts_of
 from colmap_ihe.commandline.display import StageCounter, failure_line, printable
-from colmap_ihe.report.summary import summary_rows
+from colmap_ihe.report.charts import duration
+from colmap_ihe.report.tables import summary_rows
 
 _PIPE_WIDTH = 400
 _LINE_PERCENT = 10  # between two lines of a stage, where stderr is no terminal
+_MOST_LINES = 12  # of running projects of a batch
 _LINE_SECONDS = 60.0  # between two lines of a whole batch, where stderr is no terminal
 
 
 class Terminal:
-    """Print for a person, on stderr: bars with the remaining time on a terminal, else a line now and then.
-
-    `verbose` adds how long each stage took; `quiet` leaves only warnings.
-    """
+    """Print for a person, on stderr: bars with the remaining time on a terminal, else a line now and then. `verbose`
+    adds how long each stage took; `quiet` leaves only warnings."""
 
     def __init__(self, *, quiet: bool = False, verbose: bool = False) -> None:
         self.console = Console(stderr=True, highlight=False, soft_wrap=True)
@@ -177,7 +177,43 @@ def print_summary(summary: Mapping[str, Any], title: str) -> None:
 
 def print_batch(state: BatchState) -> None:
     """Print how each project of a batch ended, on stdout."""
-    if state.projects:
-        columns = ("project", "state", "registered images", "mean error", "time", "why")
-        print_table("", batch_rows(state), columns)
+    rows = []
+    for project in state.projects:
+        figures = project.figures
+        registered, error = figures.get("registered_images"), figures.get("mean_reprojection_error_px")
+        row = [
+            project.name,
+            project.in_words,
+            "" if registered is None else f"{registered} of {figures['images']}",
+            "" if error is None else f"{error:.2f} px",
+            duration(sum(project.stages.values())) if project.stages else "",
+            project.reason,
+        ]
+        rows.append(row)
+    if rows:
+        print_table("", rows, ("project", "state", "registered images", "mean error", "time", "why"))
     print(state.in_words())
+
+
+def outcome_in_words(project: ProjectState) -> str:
+    """Return the state of a project with its reason, or with its figures if it is done."""
+    if project.reason:
+        return f"{project.in_words}: {project.reason}" + (f" ({project.hint})" if project.hint else "")
+    facts = ", ".join(f"{name} {value}" for name, value in facts_of(project))
+    return f"{project.in_words}: {facts}" if project.state == "done" and facts else project.in_words
+
+
+def batch_picture(state: BatchState) -> Group:
+    """Return a line for each project that runs, and a bar for all projects."""
+    rows = Table.grid(padding=(0, 2))
+    running = [project for project in state.projects if project.state == "running"]
+    for project in running[:_MOST_LINES]:
+        done, total = project.progress or (0, 0)
+        units = f"{done} of {total}" if total > 1 else ""
+        rows.add_row(Text(printable(project.name)), Text(project.stage or "starts"), Text(units))
+    if len(running) > _MOST_LINES:
+        rows.add_row(Text(f"and {len(running) - _MOST_LINES} more"))
+    whole = Table.grid(padding=(0, 2))
+    bar = ProgressBar(total=max(1, len(state.projects)), completed=state.ended, width=32)
+    whole.add_row(bar, Text(state.in_words()))
+    return Group(rows, whole)

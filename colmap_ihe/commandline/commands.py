@@ -28,11 +28,11 @@ from colmap_ihe.pipeline.doctor import doctor
 from colmap_ihe.pipeline.fit_files import fit_files
 from colmap_ihe.pipeline.reconstruct import Reconstruction, reconstruct
 from colmap_ihe.pipeline.repeat import read_run
-from colmap_ihe.pipeline.rewrite_page import report
 from colmap_ihe.pipeline.status import status
+from colmap_ihe.pipeline.summary import report
 from colmap_ihe.project.options import ClusterOptions, ConvertOptions, FitOptions
 from colmap_ihe.project.options_file import load_options, project_options
-from colmap_ihe.report.summary import weights_in_words
+from colmap_ihe.report.tables import weights_in_words
 
 
 def _develop(parsed: argparse.Namespace, display: Display) -> None:

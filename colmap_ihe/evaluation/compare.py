@@ -25,11 +25,9 @@ from colmap_ihe.colmap.measures import rms_px, thin_out
 from colmap_ihe.colmap.native import logged_to
 from colmap_ihe.dense.cloud import dense_cloud
 from colmap_ihe.errors import MappingError, OptionError
-from colmap_ihe.evaluation.figures import errors_against, matching_of, plain_truth, truth_of
+from colmap_ihe.evaluation.figures import errors_against, matching_of, plain_truth, read_pairs, truth_of
 from colmap_ihe.evaluation.page import write_comparison
-from colmap_ihe.evaluation.pair_list import read_pairs
-from colmap_ihe.evaluation.significance import LEFT_OUT
-from colmap_ihe.evaluation.tables import METHODS, PAPER, MethodResult, tables_of
+from colmap_ihe.evaluation.tables import LEFT_OUT, METHODS, PAPER, MethodResult, tables_of
 from colmap_ihe.evaluation.truth import Truth
 from colmap_ihe.grey.conversions import CONVERSIONS
 from colmap_ihe.machine.executor import local_executor
@@ -138,10 +136,8 @@ def _options_of(method: str, options: Options) -> Options:
 
 
 def _project_of(compared: Project, common: Project, method: str, options: Options) -> Project:
-    """Make the project of a method: its options, and links to all that the user's holds besides photographs.
-
-    What does not depend on the grey is shared by all methods: means of calibration frames, digests of photographs.
-    """
+    """Make the project of a method: its options, and links to all that the user's holds besides photographs. All
+    methods share what does not depend on the grey: means of calibration frames, digests of photographs."""
     project = Project.at(common.root / method, compared.images)
     project.records.mkdir(parents=True, exist_ok=True)
     for given in (compared.masks, compared.calibration):

@@ -1,4 +1,4 @@
-"""Measure one method: its matches by pairs and movements, and its cameras against a truth."""
+"""Measure one method: its matches by pairs, those that the user chose or all, and its cameras against a truth."""
 
 from __future__ import annotations
 
@@ -7,13 +7,17 @@ from pathlib import Path
 from typing import Any
 
 from colmap_ihe.colmap.measures import poses_of, putative_and_inliers
+from colmap_ihe.errors import OptionError
 from colmap_ihe.evaluation import pair_errors
 from colmap_ihe.evaluation.pair_errors import MOVEMENTS, PairMatches
 from colmap_ihe.evaluation.truth import Truth, key_of, pose_errors, read_truth
+from colmap_ihe.machine.files import read_at_most
 from colmap_ihe.pipeline.records import read_record
 from colmap_ihe.project.folder import Project
 
 _AUC_DEG = 5.0
+_MOST_BYTES = 100_000_000  # of a list of pairs
+_LONGEST = 10_000  # characters of a line: of names that a file can have, two are shorter
 
 
 def truth_of(project: Project) -> Truth | None:
@@ -21,6 +25,38 @@ def truth_of(project: Project) -> Truth | None:
     for folder in (project.root / "truth", project.images / "gt"):
         if folder.is_dir():
             return read_truth(folder)
+    return None
+
+
+def read_pairs(file: Path, names: Collection[str]) -> set[frozenset[str]]:
+    """Return the pairs in `file`, two of `names` a line, which may hold spaces, as in COLMAP's lists of pairs. Empty
+    lines and those that begin with # do not count. Raises `OptionError`, which names the line."""
+    hint = "two names of photographs a line, as below images/, with a space between"
+    try:
+        lines = read_at_most(file, _MOST_BYTES).decode("utf-8").splitlines()
+    except (OSError, UnicodeDecodeError) as error:
+        reason = error.strerror if isinstance(error, OSError) else "not UTF-8 text"
+        raise OptionError(f"{file}: cannot be read ({reason})", hint=hint) from error
+    photographs = set(names)
+    chosen = set()
+    for number, line in enumerate(lines, 1):
+        text = line.strip()
+        if text and not text.startswith("#"):
+            pair = _pair(text, photographs) if len(text) <= _LONGEST else None
+            if pair is None:
+                raise OptionError(f"{file}: line {number}, {text!r:.80}, is not two photographs", hint=hint)
+            chosen.add(pair)
+    if not chosen:
+        raise OptionError(f"{file}: names no pair", hint=hint)
+    return chosen
+
+
+def _pair(text: str, photographs: set[str]) -> frozenset[str] | None:
+    for at, letter in enumerate(text):
+        if letter.isspace():
+            pair = frozenset((text[:at].strip(), text[at:].strip()))
+            if len(pair) == 2 and pair <= photographs:
+                return pair
     return None
 
 

@@ -23,11 +23,8 @@ _LONGEST, _CLOUD = 900, 640  # pixels; of a cloud fewer, for it has about one po
 def write_comparison(
     compared: Project, results: Sequence[MethodResult], projects: Sequence[Project], cameras: Path
 ) -> None:
-    """Write compare/index.html of a project. Raises `KnownError`s.
-
-    `projects` of the methods, in the order of `results`; `cameras`: the model whose cameras served for all dense
-    clouds.
-    """
+    """Write compare/index.html of a project. `projects` of the methods, in the order of `results`; `cameras`: the model
+    whose cameras served for all dense clouds. Raises `KnownError`s."""
     pair = _best_pair(projects[0], cameras)
     methods = [result.method for result in results]
     comparison = Comparison(

@@ -42,10 +42,8 @@ def movement(first: F64, second: F64) -> Movement:
 
 
 def relative_errors_deg(poses: Mapping[str, F64], true: Mapping[str, F64]) -> F64:
-    """Return (n,) float64, in degrees: the larger error of relative rotation and direction of translation of each pair.
-
-    180 where one of the two has no pose. Keys as in `true`.
-    """
+    """Return (n,) float64, in degrees: the larger error of relative rotation and direction of translation of each pair,
+    180 where one of the two has no pose. Keys as in `true`."""
     errors = []
     for first, second in combinations(sorted(true), 2):
         if first not in poses or second not in poses:

@@ -29,10 +29,8 @@ _LONGEST = 100_000  # pixels of a side
 
 @dataclass(frozen=True)
 class TrueImage:
-    """Describe one photograph: `calibration` K (3, 3), `cam_from_world` (3, 4) in metres.
-
-    `depth_file` is None where no depth is known; else see `depth_m`.
-    """
+    """Describe one photograph: `calibration` K (3, 3), `cam_from_world` (3, 4) in metres; `depth_file` as in `depth_m`,
+    None where no depth is known."""
 
     width: int
     height: int
@@ -42,10 +40,8 @@ class TrueImage:
     nearest_m: float = 1.0
 
     def depth_m(self) -> F32:
-        """Read (height, width) float32: metres along the optical axis at pixel centres, 0 where nothing is.
-
-        Raises ValueError where no depth is known, `ProjectError` for a file that is not of this image.
-        """
+        """Read (height, width) float32: metres along the optical axis at pixel centres, 0 where nothing is. Raises
+        ValueError where no depth is known, `ProjectError` for a file that is not of this image."""
         if self.depth_file is None:
             raise ValueError("no true depth is known of this image")
         try:
@@ -77,10 +73,8 @@ def key_of(name: str) -> str:
 
 
 def read_truth(folder: Path) -> Truth:
-    """Read `cameras.json` of the demo or Strecha's `NAME.camera` files, whichever `folder` holds.
-
-    Raises `ProjectError` where there is neither, and where it cannot be read.
-    """
+    """Read `cameras.json` of the demo or Strecha's `NAME.camera` files, whichever `folder` holds. Raises `ProjectError`
+    where there is neither, and where it cannot be read."""
     cameras = sorted(folder.glob("*.camera"))
     try:
         if (folder / "cameras.json").is_file():

@@ -112,8 +112,7 @@ def _least(measured: Iterable[tuple[str, Contrast]]) -> list[tuple[str, Contrast
 
 
 def key_of(path: Path) -> str:
-    """Return a key that tells a photograph from others, wherever it lies: a digest of some of its bytes and how many
-    it has."""
+    """Return a key that tells a photograph from others, wherever it lies: a digest of its size and some bytes."""
     digest = hashlib.blake2b(digest_size=8)
     try:
         with path.open("rb") as file:
@@ -158,11 +157,9 @@ def gather(
     progress: Progress,
     left_out: LeftOut,
 ) -> dict[Encoding, SetCounts]:
-    """Return the sums of all captures that can be used, by encoding; the others go to `left_out`. Contrast is
-    measured, if at all, in the photographs with the least keys.
-
-    Raises `PhotographError` if strict, `ProjectError` if none can be used.
-    """
+    """Return the sums of all captures that can be used, by encoding; the others go to `left_out`. Contrast is measured,
+    if at all, in the photographs with the least keys. Raises `PhotographError` if strict, `ProjectError` if none can be
+    used."""
     progress.start(len(captures))
     keys = {capture.name: key_of(capture.path) for capture in captures}
     chosen: set[str] = set()
@@ -195,11 +192,8 @@ def gather(
 
 
 def count(counting: CountOptions, contrast_in: frozenset[str], chunk: Sequence[Capture]) -> ChunkCounts:
-    """Count the photographs of a chunk, all of one encoding, and measure contrast in those named. Plain values in
-    and out, which can be pickled.
-
-    Raises `Cancelled` within `stoppable`, `CapabilityError` if no decoder can be started.
-    """
+    """Count the photographs of a chunk, all of one encoding, and measure contrast in those named. Plain values in and
+    out, which can be pickled. Raises `Cancelled` within `stoppable`, `CapabilityError` if no decoder can be started."""
     errors: dict[str, PhotographError] = {}
     try:
         return _together(counting, contrast_in, chunk, errors)

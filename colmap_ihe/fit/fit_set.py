@@ -241,8 +241,8 @@ class _SetFit:
         return replace(fit, contrast=self.gathered.contrast.share_of(fit.triplet))
 
     def tried(self, trial: Trial) -> tuple[Grey, ChosenGrey]:
-        """Return the candidate that matches best on a few pairs; guarded IHE where no pair overlaps. The paper's IHE
-        of a linear set is estimated."""
+        """Return the candidate that matches best on a few pairs; guarded IHE where none overlaps. The paper's IHE of a
+        linear set is estimated."""
         grid = triplets(self.options.step)
         greys: dict[str, Grey] = {
             "rec709": self.grey("rec709"),

@@ -66,8 +66,7 @@ def write_stored(path: Path, stored: StoredCounts) -> None:
 
 
 def read_stored(path: Path) -> StoredCounts:
-    """Read a histogram of a set. Raises `WeightsError`, naming the file, for anything that `write_stored` did not
-    write."""
+    """Read a histogram of a set. Raises `WeightsError`, naming the file, for what `write_stored` did not write."""
     try:
         return stored_of(read_at_most(path, _MOST_BYTES), str(path))
     except OSError as error:
@@ -123,8 +122,7 @@ def _stored(head: Mapping[str, Any], bodies: bytes) -> StoredCounts:
 
 
 def _inflated(deflated: bytes, size: int) -> bytes:
-    """Return `size` bytes out of what was deflated. Raises ValueError or IsalError unless they are as many and no
-    more."""
+    """Return `size` bytes out of what was deflated. Raises ValueError or IsalError for fewer or more."""
     if type(size) is not int or not 0 <= size <= kernels.PACKED_BYTES * kernels.CELLS:
         raise ValueError(f"{size!r:.40} bytes of cells")
     unpack = isal_zlib.decompressobj()

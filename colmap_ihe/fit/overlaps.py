@@ -31,8 +31,7 @@ Box = tuple[int, int, int, int]
 
 @dataclass(frozen=True, eq=False)
 class Overlap:
-    """Hold two photographs that show the same thing. `shared`: (N, 2, 2) float64, the same places in both, x and y as
-    shares of width and height."""
+    """Hold two photographs of one thing. `shared`: (N, 2, 2) float64, places in both, in shares of width and height."""
 
     first: Capture
     second: Capture
@@ -41,10 +40,8 @@ class Overlap:
     def boxes(
         self, sizes: tuple[tuple[int, int], tuple[int, int]], sides: tuple[int, int]
     ) -> tuple[Box, Box]:
-        """Return a square in each, of these sides or less, where most of what they share is in both.
-
-        `sizes`: width and height of both photographs, `sides` of the squares, in pixels.
-        """
+        """Return a square in each, of these sides or less, where most of what they share is in both. `sizes`: width and
+        height of both photographs, `sides` of the squares, in pixels."""
         pixels = self.shared * np.array(sizes, np.float64)
         half = np.array(sides, np.float64)[:, None] / 2
 

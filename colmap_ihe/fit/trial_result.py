@@ -72,23 +72,13 @@ class TrialResult:
         return dict(self.candidates).get(name)
 
     def as_dict(self) -> dict[str, Any]:
-        """Return plain values for JSON; `trial_result_from_dict` reads them back."""
+        """Return plain values for JSON."""
         return {
             "pairs": [list(pair) for pair in self.pairs],
             "candidates": {name: {**asdict(c), "by_pair": list(c.by_pair)} for name, c in self.candidates},
             "reason": self.reason,
             **({"held_out": self.held_out.as_dict()} if self.held_out else {}),
         }
-
-
-def trial_result_from_dict(values: Any) -> TrialResult:
-    """Read what `as_dict` wrote. Raises KeyError, TypeError or ValueError for anything that `as_dict` could not have
-    written."""
-    pairs = tuple((str(first), str(second)) for first, second in values["pairs"])
-    named = values["candidates"].items()
-    candidates = tuple((name, Candidate(**{**c, "by_pair": tuple(c["by_pair"])})) for name, c in named)
-    held_out = trial_result_from_dict(values["held_out"]) if "held_out" in values else None
-    return TrialResult(pairs, candidates, str(values["reason"]), held_out)
 
 
 def summed_up(
@@ -113,11 +103,8 @@ def summed_up(
 
 
 def gain_of(cells: NDArray[np.float64], reference: NDArray[np.float64]) -> tuple[float, float]:
-    """Return the gain of a grey over another and its standard error, from matches (pairs, cells) of both.
-
-    The error of a ratio of sums (Cochran, Sampling Techniques, 6.2), with the cells that have matches as the
-    sample.
-    """
+    """Return the gain of a grey over another and its standard error, from matches (pairs, cells) of both: the error of
+    a ratio of sums (Cochran, Sampling Techniques, 6.2), with the cells that have matches as the sample."""
     total = max(1.0, float(reference.sum()))
     gain = (float(cells.sum()) - float(reference.sum())) / total
     residual = cells - (1 + gain) * reference

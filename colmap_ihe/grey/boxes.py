@@ -11,9 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from colmap_ihe.grey import kernels
-from colmap_ihe.grey.histogram import LINEAR_EDGES, Histogram
-from colmap_ihe.grey.rules import Rules
-from colmap_ihe.grey.weights import Triplet
+from colmap_ihe.grey.histogram import LINEAR_EDGES, Cells
+from colmap_ihe.grey.weights import Rules, Triplet
 from colmap_ihe.machine.threads import local_workers
 
 WHITE_PERCENTILE = 99.8
@@ -26,8 +25,7 @@ _CHUNK = 64
 
 @dataclass(frozen=True)
 class Boxes:
-    """Hold M boxes: their least and greatest linear R, G, B, planes (3, M) float32 of whole numbers, and their mass
-    (M,)."""
+    """Hold M boxes: their least and greatest linear R, G, B, (3, M) float32 of whole numbers, and their mass (M,)."""
 
     low: NDArray[np.float32]
     high: NDArray[np.float32]
@@ -37,25 +35,16 @@ class Boxes:
         return len(self.mass)
 
 
-class Pyramid:
-    """Hold the occupied cells of a linear histogram, in boxes of any power of two cells a side."""
-
-    def __init__(self, histogram: Histogram) -> None:
-        self._keys, self._masses = histogram.occupied()
-
-    def boxes(self, bits: int) -> Boxes:
-        """Return all cells in cubes of 2^bits cells a side."""
-        low, high, mass = kernels.gather(self._keys, self._masses, bits)
-        return Boxes(_plane(LINEAR_EDGES[low]), _plane(LINEAR_EDGES[high.astype(np.intp) + 1] - 1), mass)
-
-
-def _plane(values: NDArray[np.int64]) -> NDArray[np.float32]:
-    return np.ascontiguousarray(values, np.float32)
+def boxes_of(cells: Cells, bits: int) -> Boxes:
+    """Return occupied cells of a linear histogram in cubes of 2^bits cells a side."""
+    keys, masses = cells
+    low, high, mass = kernels.gather(keys, masses, bits)
+    least, greatest = LINEAR_EDGES[low], LINEAR_EDGES[high.astype(np.intp) + 1] - 1
+    return Boxes(np.ascontiguousarray(least, np.float32), np.ascontiguousarray(greatest, np.float32), mass)
 
 
 def estimates_of(boxes: Boxes, rules: Rules) -> NDArray[np.float64]:
-    """Return for each rule the sum of squared counts, (m,), if pixels lay evenly over the levels that their box
-    reaches."""
+    """Return for each rule the sum of squared counts, (m,), with pixels spread evenly over the levels of their box."""
     parts = _in_chunks(rules, lambda some: kernels.estimate_boxes(boxes.low, boxes.high, boxes.mass, some))
     return np.concatenate(parts)
 

@@ -107,8 +107,7 @@ class Contrast:
 
     @classmethod
     def from_dict(cls, values: Mapping[str, Any], encoding: Encoding) -> Contrast:
-        """Read what `as_dict` wrote. Raises ValueError, TypeError or KeyError for anything that `as_dict` could not
-        have written."""
+        """Read what `as_dict` wrote. Raises ValueError, TypeError or KeyError for what it could not have written."""
         contrast = cls(encoding)
         for name in ("signal", "noise"):
             sums = np.array(values[name], np.float64).reshape(3, 3)
@@ -193,8 +192,7 @@ def _detail(tiles: Sequence[_Pixels]) -> _F64 | None:
 
 
 def _photon_noise(tiles: Sequence[_Pixels]) -> _F64:
-    """Return (3, 3), up to a factor that all photographs share: light is counted in photons, and n of them vary by
-    sqrt(n)."""
+    """Return (3, 3), up to a factor that all photographs share: n photons vary by sqrt(n)."""
     total, count = np.zeros(3), 0
     for tile in tiles:
         # As three planes: a maximum over the last axis is many times slower.
@@ -206,8 +204,7 @@ def _photon_noise(tiles: Sequence[_Pixels]) -> _F64:
 
 
 def _flat_noise(tiles: Sequence[_Pixels]) -> _F64:
-    """Return the covariance of the noise band in the flattest blocks, over the quieter brightnesses, and of
-    rounding."""
+    """Return the covariance of the noise band in the flattest blocks of the quieter brightnesses, and of rounding."""
     blocks = np.concatenate([_blocks(tile) for tile in tiles])
     exposed = blocks[:, 7] == _BLOCK**2
     shows = (blocks[:, :3] > 0).all(axis=1)  # no frame, no area clipped to one value

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any, Literal, Protocol, get_args
+from typing import Any, Literal, Protocol
 
 from colmap_ihe.grey.methods.apparent import apparent
 from colmap_ihe.grey.methods.color2gray import color2gray
@@ -31,8 +31,6 @@ Property = Literal[
     "greyscale preservation",
     "unsupervised",
 ]
-
-PROPERTIES: tuple[Property, ...] = get_args(Property)
 
 
 class SetFit(Protocol):

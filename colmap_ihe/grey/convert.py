@@ -12,8 +12,7 @@ from colmap_ihe.errors import WeightsError
 from colmap_ihe.grey import kernels
 from colmap_ihe.grey.conversions import CONVERSIONS
 from colmap_ihe.grey.equalise import equalising_table
-from colmap_ihe.grey.rules import parts_rule
-from colmap_ihe.grey.weights import DEPTH, Formula, Grey, Weights
+from colmap_ihe.grey.weights import DEPTH, Formula, Grey, Weights, parts_rule
 
 Tone = Literal["sqrt", "linear", "equalise"]
 TONES: tuple[Tone, ...] = ("sqrt", "linear", "equalise")

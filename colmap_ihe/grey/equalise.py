@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from colmap_ihe.grey.boxes import Pyramid
+from colmap_ihe.grey.boxes import boxes_of
 from colmap_ihe.grey.histogram import Histogram
 from colmap_ihe.grey.weights import DEPTH, LEVELS, Curve
 
@@ -42,7 +42,7 @@ def equalising_table(curve: Curve) -> NDArray[np.uint8]:
 
 def _grey_counts(histogram: Histogram, triplet: tuple[float, float, float]) -> NDArray[np.float64]:
     """Return the mass at every linear 16-bit grey, (65536,)."""
-    boxes = Pyramid(histogram).boxes(0)
+    boxes = boxes_of(histogram.occupied(), 0)
     shares = np.array(triplet) / sum(triplet)
     change = np.zeros(DEPTH + 1)
     for first in range(0, len(boxes), _AT_ONCE):

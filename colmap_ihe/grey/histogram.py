@@ -28,11 +28,13 @@ _LINEAR_CODE: NDArray[np.uint8] = np.repeat(np.arange(_CODES, dtype=np.uint8), n
 
 Weighting = Literal["pixel", "image"]
 
+Cells = tuple[NDArray[np.uint64], NDArray[np.uint64]]
+"""Keys of cells, as `kernels.occupied` has them, and their masses, (M,) each."""
+
 MOST = 2**47
 """Pixels of a set: a cell of `kernels.Table` holds twice as many."""
 IMAGE_MASS = 1 << 36
-"""The mass of one image under `weighting: image`: rounding per pixel shows in the 4th digit at most, and 2^53
-holds 131,072 images."""
+"""Mass of an image under `weighting: image`: rounding a pixel shows in the 4th digit; 2^53 holds 131,072 images."""
 MOST_IMAGES = 1 << 26
 
 
@@ -111,10 +113,10 @@ class Histogram:
         self.pixels += pixels
 
     def table(self) -> NDArray[np.uint64]:
-        """Return the mass of every cell, (2^24,), at `kernels.place_of` its codes."""
+        """Return the mass of every cell, (2^24,), at the places of `kernels.Table`."""
         return self._counted.at(slice(None)) if self._weighed is None else self._weighed
 
-    def occupied(self) -> tuple[NDArray[np.uint64], NDArray[np.uint64]]:
+    def occupied(self) -> Cells:
         """Return keys and masses of the occupied cells, (M,) each, in the order of `kernels.occupied`."""
         some = self._counted.low if self._weighed is None else (self._weighed > 0).astype(np.uint16)
         keys = kernels.occupied(some)

@@ -19,12 +19,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from colmap_ihe.grey import kernels
-from colmap_ihe.grey.boxes import Pyramid, estimates_of, whites_of
+from colmap_ihe.grey.boxes import boxes_of, estimates_of, whites_of
 from colmap_ihe.grey.contrast import Contrast
 from colmap_ihe.grey.equalise import curve_of
 from colmap_ihe.grey.histogram import LINEAR_EDGES, Histogram
-from colmap_ihe.grey.rules import LEVELS, linear_rules
-from colmap_ihe.grey.weights import FIXED, Triplet, Weights, shares, triplets
+from colmap_ihe.grey.weights import FIXED, LEVELS, Triplet, Weights, linear_rules, shares, triplets
 
 Recount = Callable[[Sequence[Triplet], Sequence[int]], NDArray[np.int64]]
 """Counts the grey levels of n triplets, with their white points, over the whole set: (n, 256) int64."""
@@ -81,7 +80,7 @@ def fit_histogram(histogram: Histogram, grid: Sequence[Triplet], recount: Recoun
         return _best(histogram, histogram.levels(grid), None)
     if recount is None:
         raise ValueError("a linear histogram needs `recount`: its cells are wider than one value")
-    whites = whites_of(Pyramid(histogram).boxes(_WHITE_BITS), grid)
+    whites = whites_of(boxes_of(histogram.occupied(), _WHITE_BITS), grid)
     counted = dict(zip(grid, recount(grid, whites), strict=True))
     return _best(histogram, counted, dict(zip(grid, whites, strict=True)))
 
@@ -93,14 +92,14 @@ def fit_cells(histogram: Histogram, grid: Sequence[Triplet]) -> Weights:
         return fit_histogram(histogram, grid)
     if not histogram.pixels:
         raise ValueError("the histogram is empty, expected at least one pixel")
-    pyramid = Pyramid(histogram)
+    cells = histogram.occupied()
     alive = list(grid)
     for bits, kept in ((2, 200), (0, 1)):
-        whites = whites_of(pyramid.boxes(_WHITE_BITS), alive)
-        estimates = estimates_of(pyramid.boxes(bits), linear_rules(alive, whites))
+        whites = whites_of(boxes_of(cells, _WHITE_BITS), alive)
+        estimates = estimates_of(boxes_of(cells, bits), linear_rules(alive, whites))
         best = np.argsort(estimates, kind="stable")[:kept]
         alive = [alive[i] for i in best]
-    score = float(estimates[best[0]]) / int(histogram.occupied()[1].sum()) ** 2 - 1 / LEVELS
+    score = float(estimates[best[0]]) / int(cells[1].sum()) ** 2 - 1 / LEVELS
     return _weights(histogram, alive[0], score, _share(whites[best[0]]))
 
 
@@ -108,12 +107,12 @@ def flatness(histogram: Histogram, triplet: tuple[float, float, float]) -> float
     """Return how many grey levels weights would fill if they filled them evenly, 1 to 256: 1 / sum y^2, of a linear
     set by estimate and with the set's own white point. The weights are rounded to hundredths."""
     whole = [_hundredths(triplet)]
-    mass = int(histogram.occupied()[1].sum())
+    cells = histogram.occupied()
+    mass = int(cells[1].sum())
     if histogram.encoding == "coded":
         return mass**2 / _squares(histogram.levels(whole)[whole[0]])
-    pyramid = Pyramid(histogram)
-    rules = linear_rules(whole, whites_of(pyramid.boxes(_WHITE_BITS), whole))
-    return mass**2 / float(estimates_of(pyramid.boxes(0), rules)[0])
+    rules = linear_rules(whole, whites_of(boxes_of(cells, _WHITE_BITS), whole))
+    return mass**2 / float(estimates_of(boxes_of(cells, 0), rules)[0])
 
 
 def clipped(histogram: Histogram, weights: Weights) -> float:
@@ -133,7 +132,8 @@ def count_levels(
 
 def white_point(histogram: Histogram, triplet: tuple[float, float, float]) -> float:
     """Return the white point of a linear grey over the set, as a share of saturation, in (0, 1]."""
-    return _share(whites_of(Pyramid(histogram).boxes(_WHITE_BITS), [_hundredths(triplet)])[0])
+    boxes = boxes_of(histogram.occupied(), _WHITE_BITS)
+    return _share(whites_of(boxes, [_hundredths(triplet)])[0])
 
 
 def _hundredths(triplet: tuple[float, float, float]) -> Triplet:

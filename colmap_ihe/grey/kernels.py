@@ -15,8 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from colmap_ihe.errors import CapabilityError
-from colmap_ihe.grey.rules import LEVELS, Rules
-from colmap_ihe.grey.weights import Triplet
+from colmap_ihe.grey.weights import LEVELS, Rules, Triplet
 
 CELLS = 1 << 24
 FULL = 65535
@@ -66,8 +65,8 @@ length = ctypes.c_size_t
 
 
 class Table:
-    """Count how often each place of `place_of` was counted: `low + FULL * high`, (2^24,) uint16 and uint32. `low` is 0
-    only where nothing was counted, and most pages of `high` are never touched."""
+    """Count how often each colour was counted, at its place (see `codes_at`): `low + FULL * high`, (2^24,) uint16 and
+    uint32. `low` is 0 only where nothing was counted, and most pages of `high` are never touched."""
 
     def __init__(self) -> None:
         self.low = np.zeros(CELLS, np.uint16)
@@ -135,15 +134,9 @@ def count_colours(rgb: NDArray[np.generic], table: Table, code: NDArray[np.uint8
         raise ValueError(f"{rgb.dtype=}, expected uint8 or uint16")
 
 
-def place_of(codes: NDArray[np.uint8]) -> NDArray[np.int64]:
-    """Return where a table of `count_colours` counts the codes (..., 3): ordered by R-G, B-G and G modulo 256, for the
-    colours of a photograph lie close together there."""
-    red, green, blue = (codes[..., c].astype(np.int64) for c in range(3))
-    return np.asarray((red - green & 255) << 16 | (blue - green & 255) << 8 | green)
-
-
 def codes_at(place: NDArray[np.int64]) -> NDArray[np.uint8]:
-    """Return the codes (M, 3) counted at places (M,)."""
+    """Return the codes (M, 3) counted at places (M,), which are ordered by R-G, B-G and G modulo 256: the colours of a
+    photograph lie close together there."""
     green = place & 255
     return np.stack([(place >> 16) + green & 255, green, (place >> 8) + green & 255], axis=1).astype(np.uint8)
 

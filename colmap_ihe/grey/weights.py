@@ -1,4 +1,5 @@
-"""Describe a triplet of grey weights, and the conversions that are nothing but a triplet."""
+"""Describe a triplet of grey weights, the conversions that are nothing but a triplet, and the rules by which the
+compiled loops give a colour its grey level, exactly, though they compute in float32."""
 
 from __future__ import annotations
 
@@ -7,6 +8,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
 
 from colmap_ihe.errors import WeightsError
 
@@ -19,7 +23,12 @@ Triplet = tuple[int, int, int]
 Curve = tuple[int, ...]
 """Where the levels of an equalised grey begin, see `Weights`."""
 
+Rules = NDArray[np.float32]
+"""(m, 6): red, green, blue, fine, scale, offset; the level of a colour is `floor(floor(fine (red R + green G +
+blue B)) scale + offset)`, at most 255. See `parts_rule` and `linear_rules`."""
+
 LEVELS, DEPTH = 256, 65536
+_FINE = 4
 
 FIXED: Mapping[str, tuple[float, float, float]] = {
     "rec709": (0.2126, 0.7152, 0.0722),
@@ -148,8 +157,7 @@ Grey = Weights | Formula
 
 
 def grey_from_dict(values: Any, source: str = "weights") -> Grey:
-    """Read what `as_dict` wrote. Raises `WeightsError`, naming `source`, for anything that `as_dict` could not have
-    written."""
+    """Read what `as_dict` wrote. Raises `WeightsError`, naming `source`, for what it could not have written."""
     try:
         common: dict[str, Any] = {
             "encoding": values.get("encoding", "coded"),
@@ -188,3 +196,25 @@ def triplets(step: float = 0.01) -> list[tuple[int, int, int]]:
         raise WeightsError(f"{step=}, expected 0.01, 0.02, 0.04, 0.05, 0.1, 0.2, 0.25, 0.5 or 1")
     grid = range(0, 101, hundredths)
     return [(i, j, 100 - i - j) for i in grid for j in grid if i + j <= 100]
+
+
+def parts_rule(numerators: NDArray[np.float64], parts: int) -> Rules | None:
+    """Return the nearest level, halves up, of weights that are whole numbers of `parts`; None if they are not whole."""
+    whole = np.rint(numerators)
+    if np.abs(numerators - whole).max() > 1e-6:
+        return None
+    offset = 0.5 + (0.5 / parts if parts % 2 == 0 else 0)  # 0.5 / parts from every integer at least
+    return np.array([[*whole, 1, 1 / parts, offset]], np.float32)
+
+
+def linear_rules(triplets: Sequence[Triplet], whites: Sequence[int]) -> Rules:
+    """Return levels of linear values: `(i R + j G + k B) * 256 // white`, exactly. `whites` are multiples of 1024."""
+    step = np.asarray(whites, np.float64) / LEVELS / _FINE
+    if (step % 1 != 0).any() or (step < 1).any():
+        raise ValueError(f"{whites=}, expected multiples of {LEVELS * _FINE}")
+    rules = np.empty((len(triplets), 6), np.float32)
+    rules[:, :3] = triplets
+    rules[:, 3] = 1 / _FINE
+    rules[:, 4] = 1 / step
+    rules[:, 5] = 0.5 / step  # 0.00008 from every integer at least, and float32 errs by 0.00003
+    return rules

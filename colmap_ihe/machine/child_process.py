@@ -75,8 +75,7 @@ class ChildProcess:
         return self._process.stdout
 
     def status(self, seconds: float | None = 0.0) -> int | None:
-        """Wait for its end, `seconds` at most or for ever: return its exit status, -N after signal N, None if it still
-        runs."""
+        """Wait for its end, `seconds` at most or for ever: return its exit status, -N for signal N, None if it runs."""
         with suppress(subprocess.TimeoutExpired):
             return self._process.poll() if seconds == 0 else self._process.wait(seconds)
         return None

@@ -55,8 +55,14 @@ class _Pool:
                 if not decoder.dead:
                     self.idle.append(decoder)
 
+    def release_memory(self) -> None:
+        """Give back the memory in which idle decoders returned photographs."""
+        with self.lock:
+            for decoder in self.idle:
+                decoder.window.empty()
+
     def end_idle(self) -> None:
-        """End those that nobody uses."""
+        """End those that nobody uses, some 50 MB each; the next read starts one again."""
         with self.lock:
             idle, self.idle = self.idle, []
         for decoder in idle:
@@ -78,17 +84,7 @@ class _Pool:
 
 _pool = _Pool()
 one_decoder = _pool.lent
+release_memory = _pool.release_memory
+end_idle = _pool.end_idle
 atexit.register(_pool.end_all)
 os.register_at_fork(after_in_child=_pool.after_fork)
-
-
-def release_memory() -> None:
-    """Give back the memory in which idle decoders returned photographs."""
-    with _pool.lock:
-        for decoder in _pool.idle:
-            decoder.window.empty()
-
-
-def end_idle() -> None:
-    """End the decoders that are idle, some 50 MB each; the next read starts one again."""
-    _pool.end_idle()

@@ -13,17 +13,10 @@ from typing import Any, Protocol, TypeVar, get_type_hints
 from numpy.typing import NDArray
 
 from colmap_ihe.errors import Cancelled, CapabilityError, PhotographError
+from colmap_ihe.machine import decoder_wire as wire
 from colmap_ihe.machine import memory, threads
-from colmap_ihe.machine.cancel import stopped
 from colmap_ihe.machine.child_process import ChildProcess
-from colmap_ihe.machine.decoder_wire import (
-    Message,
-    SharedArrayReader,
-    call_to_plain,
-    from_plain,
-    receive,
-    send,
-)
+from colmap_ihe.machine.progress import stopped
 
 logger = logging.getLogger(__name__)
 
@@ -60,7 +53,7 @@ class Decoder:
     def __init__(self) -> None:
         """Start it. Raises `CapabilityError`."""
         self.dead = False
-        self.window = SharedArrayReader()
+        self.window = wire.SharedArrayReader()
         self._ready = False
         try:
             self._socket, theirs = socket.socketpair()
@@ -92,7 +85,7 @@ class Decoder:
         if pixels is not None:
             seconds += SECONDS_A_MEGAPIXEL * (pixels or _UNKNOWN_PIXELS) / 1e6
             limit = max(limit, int(_free_memory(int(time.monotonic())) * _SHARE_OF_MEMORY))
-        call = call_to_plain(function, subject.absolute(), *arguments)
+        call = wire.call_to_plain(function, subject.absolute(), *arguments)
         answer, arrays = self.ask({**call, "name": name, "memory": limit}, name, seconds)
         if "error" in answer:
             if answer.get("traceback"):
@@ -100,12 +93,14 @@ class Decoder:
             error = _KNOWN.get(str(answer["error"]), PhotographError)
             raise error(" ".join(str(answer.get("message")).split()), hint=str(answer.get("hint") or ""))
         try:
-            result: _Result = from_plain(answer["value"], _kind_of_result(function), arrays)
+            result: _Result = wire.from_plain(answer["value"], _kind_of_result(function), arrays)
         except _NONSENSE as error:
             raise nonsense(name, error) from error
         return result
 
-    def ask(self, request: Message, name: str, seconds: float) -> tuple[Message, list[NDArray[Any]]]:
+    def ask(
+        self, request: wire.Message, name: str, seconds: float
+    ) -> tuple[wire.Message, list[NDArray[Any]]]:
         """Send a request about the photograph `name`: return the answer as it came, and its arrays.
 
         Raises `PhotographError` where the process dies, takes longer than `seconds` or answers nonsense; `Cancelled`
@@ -115,7 +110,7 @@ class Decoder:
             if not self._ready:
                 self._await_start()
             try:
-                send(self._socket, request | {"free": self.window.is_free})
+                wire.send(self._socket, request | {"free": self.window.is_free})
             except OSError as error:
                 raise EOFError from error
             answer, fd = self._answer(seconds)
@@ -143,7 +138,7 @@ class Decoder:
             raise _cannot_start(f"it did not start within {SECONDS:.0f} seconds") from None
         self._ready = True
 
-    def _answer(self, seconds: float) -> tuple[Message, int | None]:
+    def _answer(self, seconds: float) -> tuple[wire.Message, int | None]:
         end, poll = time.monotonic() + seconds, select.poll()
         poll.register(self._socket, select.POLLIN)
         while not poll.poll(_TICK_MS):
@@ -153,7 +148,7 @@ class Decoder:
                 raise TimeoutError
         self._socket.settimeout(seconds)
         try:
-            answer = receive(self._socket)
+            answer = wire.receive(self._socket)
         except ConnectionError as error:
             raise EOFError from error
         if answer is None:

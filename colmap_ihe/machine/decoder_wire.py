@@ -102,8 +102,7 @@ def to_plain(value: Any, arrays: list[NDArray[Any]]) -> Any:
 
 
 def from_plain(value: Any, kind: Any, arrays: Sequence[NDArray[Any]] = ()) -> Any:
-    """Return the value of type `kind`, an annotation, that `to_plain` made `value` of. Raises ValueError or TypeError
-    where it is none."""
+    """Return what `to_plain` made `value` of, of type `kind`, an annotation. Raises ValueError or TypeError."""
     if isinstance(kind, type) and is_dataclass(kind):
         kinds = _kinds_of(kind)
         if not isinstance(value, dict) or value.keys() != kinds.keys():

@@ -14,9 +14,8 @@ from threading import Event
 from typing import TypeVar
 
 from colmap_ihe.errors import Cancelled
-from colmap_ihe.machine import cancel
 from colmap_ihe.machine import decoder_pool as decoders
-from colmap_ihe.machine.progress import SILENT, Progress, Silent
+from colmap_ihe.machine.progress import SILENT, Progress, Silent, stoppable, stopped
 from colmap_ihe.machine.threads import local_workers
 
 _TICK_SECONDS = 0.2  # how long Ctrl-C may take to be noticed while a photograph is worked on
@@ -48,8 +47,7 @@ def width_of(executor: Executor) -> int:
 
 @contextmanager
 def threads_of(executor: Executor) -> Iterator[Executor]:
-    """Give threads of this process, for work whose results are too large to be sent: the executor's own if it has
-    such."""
+    """Give threads of this process, the executor's own if it has such, for results too large to be sent."""
     if shares_memory(executor):
         yield executor
     else:
@@ -61,7 +59,7 @@ class TaskProgress(Silent):
     """Follow what a worker does: raise `Cancelled` as soon as its result is no longer needed."""
 
     def check(self) -> None:
-        if cancel.stopped():
+        if stopped():
             raise Cancelled
 
 
@@ -78,11 +76,11 @@ def in_order(
     wait, for it takes time to send another."""
     local, over = shares_memory(executor), Event()
 
-    def stoppable(item: _Item) -> _Result:
-        with cancel.stoppable(over):
+    def until_over(item: _Item) -> _Result:
+        with stoppable(over):
             return function(item)
 
-    work = stoppable if local else function
+    work = until_over if local else function
     waiting: deque[Future[_Result]] = deque()
     try:
         for item in items:

@@ -61,8 +61,7 @@ def is_name_below(name: str) -> bool:
 
 
 def leads_out(path: Path, folder: Path) -> bool:
-    """Tell whether `path`, which lies below `folder`, is or passes a link that ends elsewhere; `folder` may be a
-    link."""
+    """Tell whether `path`, below `folder`, is or passes a link that ends elsewhere; `folder` may be a link."""
     return not Path(os.path.realpath(path)).is_relative_to(os.path.realpath(folder))
 
 
@@ -80,8 +79,7 @@ def odd_below(folder: Path, deep: bool = True) -> Iterator[Path]:
 
 @contextmanager
 def room_on_disk(path: Path) -> Iterator[None]:
-    """Turn the system's errors of a full or read-only disk, or one that is not there any more, into one line that
-    names `path`."""
+    """Turn the system's errors of a full, read-only or vanished disk into one line that names `path`."""
     try:
         yield
     except OSError as error:
@@ -202,15 +200,6 @@ def digest_file(path: Path) -> str:
         while chunk := handle.read(1 << 20):
             digest.update(chunk)
     return digest.hexdigest()
-
-
-def file_stamp(path: Path) -> tuple[int, ...]:
-    """Return inode, size, mtime and ctime in ns, which differ after each writing; empty if there is no file."""
-    try:
-        about = path.stat()
-    except OSError:
-        return ()
-    return about.st_ino, about.st_size, about.st_mtime_ns, about.st_ctime_ns
 
 
 def quick_digest(path: Path) -> str:

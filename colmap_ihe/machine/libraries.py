@@ -19,8 +19,7 @@ __version__ = "0.1.0"
 
 
 def library_versions(*names: str) -> dict[str, str]:
-    """Return the versions of pycolmap, opencv, numpy, rawpy, libraw, pillow, simplejpeg or tifffile, by these
-    names."""
+    """Return the versions of libraries by name: pycolmap, opencv, numpy, libraw, or any installed package."""
     return {name: _version(name) for name in names}
 
 

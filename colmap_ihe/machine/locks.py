@@ -36,11 +36,19 @@ def acquire_lock(file: Path) -> IO[str] | None:
     opened = os.open(file, os.O_RDWR | os.O_APPEND | os.O_CREAT | os.O_CLOEXEC | os.O_NONBLOCK, 0o666)
     handle = os.fdopen(opened, "a")
     try:
-        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except BlockingIOError:
-        handle.close()
-        return None
+        if has_lock(opened):
+            return handle
     except BaseException:
         handle.close()
         raise
-    return handle
+    handle.close()
+    return None
+
+
+def has_lock(descriptor: int, kind: int = fcntl.LOCK_EX) -> bool:
+    """Lock an open file or folder until it is closed, if that can be done at once; tell whether. Raises OSError."""
+    try:
+        fcntl.flock(descriptor, kind | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return False
+    return True

@@ -101,14 +101,12 @@ def _bytes_a_pixel(photograph: _Photograph) -> int:
 
 
 def at_once(photographs: Sequence[_Photograph], workers: int) -> int:
-    """Return how many of these may be worked on at a time: `workers`, or as many as there is memory for, at least
-    one."""
+    """Return how many of these may be worked on at a time: `workers`, or what memory allows, at least one."""
     return most_at_once(needed(photographs), available(), workers)
 
 
 def most_at_once(need: int, room: int, workers: int) -> int:
-    """Return how many of `workers` may take `need` bytes each out of `room`, at least one; all where either is
-    unknown, 0."""
+    """Return how many of `workers` may take `need` bytes each out of `room`, at least one; all where either is 0."""
     if not need or not room:
         return workers
     return max(1, min(workers, int(room * (1 - _KEPT_FREE)) // need))

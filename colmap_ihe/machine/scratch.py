@@ -14,6 +14,7 @@ from pathlib import Path
 
 from colmap_ihe.errors import DiskFullError
 from colmap_ihe.machine.files import room_on_disk
+from colmap_ihe.machine.locks import has_lock
 
 _NAME = "colmap-ihe-scratch-"
 
@@ -52,8 +53,8 @@ def _remove_if_dead(folder: Path) -> None:
         return
     lock = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW | os.O_CLOEXEC)
     try:
-        fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        shutil.rmtree(folder, ignore_errors=True)
+        if has_lock(lock):
+            shutil.rmtree(folder, ignore_errors=True)
     finally:
         os.close(lock)
 

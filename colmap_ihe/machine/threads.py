@@ -61,8 +61,7 @@ def limit_openmp_of_this_thread() -> Iterator[None]:
 
 
 def environment(most: int | None = None) -> dict[str, str]:
-    """Return the environment variables that limit the libraries of another process to `most` threads, or to as many as
-    a run is limited to."""
+    """Return environment variables that limit the libraries of a process to `most` threads, or to those of a run."""
     most = most or limit()
     return {} if most is None else dict.fromkeys(_ENVIRONMENT, str(most))
 

@@ -18,11 +18,10 @@ from colmap_ihe.machine.libraries import __version__, library_versions
 from colmap_ihe.machine.progress import SILENT, RunProgress
 from colmap_ihe.photographs.decode import encoding_of
 from colmap_ihe.photographs.each import LeftOut
-from colmap_ihe.photographs.encode import SUFFIXES
 from colmap_ihe.photographs.survey import Surveyed
 from colmap_ihe.pipeline.output_folder import FolderRun, Ledger, folder_run
 from colmap_ihe.pipeline.run_stages import warn_of
-from colmap_ihe.pipeline.stages.convert import convert_captures, weights_for
+from colmap_ihe.pipeline.stages.convert import ImageWriter, convert_captures, grey_name, weights_for
 from colmap_ihe.pipeline.warnings import photographs as set_warnings
 from colmap_ihe.project.options import CamerasOptions, ConvertOptions, DevelopOptions, FitOptions
 
@@ -55,7 +54,7 @@ def convert_folder(
     folders = [folder for folder in (out, colour) if folder is not None]
     with folder_run(images, folders, develop, calibration, strict, progress, cameras=cameras) as run:
         for ledger in run.ledgers:
-            ledger.refuse({_grey_name(s, options): s.capture.name for s in run.surveyed})
+            ledger.refuse({grey_name(s, options): s.capture.name for s in run.surveyed})
         if weights is not None:
             set_fit = _given_fit(run, weights, options.tone)
         else:
@@ -68,10 +67,6 @@ def convert_folder(
     return set_fit.main, names, run.left_out
 
 
-def _grey_name(photograph: Surveyed, options: ConvertOptions) -> str:
-    return photograph.capture.grey_stem + SUFFIXES[options.format]
-
-
 def _convert(run: FolderRun, fit: Fit, options: ConvertOptions) -> tuple[dict[str, str], LeftOut]:
     """Write the files that are due; return the grey images of all by photograph, and what was left out. A kind without
     weights, and a tone that a grey cannot have, are refused before anything is written."""
@@ -80,7 +75,7 @@ def _convert(run: FolderRun, fit: Fit, options: ConvertOptions) -> tuple[dict[st
     usable = [s for s in run.surveyed if s.capture.name not in run.left_out]
     for photograph in usable:
         weights_for(photograph.capture, fit)
-    names = {s.capture.name: _grey_name(s, options) for s in usable}
+    names = {s.capture.name: grey_name(s, options) for s in usable}
     expected = {grey: name for name, grey in names.items()}
     due: set[str] = set()
     for ledger, is_colour in zip(run.ledgers, (False, True), strict=False):
@@ -94,20 +89,12 @@ def _convert(run: FolderRun, fit: Fit, options: ConvertOptions) -> tuple[dict[st
     if not due:
         run.progress.kept("convert")
         return names, {}
-    folders = [ledger.folder for ledger in run.ledgers]
+    missing = [s for s in usable if s.capture.name in due]
+    grey_folder, *others = [ledger.folder for ledger in run.ledgers]
+    writer = ImageWriter(fit, options, grey_folder, others[0] if others else None, keep_finished=True)
     try:
         with run.progress.stage("convert") as stage_progress:
-            _, left_out = convert_captures(
-                [s for s in usable if s.capture.name in due],
-                fit,
-                options,
-                folders[0],
-                folders[1] if len(folders) > 1 else None,
-                run.executor,
-                stage_progress,
-                strict=run.strict,
-                keep_finished=True,
-            )
+            _, left_out = convert_captures(missing, writer, run.executor, stage_progress, run.strict)
     except BaseException:
         with suppress(KnownError):
             _end(run.ledgers)

@@ -20,8 +20,7 @@ from colmap_ihe.machine.progress import SILENT
 from colmap_ihe.machine.threads import local_workers
 from colmap_ihe.photographs.discover import discover
 from colmap_ihe.photographs.survey import survey
-from colmap_ihe.pipeline.estimates import needs_of
-from colmap_ihe.pipeline.resource_check import disk_left, in_words
+from colmap_ihe.pipeline.estimates import disk_left, in_words, needs_of
 from colmap_ihe.pipeline.resource_needs import PhotoSetSize
 from colmap_ihe.project.folder import Project
 from colmap_ihe.project.options_file import project_options

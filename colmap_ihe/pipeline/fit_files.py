@@ -10,11 +10,10 @@ from pathlib import Path
 from typing import Any
 
 from colmap_ihe.errors import WeightsError
-from colmap_ihe.fit import given_weights
 from colmap_ihe.fit.counting import SetCounts
 from colmap_ihe.fit.fit_set import ChosenGrey, Fit, fit_captures
 from colmap_ihe.fit.histogram_file import SUFFIX, StoredCounts, read_stored, write_stored
-from colmap_ihe.fit.weights_file import write_weights
+from colmap_ihe.fit.weights_file import warnings_of, write_weights
 from colmap_ihe.grey.weights import Grey, Weights
 from colmap_ihe.machine.executor import local_executor
 from colmap_ihe.machine.progress import SILENT, RunProgress
@@ -183,7 +182,7 @@ def _warnings_of(
             "the set mixes RAW and gamma-coded photographs: these are the weights of the larger part"
         )
     if isinstance(given, Weights):
-        return warnings + given_weights.warnings_of(given, fit.gathered[given.encoding], options)
+        return warnings + warnings_of(given, fit.gathered[given.encoding], options)
     return warnings + (set_warnings.fit_warnings(usable, fit.weights.values()) if usable else [])
 
 

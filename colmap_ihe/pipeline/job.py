@@ -35,19 +35,13 @@ LESS_MEMORY = f"{GOES_ON}: close other programs, or lower features.max_image_siz
 @dataclass(frozen=True)
 class ProjectJob:
     """Describe a run. `root` of the project; `assignments` go over its project.yaml, as those of `--set`.
-
-    `images`, `until` and `developed` as of `reconstruct`, empty for none. `memory_bytes`: its share, 0 for all there
-    is. `stop_file`: the run ends soon after a file of this name appears.
-    """
+    `memory_bytes`: its share, 0 for all there is. `stop_file`: the run ends soon after a file of this name appears."""
 
     root: str
     assignments: tuple[str, ...] = ()
     time_limit_s: float | None = None
     memory_bytes: int = 0
     stop_file: str = ""
-    images: str = ""
-    until: str = ""
-    developed: str = ""
 
 
 @dataclass(frozen=True)
@@ -78,7 +72,7 @@ def run_job(job: ProjectJob, follow: Callable[[StageProgress], None] | None = No
     second. Whatever goes wrong with the project is in the outcome: nothing is raised for it."""
     began = time.monotonic()
     try:
-        project = Project.at(Path(job.root), Path(job.images) if job.images else None)
+        project = Project.at(Path(job.root))
         with room_on_disk(project.root):
             project.records.mkdir(parents=True, exist_ok=True)
             run = _ChildRun(job, project.batch_log)

@@ -107,14 +107,7 @@ def _run(job: dict[str, Any], teller: _Teller) -> tuple[str, str, str]:
     memory.keep_within(job["memory_bytes"])
     root = Path(job["root"])
     try:
-        reconstruct(
-            root,
-            project_options(root, job["assignments"]),
-            images=job["images"] or None,
-            until=job["until"] or None,
-            developed=Path(job["developed"]) if job["developed"] else None,
-            progress=teller,
-        )
+        reconstruct(root, project_options(root, job["assignments"]), progress=teller)
     except Cancelled:
         return "stopped", "stopped", GOES_ON
     except BusyError as error:

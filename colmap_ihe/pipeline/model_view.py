@@ -25,8 +25,7 @@ _FRUSTUM = 0.05  # of the size of the scene: how deep cameras are drawn
 
 @dataclass(frozen=True)
 class Points:
-    """Hold `positions` (N, 3) in the frame of `ModelView`, `colours` (N, 3) uint8, in random order; `in_all` before
-    thinning."""
+    """Hold shuffled `positions` (N, 3) in the frame of `ModelView`, `colours` (N, 3) uint8; `in_all` until thinned."""
 
     positions: _F32
     colours: _U8
@@ -35,8 +34,7 @@ class Points:
 
 @dataclass(frozen=True)
 class ImageCoverage:
-    """Hold what the model says of one image: its points, their mean reprojection error in pixels, and the share of its
-    area that they lie in."""
+    """Hold the points of one image, their mean reprojection error in pixels, and the share of its area they lie in."""
 
     points: int
     error_px: float | None

@@ -7,7 +7,6 @@ a run ended. A file that we did not write, or that somebody changed since, is ne
 
 from __future__ import annotations
 
-import fcntl
 import os
 from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import Executor
@@ -28,6 +27,7 @@ from colmap_ihe.machine.files import (
     room_on_disk,
     write_json,
 )
+from colmap_ihe.machine.locks import has_lock
 from colmap_ihe.machine.progress import RunProgress
 from colmap_ihe.photographs.discover import discover
 from colmap_ihe.photographs.each import LeftOut, refused
@@ -91,9 +91,8 @@ class Ledger:
         return is_name_below(name) and not leads_out(self.folder / name, self.folder)
 
     def begin(self, expected: Mapping[str, str], prints: Mapping[str, str]) -> set[str]:
-        """Remove what is stale or no longer expected, note what will be written, and return these names.
-        `prints`: the fingerprint that each expected file is to have. Raises `ProjectError` for a stale file that
-        was changed since."""
+        """Remove what is stale or no longer expected, note what will be written, and return these names. `prints`: the
+        fingerprint that each expected file is to have. Raises `ProjectError` for a stale file that was changed."""
         there = self._digests([n for n, f in self.files.items() if f["digest"]])
         changed = self.changed = {n for n, digest in there.items() if digest != self.files[n]["digest"]}
         stale = {n for n in expected if self.files.get(n, {}).get("fingerprint") != prints[n]}
@@ -142,12 +141,8 @@ def opened(folder: Path) -> Iterator[Ledger]:
         folder.mkdir(parents=True, exist_ok=True)
     handle = os.open(folder, os.O_RDONLY)
     try:
-        try:
-            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError as error:
-            raise ProjectError(
-                f"{folder}: another run is writing into it", hint="wait for it, or stop it"
-            ) from error
+        if not has_lock(handle):
+            raise ProjectError(f"{folder}: another run is writing into it", hint="wait for it, or stop it")
         remove_unfinished(folder)
         yield Ledger(folder)
     finally:
@@ -158,9 +153,8 @@ def opened(folder: Path) -> Iterator[Ledger]:
 
 @dataclass
 class FolderRun:
-    """Hold what the steps of work on one folder share: the photographs with how they are developed (`steps`, by
-    camera), `digests` of their content by name, a ledger for each folder that is written into, and what was left
-    out so far."""
+    """Hold what the steps of work on one folder share: photographs, how they are developed (`steps`, by camera),
+    `digests` of their content by name, a ledger for each folder that is written into, and what was left out."""
 
     surveyed: Sequence[Surveyed]
     steps: dict[str, list[str]]

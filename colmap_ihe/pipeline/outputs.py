@@ -13,8 +13,7 @@ from typing import Any
 from colmap_ihe.colmap.matching import VOCABULARY
 from colmap_ihe.machine import files
 from colmap_ihe.machine.files import quick_digest
-from colmap_ihe.pipeline.run_context import Record
-from colmap_ihe.pipeline.stage import Stage
+from colmap_ihe.pipeline.stage import Record, Stage
 from colmap_ihe.project.folder import Project
 
 

@@ -14,19 +14,20 @@ from numpy.typing import NDArray
 from colmap_ihe.colmap.two_views import features_of, match, quiet, verified
 from colmap_ihe.dense.undistort import read_colour, read_grey
 from colmap_ihe.errors import KnownError
+from colmap_ihe.grey.weights import FIXED
 from colmap_ihe.machine.executor import in_order, threads_of
 from colmap_ihe.machine.files import write_bytes
 from colmap_ihe.machine.libraries import library_versions
 from colmap_ihe.machine.progress import Progress, RunProgress
 from colmap_ihe.pipeline import model_view
-from colmap_ihe.pipeline.run_context import RunContext
+from colmap_ihe.pipeline.stage import RunContext
 from colmap_ihe.project.folder import Project
 from colmap_ihe.project.options import Options
 from colmap_ihe.report import contents, pictures
 from colmap_ihe.report.contents import Contents, PhotographEntry
 from colmap_ihe.report.methods_sentence import citation, is_default, methods_sentence
 from colmap_ihe.report.page import render_page
-from colmap_ihe.report.summary import summary_rows, weights_in_words
+from colmap_ihe.report.tables import summary_rows, weights_in_words
 
 _POINTS = 200_000  # of the cloud; a page is to be sent by mail
 _THUMBNAIL, _SLIDER, _PAIR, _TILE = 240, 1000, 1000, 96  # pixels
@@ -169,7 +170,7 @@ def _cloud(project: Project, records: _Records, model: model_view.ModelView) -> 
     dense_file = project.dense / "fused.ply"
     points = model.dense_points(dense_file, _POINTS) if kind == "dense" else model.points(_POINTS)
     weights = next(iter(records["fit"]["weights"].values()))["weights"]
-    grey = np.rint(points.colours @ np.array(weights or (0.2126, 0.7152, 0.0722))).astype(np.uint8)
+    grey = np.rint(points.colours @ np.array(weights or FIXED["rec709"])).astype(np.uint8)
     return contents.Cloud(points.positions, points.colours, grey, kind, points.in_all)
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from concurrent.futures import Executor
 from contextlib import ExitStack
 from dataclasses import dataclass
@@ -18,24 +18,20 @@ from colmap_ihe.machine.progress import SILENT, RunProgress
 from colmap_ihe.machine.threads import limited
 from colmap_ihe.photographs.discover import discover
 from colmap_ihe.pipeline import outputs
-from colmap_ihe.pipeline.estimates import needs_of, stage_parts
-from colmap_ihe.pipeline.fingerprints import fingerprints, inputs_of, why_stale
+from colmap_ihe.pipeline.estimates import disk_warnings, needs_of, stage_parts
 from colmap_ihe.pipeline.input_digests import digests_of
 from colmap_ihe.pipeline.page import page_of
-from colmap_ihe.pipeline.records import read_record
+from colmap_ihe.pipeline.records import fingerprints, inputs_of, read_record, why_stale
 from colmap_ihe.pipeline.repeat import RunRecord, differences_from, write_run_record
-from colmap_ihe.pipeline.resource_check import disk_warnings
-from colmap_ihe.pipeline.resource_needs import PhotoSetSize
-from colmap_ihe.pipeline.run_context import RunContext
+from colmap_ihe.pipeline.resource_needs import Known, PhotoSetSize
 from colmap_ihe.pipeline.run_stages import run_stages, warn_of
-from colmap_ihe.pipeline.stage import Stage
+from colmap_ihe.pipeline.stage import RunContext
 from colmap_ihe.pipeline.stages import STAGE_NAMES, STAGES
 from colmap_ihe.pipeline.stages.fit import write_weights_file
-from colmap_ihe.pipeline.time_estimate import Known
+from colmap_ihe.pipeline.summary import summarise
 from colmap_ihe.pipeline.warnings.unused_files import unused_files
 from colmap_ihe.project.folder import Project
 from colmap_ihe.project.options import Options
-from colmap_ihe.report.summary import summarise
 
 
 @dataclass(frozen=True)
@@ -100,7 +96,10 @@ def reconstruct(
         workers = executor or stack.enter_context(
             workers_for(options.cluster, folder, [discovery.captures[0].path], progress)
         )
-        run = RunContext(folder, options, discovery, workers, developed=developed)
+        forced = STAGE_NAMES[STAGE_NAMES.index(start) :] if start else ()
+        run = RunContext(
+            folder, options, discovery, workers, until or STAGE_NAMES[-1], forced, developed=developed
+        )
         with progress.stage("content") as stage_progress:
             run.digests = digests_of(folder, discovery, workers, stage_progress)
             write_json(folder.digests_file, run.digests)
@@ -108,10 +107,9 @@ def reconstruct(
         warn_of(unused_files(folder), progress)
         warn_of(differences_from(noted, folder, options, run.digests) if noted else (), progress)
         run.inputs = inputs_of(folder, options, discovery, run.digests)
-        prints = fingerprints(options, run.inputs)
-        forced = STAGE_NAMES[STAGE_NAMES.index(start) :] if start else ()
-        ran = _run(run, prints, until or STAGE_NAMES[-1], forced, progress)
-        _add_records(run, prints)
+        run.prints = fingerprints(options, run.inputs)
+        ran = _run(run, progress)
+        _add_records(run)
         summary = summarise(run.records, options)
         if "fit" in run.records:
             write_weights_file(run)
@@ -122,49 +120,39 @@ def reconstruct(
     return Reconstruction(folder, summary, ran)
 
 
-def _run(
-    run: RunContext,
-    prints: Mapping[str, str],
-    until: str,
-    forced: Sequence[str],
-    progress: RunProgress,
-) -> tuple[str, ...]:
-    """Run the stages up to `until` that are due; tell the remaining time, and check memory and disk once the set is
-    known."""
+def _run(run: RunContext, progress: RunProgress) -> tuple[str, ...]:
+    """Run the stages that are due; tell the remaining time, and check memory and disk once the set is known."""
 
     def stage_done(name: str) -> None:
-        parts = stage_parts(run.options, Known.from_records(run.records), until)
+        parts = stage_parts(run.options, Known.from_records(run.records), run.until)
         progress.expect([part for part in parts if part.stage not in run.records])
         if name == "captures":
             size = PhotoSetSize.of(run.records[name], run.captures())
             run.needs = {needs.stage: needs for needs in needs_of(run.options, size)}
-            due = _due(STAGES[1 : STAGE_NAMES.index(until) + 1], run, prints, forced)
-            warn_of(disk_warnings(run.project, list(run.needs.values()), due), progress)
+            warn_of(disk_warnings(run.project, list(run.needs.values()), _due(run)), progress)
 
-    return run_stages(STAGES, run, prints, progress, until=until, forced=forced, stage_done=stage_done)
+    return run_stages(run, progress, stage_done)
 
 
-def _add_records(run: RunContext, prints: Mapping[str, str]) -> None:
+def _add_records(run: RunContext) -> None:
     """Add the records of stages after those that were asked for, as far as they are up to date."""
     for stage in STAGES:
         if stage.name in run.records:
             continue
         record = None if stage.switched_off(run.options) else read_record(run.project, stage.name)
-        if record is None or why_stale(run.project, stage, record, prints):
+        if record is None or why_stale(run.project, stage, record, run.prints):
             return
         run.records[stage.name] = record
 
 
-def _due(
-    stages: Sequence[Stage], run: RunContext, prints: Mapping[str, str], forced: Sequence[str]
-) -> tuple[str, ...]:
-    """Return the names of the stages that will run, and of the page after them."""
-    names = tuple(stage.name for stage in stages)
-    for number, stage in enumerate(stages):
+def _due(run: RunContext) -> tuple[str, ...]:
+    """Return the names of the stages after `captures` that will run, and of the page after them."""
+    names = STAGE_NAMES[1 : STAGE_NAMES.index(run.until) + 1]
+    for number, stage in enumerate(STAGES[1 : len(names) + 1]):
         if stage.switched_off(run.options):
             continue
-        record = None if stage.name in forced else read_record(run.project, stage.name)
-        if record is None or why_stale(run.project, stage, record, prints):
+        record = None if stage.name in run.forced else read_record(run.project, stage.name)
+        if record is None or why_stale(run.project, stage, record, run.prints):
             return (*names[number:], *(["page"] if "sparse" in names else []))
     return ()
 

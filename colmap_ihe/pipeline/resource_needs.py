@@ -1,4 +1,4 @@
-"""Describe the size of a set of photographs, and the memory and disk that a stage needs for it.
+"""Describe a set of photographs by its size and by what is known of it, and what memory and disk a stage needs for it.
 
 The figures in the stage files were measured with `benchmarks/limits.py disk`; what was measured lies below them.
 """
@@ -16,12 +16,16 @@ from colmap_ihe.photographs.survey import Surveyed
 
 BASE_BYTES = 600_000_000
 """Memory of any run: interpreter, libraries, memory that earlier stages freed and it keeps."""
+_FEATURES = 12_000  # of a megapixel, and at the most of a photograph
+_INLIERS = 0.7  # for each feature, in pairs that overlap as they do in most sets
+_FEWER = 0.15  # of photographs by many cameras, as those of tourists
+_MANY = 4  # times as many photographs as the most that one camera took
+_RAW = 10  # times as long to decode
 
 
 @dataclass(frozen=True)
 class PhotoSetSize:
-    """Hold the size of a set: `pixels` in all, `largest` pixels of one photograph, and `one_bytes`, the memory that
-    one takes while it is decoded."""
+    """Hold the size of a set: `pixels` in all, `largest` of one photograph, and `one_bytes` of memory to decode one."""
 
     images: int
     pixels: int
@@ -71,3 +75,48 @@ class StageNeeds:
     def memory_bytes(self, workers: int) -> int:
         """Return the memory that the stage needs with so many workers."""
         return self.base_bytes + self.one_bytes * workers
+
+
+@dataclass(frozen=True)
+class Known:
+    """Hold what is known of a set while it runs, or likely where the stages have not come so far: `pixels` and
+    `raw_pixels` of all photographs, features of all images, inliers of all pairs, images in the model and points of the
+    dense cloud."""
+
+    images: int
+    pixels: int
+    raw_pixels: int
+    with_gps: int
+    features: int
+    inliers: int
+    registered: int
+    points: int | None = None
+
+    @classmethod
+    def from_records(cls, records: Mapping[str, Mapping[str, Any]]) -> Known:
+        """Return it from the records of the stages that are done, `captures` at least."""
+        first = records["captures"]
+        images, pixels = first["images"], first["pixels"]
+        likely = int(min(images * _FEATURES, pixels / 1e6 * _FEATURES))
+        features = records.get("features", {}).get("features", likely)
+        by_many = _MANY * first.get("of_one_camera", images) <= images
+        return cls(
+            images,
+            pixels,
+            pixels * first["raw"] // max(1, images),
+            first["with_gps"],
+            features,
+            records.get("matches", {}).get("inliers", int(features * (_FEWER if by_many else _INLIERS))),
+            records["sparse"]["models"][0]["registered_images"] if "sparse" in records else images,
+            records.get("dense", {}).get("points"),
+        )
+
+    @property
+    def decoded_megapixels(self) -> float:
+        """Return the megapixels of all photographs, RAW counted as often as they take longer to decode."""
+        return (self.pixels + _RAW * self.raw_pixels) / 1e6
+
+    @property
+    def registered_megapixels(self) -> float:
+        """Return the megapixels of the photographs in the model."""
+        return self.pixels / 1e6 * self.registered / self.images

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 
 from colmap_ihe.errors import PhotographError
 from colmap_ihe.machine import memory
@@ -11,46 +11,32 @@ from colmap_ihe.machine.files import require_same_folder
 from colmap_ihe.machine.progress import RunProgress
 from colmap_ihe.machine.threads import local_workers
 from colmap_ihe.pipeline import outputs
-from colmap_ihe.pipeline.fingerprints import versions_of, why_stale
+from colmap_ihe.pipeline.estimates import memory_warnings
 from colmap_ihe.pipeline.input_digests import require_unchanged
-from colmap_ihe.pipeline.records import read_record
-from colmap_ihe.pipeline.resource_check import memory_warnings
-from colmap_ihe.pipeline.run_context import Record, RunContext
-from colmap_ihe.pipeline.stage import Stage
+from colmap_ihe.pipeline.records import read_record, versions_of, why_stale
+from colmap_ihe.pipeline.stage import Record, RunContext, Stage
+from colmap_ihe.pipeline.stages import STAGE_NAMES, STAGES
 
 
-def run_stages(
-    stages: Sequence[Stage],
-    run: RunContext,
-    prints: Mapping[str, str],
-    progress: RunProgress,
-    *,
-    until: str = "",
-    forced: Sequence[str] = (),
-    stage_done: Callable[[str], None] = lambda _: None,
-) -> tuple[str, ...]:
+def run_stages(run: RunContext, progress: RunProgress, stage_done: Callable[[str], None]) -> tuple[str, ...]:
     """Run the stages that are not up to date, in their order, and return the names of those that ran.
 
-    `prints`: the fingerprint that each is to have. `until`: the last one to run, else all; records of stages after it
-    are removed where one before them runs. `forced`: names of stages that run in any case. `stage_done` is
-    called with the name of each stage whose record is in `run`. Raises `KnownError`s and `Cancelled`; the records then
-    say how far it came.
+    Records of stages after `run.until` are removed where one before them runs. `stage_done` is called with the name of
+    each stage whose record is in `run`. Raises `KnownError`s and `Cancelled`; the records then say how far it came.
     """
     ran = []
-    names = [stage.name for stage in stages]
-    for stage in stages[: names.index(until) + 1] if until else stages:
+    for number, stage in enumerate(STAGES[: STAGE_NAMES.index(run.until) + 1]):
         if stage.switched_off(run.options):
             continue
-        record = None if stage.name in forced else read_record(run.project, stage.name)
-        if record is not None and not why_stale(run.project, stage, record, prints):
+        record = None if stage.name in run.forced else read_record(run.project, stage.name)
+        if record is not None and not why_stale(run.project, stage, record, run.prints):
             if run.strict and record.get("left_out"):
                 raise PhotographError(next(iter(record["left_out"].values())))
             progress.kept(stage.name)
         else:
             if needs := run.needs.get(stage.name):
                 warn_of(memory_warnings(needs), progress)
-            later = stages[stages.index(stage) :]
-            record = _run_stage(stage, later, run, prints[stage.name], stage.name in forced, progress)
+            record = _run_stage(stage, STAGES[number + 1 :], run, progress)
             ran.append(stage.name)
         run.records[stage.name] = record
         stage_done(stage.name)
@@ -63,23 +49,16 @@ def warn_of(warnings: Sequence[str], progress: RunProgress) -> None:
         progress.warn(text)
 
 
-def _run_stage(
-    stage: Stage,
-    later: Sequence[Stage],
-    run: RunContext,
-    fingerprint: str,
-    forced: bool,
-    progress: RunProgress,
-) -> Record:
+def _run_stage(stage: Stage, later: Sequence[Stage], run: RunContext, progress: RunProgress) -> Record:
     """Run one stage and write its record last; those of `later` stages are no longer true, and go first."""
-    project = run.project
+    project, fingerprint = run.project, run.prints[stage.name]
     require_same_folder(project.root)
-    for each in later:
+    for each in (stage, *later):
         _set_aside(each, run, progress)
-    for each in later[1:]:
+    for each in later:
         project.drop_record(each.name)
     project.summary_file.unlink(missing_ok=True)
-    run.resumed = not forced and project.was_begun(stage.name, fingerprint)
+    run.resumed = stage.name not in run.forced and project.was_begun(stage.name, fingerprint)
     if not run.resumed:
         project.drop_record(stage.name)
         outputs.remove(stage, project)

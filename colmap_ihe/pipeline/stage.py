@@ -1,12 +1,14 @@
-"""Describe one stage of a project: all that the pipeline needs to know of it, as plain functions.
+"""Describe one stage of a project, and the run over a project as its stages see it.
 
-Each file in `pipeline/stages/` makes one `Stage`; nothing else in the package knows how a stage does its work.
+Each file in `pipeline/stages/` makes one `Stage`: all that the pipeline needs of it, as plain functions. Nothing
+else in the package knows how a stage does its work.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from concurrent.futures import Executor
+from dataclasses import dataclass, field, replace
 from pathlib import Path, PurePosixPath
 from typing import Annotated, Any
 
@@ -15,12 +17,17 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 from colmap_ihe.machine.files import is_name_below
 from colmap_ihe.machine.progress import Progress
 from colmap_ihe.machine.remaining_time import Part
-from colmap_ihe.photographs.discover import Discovery
-from colmap_ihe.pipeline.resource_needs import PhotoSetSize, StageNeeds
-from colmap_ihe.pipeline.run_context import Inputs, Record, RunContext
-from colmap_ihe.pipeline.time_estimate import Known
+from colmap_ihe.photographs.discover import Capture, Discovery
+from colmap_ihe.photographs.survey import Surveyed
+from colmap_ihe.pipeline.resource_needs import Known, PhotoSetSize, StageNeeds
 from colmap_ihe.project.folder import Project
 from colmap_ihe.project.options import Options
+from colmap_ihe.project.recipe import recipe_from_dict
+
+Record = dict[str, Any]
+"""The record of a finished stage, as on disk."""
+Inputs = Mapping[str, Mapping[str, str]]
+"""The user's files that a stage reads, by kind and name, with the digest of their content."""
 
 
 def _require_below(name: str) -> str:
@@ -55,6 +62,74 @@ class StageRecord(StrictModel):
     left_out: dict[str, str] = {}
 
 
+@dataclass
+class RunContext:
+    """Hold what a run was given, and what its stages have found so far. It ends with the stage `until`, and runs those
+    that are `forced` in any case, by name.
+
+    `records` holds the records of the stages before this one; `resumed` is True if this stage was begun
+    with the same fingerprint and not finished, so that its files may be kept. `developed`: where RAW photographs are
+    kept developed for other runs on them, if anywhere. `digests` as `digests_of` found them when the run began, and
+    `inputs` of them by stage, kind and name; `prints`: the fingerprint that the record of each stage is to have.
+    `needs` of its stages, by name, once `captures` is done.
+    """
+
+    project: Project
+    options: Options
+    discovery: Discovery
+    executor: Executor
+    until: str = ""
+    forced: Sequence[str] = ()
+    records: dict[str, Record] = field(default_factory=dict)
+    resumed: bool = False
+    surveyed: list[Surveyed] = field(default_factory=list)
+    developed: Path | None = None
+    digests: Mapping[str, Sequence[Any]] = field(default_factory=dict)
+    needs: Mapping[str, StageNeeds] = field(default_factory=dict)
+    inputs: Mapping[str, Inputs] = field(default_factory=dict)
+    prints: Mapping[str, str] = field(default_factory=dict)
+
+    @property
+    def strict(self) -> bool:
+        return self.options.captures.strict
+
+    @property
+    def contents(self) -> Mapping[str, str]:
+        """Return the digest of each photograph's content by name."""
+        return self.inputs.get("captures", {}).get("photographs", {})
+
+    def captures(self) -> list[Capture]:
+        """Return the captures that every stage so far could use, with their recipes."""
+        out: set[str] = set()
+        for record in self.records.values():
+            out |= set(record.get("left_out", {}))
+        first = self.records["captures"]
+        recipes = {
+            name: recipe_from_dict(values, self.project.masters) for name, values in first["recipes"].items()
+        }
+        known = {s.capture.name: s.capture for s in self.surveyed}
+        return [
+            known.get(c.name)
+            or self.kept(replace(c, recipe=recipes.get(c.name, c.recipe), pixels=first["largest"]))
+            for c in self.discovery.captures
+            if c.name not in out
+        ]
+
+    def kept(self, capture: Capture) -> Capture:
+        """Return the capture, to be kept developed if those of this run are."""
+        if self.developed is None or capture.kind != "raw":
+            return capture
+        return replace(capture, recipe=replace(capture.recipe, cache_folder=str(self.developed)))
+
+    def grey_names(self) -> list[str]:
+        """Return the names of the grey images."""
+        return sorted(self.records["convert"]["grey"].values())
+
+    def photographs_by_grey(self) -> dict[str, str]:
+        """Return the names of the photographs by those of their grey images."""
+        return {grey: name for name, grey in self.records["convert"]["grey"].items()}
+
+
 @dataclass(frozen=True)
 class Stage:
     """Hold all that the pipeline knows of one stage.
@@ -87,9 +162,4 @@ class Stage:
         """Return the options that affect the result, as plain values by section."""
         if self.result_options is not None:
             return self.result_options(options)
-        return section_values(options, *self.sections)
-
-
-def section_values(options: Options, *sections: str) -> dict[str, Any]:
-    """Return option sections as plain values by name."""
-    return {name: getattr(options, name).model_dump(mode="json") for name in sections}
+        return options.sections(*self.sections)

@@ -10,14 +10,11 @@ from typing import Any
 from colmap_ihe.machine.executor import local_executor
 from colmap_ihe.machine.progress import SILENT
 from colmap_ihe.photographs.discover import Discovery, discover
-from colmap_ihe.pipeline.estimates import needs_of
-from colmap_ihe.pipeline.fingerprints import INPUT_CHANGED, fingerprints, inputs_of, versions_of, why_stale
+from colmap_ihe.pipeline import records
+from colmap_ihe.pipeline.estimates import in_words, needs_of
 from colmap_ihe.pipeline.input_digests import digests_of
-from colmap_ihe.pipeline.records import read_record
-from colmap_ihe.pipeline.resource_check import in_words
 from colmap_ihe.pipeline.resource_needs import PhotoSetSize
-from colmap_ihe.pipeline.run_context import Inputs, Record
-from colmap_ihe.pipeline.stage import Stage
+from colmap_ihe.pipeline.stage import Inputs, Record, Stage
 from colmap_ihe.pipeline.stages import STAGES
 from colmap_ihe.project.folder import Project
 from colmap_ihe.project.options import Options
@@ -47,20 +44,20 @@ def status(
     folder = Project.at(Path(project), Path(images) if images else None)
     discovery = discover(folder.images)
     with local_executor() as threads:
-        inputs = inputs_of(folder, options, discovery, digests_of(folder, discovery, threads, SILENT))
-    prints = fingerprints(options, inputs)
+        inputs = records.inputs_of(folder, options, discovery, digests_of(folder, discovery, threads, SILENT))
+    prints = records.fingerprints(options, inputs)
     states: list[StageState] = []
     stale = ""  # the first stage that would run
     for stage in STAGES:
-        record = read_record(folder, stage.name)
+        record = records.read_record(folder, stage.name)
         seconds = None if record is None else record["seconds"]
         if switch := stage.switched_off(options):
             state = StageState(stage.name, "off", f"{switch}.enabled is false", None)
         elif record is None:
             why = "begun, not finished" if folder.begun_file(stage.name).exists() else ""
             state = StageState(stage.name, "to do", why, None)
-        elif why := why_stale(folder, stage, record, prints):
-            if why == INPUT_CHANGED:
+        elif why := records.why_stale(folder, stage, record, prints):
+            if why == records.INPUT_CHANGED:
                 why = _what_changed(record, stage, options, inputs[stage.name], stale)
             state = StageState(stage.name, "stale", why, seconds)
         elif stale:
@@ -76,7 +73,7 @@ def status(
 def _with_needs(
     states: list[StageState], project: Project, options: Options, discovery: Discovery
 ) -> list[StageState]:
-    survey = read_record(project, "captures")
+    survey = records.read_record(project, "captures")
     if survey is None:
         return states
     captures = [replace(c, pixels=int(survey["largest"])) for c in discovery.captures]
@@ -85,12 +82,11 @@ def _with_needs(
 
 
 def _what_changed(record: Record, stage: Stage, options: Options, inputs: Inputs, before: str) -> str:
-    """Say what differs between the record of a stage and what it would run with now. `before`: the stage before it
-    that runs again, empty if none does."""
+    """Say how a stage's record differs from what it would run with. `before`: one before it that runs again, if any."""
     reasons = [
         *_of_inputs(record.get("inputs", {}), inputs),
         *_of_values("its options changed", _flat(record["options"]), _flat(stage.options_of(options))),
-        *_of_values("a library changed", record["versions"], versions_of(stage)),
+        *_of_values("a library changed", record["versions"], records.versions_of(stage)),
     ]
     if reasons:
         return "; ".join(reasons)

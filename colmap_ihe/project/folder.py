@@ -127,8 +127,7 @@ class Project:
         self.begun_file(stage).unlink(missing_ok=True)
 
     def was_begun(self, stage: str, fingerprint: str) -> bool:
-        """Tell whether `stage` was begun with this fingerprint and not finished, so that what it left under final
-        names may be kept."""
+        """Tell whether `stage` was begun with this fingerprint and not finished: what it left may then be kept."""
         return (read_json(self.begun_file(stage)) or {}).get("fingerprint") == fingerprint
 
     def stage_begun(self) -> str:

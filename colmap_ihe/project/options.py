@@ -254,6 +254,10 @@ class Options(_Section):
     def meshed(self) -> bool:
         return self.dense.enabled and self.mesh.enabled
 
+    def sections(self, *names: str) -> dict[str, Any]:
+        """Return option sections as plain values by name."""
+        return {name: getattr(self, name).model_dump(mode="json") for name in names}
+
     def as_yaml(self) -> dict[str, Any]:
         """Return all options as project.yaml would hold them."""
         values = self.model_dump(mode="json")

@@ -27,10 +27,8 @@ _NATIVE = re.compile(r"(path|file|folder|directory|dir|list)$")
 
 
 def load_options(path: Path | None, assignments: Iterable[str] = ()) -> Options:
-    """Return the defaults, changed by project.yaml at `path` if there is one, then by `stage.option=value` each.
-
-    Raises `OptionError`.
-    """
+    """Return the defaults, changed by project.yaml at `path` if there is one, then by `stage.option=value` each. Raises
+    `OptionError`."""
     values: dict[str, Any] = {}
     source = "project.yaml"
     if path is not None and path.exists():
@@ -41,10 +39,7 @@ def load_options(path: Path | None, assignments: Iterable[str] = ()) -> Options:
 
 def options_of(values: dict[str, Any], source: str, root: Path, assignments: Iterable[str] = ()) -> Options:
     """Return the defaults, changed by sections of `values`, which come from `source` and may name nothing outside
-    of `root`, then by `stage.option=value` each, which may.
-
-    Raises `OptionError`.
-    """
+    of `root`, then by `stage.option=value` each, which may. Raises `OptionError`."""
     try:
         refuse_no_text(values)
     except (ValueError, RecursionError) as error:
@@ -138,8 +133,7 @@ def _known(location: tuple[int | str, ...]) -> str:
 
 
 def named_paths(values: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
-    """Return key, as in `--set`, and text of every option in sections of project.yaml that names something outside
-    of it."""
+    """Yield key, as in `--set`, and text of every option in sections of project.yaml that names something elsewhere."""
     for section, options in values.items():
         for name, value in options.items() if isinstance(options, Mapping) else ():
             key = f"{section}.{name}"

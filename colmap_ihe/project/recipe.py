@@ -1,5 +1,4 @@
-"""Describe how one photograph is developed: plain values, so that they can be noted, compared and sent to another
-process."""
+"""Describe how one photograph is developed: plain values, to be noted, compared and sent to another process."""
 
 from __future__ import annotations
 
@@ -57,8 +56,7 @@ class Recipe:
 
 
 def recipe_from_dict(values: Mapping[str, Any], folder: Path | None = None) -> Recipe:
-    """Read a recipe back. `folder`: where the files lie, of an `identity`. Raises ValueError for a key that a
-    recipe has not."""
+    """Read a recipe back. `folder`: where the files of an `identity` lie. Raises ValueError for an unknown key."""
     unknown = set(values) - {f.name for f in fields(Recipe)}
     if unknown:
         raise ValueError(f"{sorted(unknown)}, expected fields of a Recipe")

@@ -1,5 +1,4 @@
-"""Read YAML as people write it, and nothing that they would not: bounded in size, depth and what its aliases unfold
-to."""
+"""Read YAML as people write it, and nothing else: bounded in size, depth and what its aliases unfold to."""
 
 from __future__ import annotations
 
@@ -59,8 +58,7 @@ def read_yaml(path: Path) -> Any:
 
 
 def refuse_no_text(values: Any) -> None:
-    """Raise ValueError where a key or value in `values` holds control characters or halves of characters, which no
-    name, path or EXIF can have."""
+    """Raise ValueError for control characters or halves of characters, which no name, path or EXIF can have."""
     for text in _texts(values):
         if any(unicodedata.category(c) in ("Cc", "Cs") and c not in "\t\n\r" for c in text):
             raise ValueError(f"{text!a:.60} holds characters that are no text")

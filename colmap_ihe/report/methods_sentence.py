@@ -8,7 +8,7 @@ from typing import Any
 from colmap_ihe.grey.conversions import CONVERSIONS
 from colmap_ihe.grey.weights import is_rec709
 from colmap_ihe.project.options import Options
-from colmap_ihe.report.summary import weights_in_words
+from colmap_ihe.report.tables import weights_in_words
 
 CITATION = (
     "Intensity histogram equalisation, a colour-to-grey conversion strategy improving photogrammetric reconstruction"

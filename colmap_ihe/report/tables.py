@@ -1,12 +1,14 @@
-"""Write a table as CSV and as LaTeX."""
+"""Write tables: the summary of a project as rows for a person, and any table as CSV and as LaTeX."""
 
 from __future__ import annotations
 
 import csv
 import io
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
+_NAMES = ("red", "green", "blue")
 _LATEX = {
     "\\": r"\textbackslash{}",
     **{c: f"\\{c}" for c in "&%$#_{}"},
@@ -41,3 +43,43 @@ class Table:
 
 def _escaped(text: str) -> str:
     return "".join(_LATEX.get(c, c) for c in text)
+
+
+def summary_rows(summary: Mapping[str, Any]) -> list[tuple[str, str]]:
+    """Return the summary as a person reads it: a name and a value a row, nothing for what has not run."""
+    rows = [("photographs", _photographs(summary))]
+    if summary["weights"] is not None:
+        rows.append((f"grey ({summary['method']})", weights_in_words(summary["weights"])))
+    if summary["tried"]:
+        rows.append(("measured", summary["tried"]["in_words"]))
+    if summary["registered_images"] is not None:
+        over_3 = f"{summary['points_over_3_views']:,} seen in more than 3 images"
+        rows += [
+            ("registered images", f"{summary['registered_images']} of {summary['images']}"),
+            ("points", f"{summary['points3D']:,}, {over_3}"),
+            ("mean reprojection error", f"{summary['mean_reprojection_error_px']:.3f} px"),
+            ("mean track length", f"{summary['mean_track_length']:.2f} observations a point"),
+        ]
+    if summary["dense_points"] is not None:
+        coverage = summary["dense_pixels_with_depth_percent"]
+        share = f", {coverage:.0f} % of the pixels have depth" if coverage is not None else ""
+        cloud = f"{summary['dense_points']:,} points ({summary['dense_backend']}{share})"
+        rows.append(("dense cloud", cloud))
+    if summary["mesh_faces"] is not None:
+        size = summary["mesh_texture"]
+        look = f"a texture of {size[0]}x{size[1]}" if size else "vertex colours"
+        rows.append(("mesh", f"{summary['mesh_faces']:,} triangles with {look}"))
+    for name, value in summary.get("truth", {}).items():
+        rows.append((f"truth: {name.replace('_', ' ')}", f"{value:.4g}"))
+    stages = ", ".join(f"{name} {seconds:.0f} s" for name, seconds in summary["stages"].items())
+    return [*rows, ("time", f"{stages}: {sum(summary['stages'].values()):.0f} s")]
+
+
+def weights_in_words(weights: Sequence[float]) -> str:
+    """Write R, G, B in 0..1 as percentages."""
+    return ", ".join(f"{100 * w:.0f} % {name}" for w, name in zip(weights, _NAMES, strict=True))
+
+
+def _photographs(summary: Mapping[str, Any]) -> str:
+    left_out = len(summary["left_out"])
+    return f"{summary['images']}" + (f", {left_out} left out" if left_out else "")

@@ -13,8 +13,7 @@ from small_demo import SETTINGS
 
 from colmap_ihe.batch.state import BatchState, Phase, ProjectState, State
 from colmap_ihe.cli import main
-from colmap_ihe.commandline.bars import Terminal, left_in_words, print_table
-from colmap_ihe.commandline.batch_display import batch_picture
+from colmap_ihe.commandline.bars import Terminal, batch_picture, left_in_words, print_table
 from colmap_ihe.commandline.display import Display
 from colmap_ihe.commandline.json_lines import JsonLines
 from colmap_ihe.errors import Cancelled

@@ -14,10 +14,9 @@ from numpy.typing import NDArray
 from oracle import pooled, scene
 
 from colmap_ihe.grey import contrast, kernels
-from colmap_ihe.grey.boxes import Pyramid, estimates_of, whites_of
-from colmap_ihe.grey.histogram import LINEAR_EDGES
-from colmap_ihe.grey.rules import linear_rules, parts_rule
-from colmap_ihe.grey.weights import triplets
+from colmap_ihe.grey.boxes import boxes_of, estimates_of, whites_of
+from colmap_ihe.grey.histogram import LINEAR_EDGES, Cells
+from colmap_ihe.grey.weights import linear_rules, parts_rule, triplets
 
 PAIRS = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
 DTYPES: tuple[Any, ...] = (np.uint8, np.uint16)
@@ -62,13 +61,19 @@ def test_linear_levels_at_the_edges(step: int, triplet: oracle.Triplet) -> None:
     np.testing.assert_array_equal(counts, expected)
 
 
+def place_of(codes: NDArray[np.uint8]) -> NDArray[np.int64]:
+    """Where a table counts the codes (..., 3)."""
+    red, green, blue = (codes[..., c].astype(np.int64) for c in range(3))
+    return np.asarray((red - green & 255) << 16 | (blue - green & 255) << 8 | green)
+
+
 def test_every_code_has_a_place_of_its_own() -> None:
     rng = np.random.default_rng(4)
     codes = rng.integers(0, 256, (5000, 3), np.uint8)
-    np.testing.assert_array_equal(kernels.codes_at(kernels.place_of(codes)), codes)
+    np.testing.assert_array_equal(kernels.codes_at(place_of(codes)), codes)
     table = kernels.Table()
     kernels.count_colours(codes, table, np.zeros(65536, np.uint8))
-    expected = np.bincount(kernels.place_of(codes), minlength=kernels.CELLS)
+    expected = np.bincount(place_of(codes), minlength=kernels.CELLS)
     np.testing.assert_array_equal(table.at(slice(None)), expected)
 
 
@@ -78,7 +83,7 @@ def test_counts_that_fill_their_low_part_go_on(n: int) -> None:
     codes[n:] = np.arange(7)[:, None]
     table = kernels.Table()
     kernels.count_colours(codes, table, np.zeros(65536, np.uint8))
-    expected = np.bincount(kernels.place_of(codes), minlength=kernels.CELLS)
+    expected = np.bincount(place_of(codes), minlength=kernels.CELLS)
     np.testing.assert_array_equal(table.at(slice(None)), expected)
     np.testing.assert_array_equal(np.flatnonzero(table.low), np.flatnonzero(expected))
 
@@ -110,15 +115,15 @@ def test_occupied_places_run_through_cubes_within_cubes() -> None:
         assert changes == len(np.unique(cube, axis=0))
 
 
-def linear_pyramid() -> tuple[NDArray[np.uint16], Pyramid]:
+def linear_cells() -> tuple[NDArray[np.uint16], Cells]:
     image = scene(5, 160, 120).astype(np.uint16) * 257
-    return image, Pyramid(pooled([image], "linear"))
+    return image, pooled([image], "linear").occupied()
 
 
 @pytest.mark.parametrize("bits", [4, 2, 0])
 def test_boxes_hold_every_pixel_and_no_other(bits: int) -> None:
-    image, pyramid = linear_pyramid()
-    boxes = pyramid.boxes(bits)
+    image, cells = linear_cells()
+    boxes = boxes_of(cells, bits)
     assert int(boxes.mass.sum()) == image.shape[0] * image.shape[1]
     cubes = (np.searchsorted(LINEAR_EDGES, image.reshape(-1, 3), side="right") - 1) >> bits
     cubes, counts = np.unique(cubes, axis=0, return_counts=True)
@@ -132,11 +137,11 @@ def test_boxes_hold_every_pixel_and_no_other(bits: int) -> None:
 
 @pytest.mark.parametrize("bits", [1, 0])
 def test_estimates_are_close(bits: int) -> None:
-    image, pyramid = linear_pyramid()
+    image, cells = linear_cells()
     grid = triplets(0.1)
-    rules = linear_rules(grid, whites_of(pyramid.boxes(2), grid))
+    rules = linear_rules(grid, whites_of(boxes_of(cells, 2), grid))
     exact = (kernels.count_pixels(image, rules).astype(float) ** 2).sum(axis=1)
-    assert np.abs(estimates_of(pyramid.boxes(bits), rules) / exact - 1).max() < 0.5
+    assert np.abs(estimates_of(boxes_of(cells, bits), rules) / exact - 1).max() < 0.5
 
 
 def test_what_is_not_contiguous_or_of_another_kind_is_refused() -> None:

@@ -9,7 +9,7 @@ import pytest
 
 from colmap_ihe.machine.remaining_time import Forecast, Part
 from colmap_ihe.pipeline.estimates import stage_parts
-from colmap_ihe.pipeline.time_estimate import Known
+from colmap_ihe.pipeline.resource_needs import Known
 from colmap_ihe.project.options import Options
 
 CAPTURES = {"images": 11, "pixels": 66_000_000, "raw": 0, "with_gps": 0, "of_one_camera": 10}

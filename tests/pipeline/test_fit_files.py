@@ -22,9 +22,8 @@ from colmap_ihe.errors import KnownError, OptionError, WeightsError
 from colmap_ihe.fit import counting as gathering
 from colmap_ihe.fit.counting import SetCounts, key_of
 from colmap_ihe.fit.fit_set import fit_captures
-from colmap_ihe.fit.given_weights import misfit, warnings_of
 from colmap_ihe.fit.histogram_file import StoredCounts, digest_of, read_stored, stored_of, write_stored
-from colmap_ihe.fit.weights_file import read_weights
+from colmap_ihe.fit.weights_file import misfit, read_weights, warnings_of
 from colmap_ihe.grey.contrast import Contrast
 from colmap_ihe.grey.histogram import Histogram, Weighting
 from colmap_ihe.grey.ihe import fit_cells

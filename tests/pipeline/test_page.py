@@ -18,12 +18,12 @@ from colmap_ihe.photographs.discover import discover
 from colmap_ihe.pipeline import page as pages
 from colmap_ihe.pipeline.reconstruct import reconstruct
 from colmap_ihe.pipeline.records import read_record
-from colmap_ihe.pipeline.run_context import RunContext
+from colmap_ihe.pipeline.stage import RunContext
 from colmap_ihe.pipeline.stages import STAGES
+from colmap_ihe.pipeline.summary import summarise
 from colmap_ihe.project.folder import Project
 from colmap_ihe.project.options import Options
 from colmap_ihe.report.contents import Contents
-from colmap_ihe.report.summary import summarise
 
 Make = Callable[..., Path]
 MakeOptions = Callable[..., Options]
@@ -34,7 +34,7 @@ def contents_of(project: Path, options: Options) -> Contents:
     found = {stage.name: read_record(place, stage.name) for stage in STAGES}
     records = {name: record for name, record in found.items() if record is not None}
     with local_executor() as executor:
-        run = RunContext(place, options, discover(place.images), executor, records)
+        run = RunContext(place, options, discover(place.images), executor, records=records)
         return pages.gather(run, summarise(records, options), SILENT)
 
 

@@ -18,12 +18,11 @@ from PIL import Image
 
 import colmap_ihe.machine.libraries as versions
 from colmap_ihe.photographs.png import encode_png
-from colmap_ihe.pipeline import fingerprints
 from colmap_ihe.pipeline import reconstruct as pipeline
+from colmap_ihe.pipeline import records
 from colmap_ihe.pipeline.reconstruct import reconstruct
 from colmap_ihe.pipeline.records import read_record
-from colmap_ihe.pipeline.run_context import RunContext
-from colmap_ihe.pipeline.stage import Stage, StageRecord
+from colmap_ihe.pipeline.stage import RunContext, Stage, StageRecord
 from colmap_ihe.pipeline.stages import STAGE_NAMES, STAGES
 from colmap_ihe.pipeline.status import status
 from colmap_ihe.project.folder import Project
@@ -266,9 +265,9 @@ def test_a_library_that_was_upgraded(
 
     now = known(library)[library] if library != "colmap-ihe" else versions.__version__
     if library == "colmap-ihe":
-        monkeypatch.setattr(fingerprints, "__version__", "99.1")
+        monkeypatch.setattr(records, "__version__", "99.1")
     else:
-        monkeypatch.setattr(fingerprints, "library_versions", upgraded)
+        monkeypatch.setattr(records, "library_versions", upgraded)
     options = load_options(settled / "project.yaml")
     states = {s.name: s for s in status(settled, options)}
     assert [name for name in STAGE_NAMES if states[name].state == "stale"] == list(since(stage))

@@ -17,7 +17,6 @@ from colmap_ihe.errors import KnownError, ProjectError
 from colmap_ihe.machine.executor import local_executor
 from colmap_ihe.machine.files import (
     digest_file,
-    file_stamp,
     guard_folder,
     room_on_disk,
     write_bytes,
@@ -27,8 +26,7 @@ from colmap_ihe.machine.progress import SILENT, Progress
 from colmap_ihe.photographs.discover import discover
 from colmap_ihe.pipeline.input_digests import digests_of
 from colmap_ihe.pipeline.reconstruct import reconstruct
-from colmap_ihe.pipeline.run_context import RunContext
-from colmap_ihe.pipeline.stage import StageRecord
+from colmap_ihe.pipeline.stage import RunContext, StageRecord
 from colmap_ihe.pipeline.stages import STAGES
 from colmap_ihe.project.folder import Project
 from colmap_ihe.project.options import Options
@@ -108,17 +106,6 @@ def test_digests_of_an_earlier_version_are_read_again(
     about = (place.images / "a.jpg").stat()
     write_json(place.digests_file, {"a.jpg": [about.st_size, about.st_mtime_ns, "old"], "b.jpg": ["odd"]})
     assert read_again(place, monkeypatch) == ["a.jpg", "b.jpg"]
-
-
-def test_one_writing_of_a_file_is_told_from_the_next_without_a_clock(tmp_path: Path) -> None:
-    file = tmp_path / "batch.json"
-    assert file_stamp(file) == ()
-    write_json(file, {"state": "done"})
-    first = file_stamp(file)
-    assert first == file_stamp(file) != ()
-    write_json(file, {"state": "done"})
-    os.utime(file, ns=(first[2], first[2]))
-    assert file_stamp(file) != first
 
 
 # Disks

@@ -345,8 +345,7 @@ def test_an_address_that_is_none(new_project: Make, quick_options: MakeOptions, 
 def test_without_dask(new_project: Make, quick_options: MakeOptions, monkeypatch: pytest.MonkeyPatch) -> None:
     for name in [name for name in sys.modules if name.partition(".")[0] == "distributed"]:
         monkeypatch.delitem(sys.modules, name)
-    for name in ("colmap_ihe.machine.cluster.local", "colmap_ihe.machine.cluster.executor"):
-        monkeypatch.delitem(sys.modules, name, raising=False)
+    monkeypatch.delitem(sys.modules, "colmap_ihe.machine.cluster.executor", raising=False)
     monkeypatch.setitem(sys.modules, "distributed", None)
     with pytest.raises(CapabilityError, match="needs Dask") as failure:
         reconstruct(new_project(), quick_options("cluster.address=local:2"))

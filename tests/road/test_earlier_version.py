@@ -43,7 +43,7 @@ def earlier(small_demo: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -
     head = b"SQLite format 3\0" + (4096).to_bytes(2, "big") + bytes(10) + (1).to_bytes(4, "big")
     stand_in(project / "workspace/database.db", head.ljust(4096, b"\0"))
     versions: Callable[..., dict[str, str]] = lambda *names: {name: VERSIONS[name] for name in names}  # noqa: E731
-    monkeypatch.setattr("colmap_ihe.pipeline.fingerprints.library_versions", versions)
+    monkeypatch.setattr("colmap_ihe.pipeline.records.library_versions", versions)
     monkeypatch.setattr("colmap_ihe.pipeline.convert_folder.library_versions", versions)
     monkeypatch.setattr("colmap_ihe.pipeline.input_digests.digest_file", lambda path: DIGESTS[path.name])
     return project

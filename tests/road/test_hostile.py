@@ -21,7 +21,7 @@ from colmap_ihe.batch.state import BatchState, project_state, publish
 from colmap_ihe.dense.ply import read_mesh, write_mesh
 from colmap_ihe.dense.texture.mesh import Mesh
 from colmap_ihe.errors import OptionError, PhotographError, ProjectError
-from colmap_ihe.evaluation.pair_list import read_pairs
+from colmap_ihe.evaluation.figures import read_pairs
 from colmap_ihe.evaluation.truth import read_truth
 from colmap_ihe.machine.files import read_json, write_json
 from colmap_ihe.photographs.decode import refuse_too_large

@@ -25,10 +25,9 @@ from small_demo import SETTINGS
 from colmap_ihe.cli import main
 from colmap_ihe.errors import DiskFullError, NativeError, ShortOfMemoryError
 from colmap_ihe.machine import memory
-from colmap_ihe.pipeline.estimates import needs_of
+from colmap_ihe.pipeline.estimates import bytes_on_disk, disk_left, disk_warnings, memory_warnings, needs_of
 from colmap_ihe.pipeline.output_folder import opened
 from colmap_ihe.pipeline.reconstruct import reconstruct
-from colmap_ihe.pipeline.resource_check import bytes_on_disk, disk_left, disk_warnings, memory_warnings
 from colmap_ihe.pipeline.resource_needs import PhotoSetSize, StageNeeds
 from colmap_ihe.project.folder import Project
 from colmap_ihe.project.options import Options

@@ -13,7 +13,7 @@ import yaml
 from PIL import Image
 from spoilt import BYTES, JSON, TEXT, YAML, file, parser
 
-from colmap_ihe.evaluation.pair_list import read_pairs
+from colmap_ihe.evaluation.figures import read_pairs
 from colmap_ihe.evaluation.truth import read_truth
 from colmap_ihe.fit.counting import SetCounts
 from colmap_ihe.fit.histogram_file import StoredCounts, digest_of, read_stored

@@ -23,14 +23,15 @@ from colmap_ihe.pipeline import outputs
 from colmap_ihe.pipeline.input_digests import digests_of
 from colmap_ihe.pipeline.output_folder import RECORD, Ledger
 from colmap_ihe.pipeline.records import read_record
-from colmap_ihe.pipeline.run_context import RunContext
+from colmap_ihe.pipeline.stage import RunContext
 from colmap_ihe.pipeline.stages import STAGE_NAMES, STAGES
 from colmap_ihe.pipeline.stages.fit import fit_of
+from colmap_ihe.pipeline.summary import summarise
 from colmap_ihe.project.folder import Project
 from colmap_ihe.project.options import Options
 from colmap_ihe.report.contents import Contents, PhotographEntry
 from colmap_ihe.report.page import render_page
-from colmap_ihe.report.summary import summarise, summary_rows
+from colmap_ihe.report.tables import summary_rows
 
 
 def _project(folder: Path) -> Project:
@@ -66,7 +67,7 @@ def test_stage_records(data: bytes, folder: Path) -> object:
     summary = summarise(found, Options())
     summary_rows(summary)
     json.dumps(summary).encode("utf-8", "surrogatepass")
-    RunContext(place, Options(), _DISCOVERY, None, found).captures()  # type: ignore[arg-type]
+    RunContext(place, Options(), _DISCOVERY, None, records=found).captures()  # type: ignore[arg-type]
     return fit_of(found["fit"]) if "fit" in found else summary
 
 

@@ -75,8 +75,7 @@ def _directions(points: _F64, camera: pycolmap.Camera, factor: float) -> _F64:
 
 
 def _after_turn(ones: _F64, others: _F64) -> float:
-    """Return the median angle after the turn that brings one bundle of rays nearest to the other (Kabsch), fitted
-    again to the better half."""
+    """Return the median angle after the turn of one bundle of rays to the other (Kabsch), fitted to the better half."""
     kept = np.arange(len(ones))
     angles = np.zeros(len(ones))
     for _ in range(_ROUNDS):

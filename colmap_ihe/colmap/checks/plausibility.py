@@ -20,9 +20,8 @@ _LEAST_POINTS = 30
 
 @dataclass(frozen=True)
 class SolvedCamera:
-    """Describe one camera of a model. `images`: the names of its registered grey images. `prior`: the focal length in
-    the photographs' EXIF, None without; `focal`: the solved one; both in pixels. `aspect`: the solved focal length
-    across over that down."""
+    """Describe one camera of a model. `images`: names of its registered grey images. Focal lengths in pixels: `prior`
+    of EXIF, None without; `focal`, the solved one. `aspect`: the solved one across over that down."""
 
     images: tuple[str, ...]
     prior: float | None
@@ -50,8 +49,7 @@ def cameras_of(folder: Path, database: Path) -> list[SolvedCamera]:
 @dataclass(frozen=True)
 class Shape:
     """Describe the shape of a model. `thickness`: the distance of its points from the plane nearest to them, over their
-    extent; 1 for too few points to tell. `turned`: the most degrees between the viewing directions of two
-    photographs."""
+    extent; 1 for too few points to tell. `turned`: the most degrees between the views of two photographs."""
 
     thickness: float
     turned: float
@@ -70,8 +68,7 @@ def shape_of(folder: Path) -> Shape:
 
 
 def thickness(xyz: NDArray[np.float64]) -> float:
-    """Return `thickness` of `Shape` for (N, 3) points: the plane is fitted again to those near it, and strays do not
-    count."""
+    """Return `thickness` of `Shape` for (N, 3) points: the plane is fitted again to those near it, without strays."""
     if len(xyz) < _LEAST_POINTS:
         return 1.0
     kept = xyz

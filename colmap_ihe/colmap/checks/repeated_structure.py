@@ -24,8 +24,7 @@ from colmap_ihe.colmap.native import pycolmap
 _F64 = NDArray[np.float64]
 
 DOUBTFUL = 0.5
-"""Share of points that a pair should share and does not, or shares and should not; docs/degenerate.md has the share in
-sound and in folded models."""
+"""Share of points that a pair should share and does not, or shares and should not. Measured in docs/degenerate.md."""
 _SHARE_OF_PAIRS, _LEAST_PAIRS = 0.05, 2
 _NEIGHBOURS = 40  # of a photograph, by their places
 _PAIRS = 2000
@@ -64,8 +63,7 @@ def _are_many(count: int, total: int) -> bool:
 
 @dataclass(frozen=True)
 class _View:
-    """Hold one image: `ids` (n,) of its points in order, `rows` (n,) of their coordinates, and the nearest and the
-    farthest depth that it sees."""
+    """Hold one image: `ids` (n,) of its points in order, `rows` (n,) of their coordinates, and its range of depth."""
 
     image: pycolmap.Image
     camera: pycolmap.Camera

@@ -73,10 +73,8 @@ def render(surfaces: Sequence[Surface], view: DemoView) -> Rendering:
 
 
 class _Rays:
-    """Hold the rays through rows `top` to `bottom` of a view, `samples` a pixel along each side.
-
-    `direction` is three (h, w) arrays in the world with camera z = 1, so that t is the depth.
-    """
+    """Hold the rays through rows `top` to `bottom` of a view, `samples` a pixel along each side. `direction` is three
+    (h, w) arrays in the world with camera z = 1, so that t is the depth."""
 
     def __init__(self, view: DemoView, top: int, bottom: int, samples: int) -> None:
         columns = (np.arange(view.width * samples) + 0.5) / samples

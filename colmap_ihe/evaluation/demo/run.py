@@ -15,15 +15,13 @@ from colmap_ihe.evaluation.truth import Truth, key_of, pose_errors, read_truth
 from colmap_ihe.machine.files import write_json
 from colmap_ihe.machine.progress import RunProgress
 from colmap_ihe.pipeline.reconstruct import Reconstruction, reconstruct
-from colmap_ihe.pipeline.rewrite_page import report
+from colmap_ihe.pipeline.summary import report
 from colmap_ihe.project.options_file import project_options
 
 
 def demo(folder: Path, assignments: list[str], progress: RunProgress) -> Reconstruction:
-    """Render the demo into `folder`, reconstruct it, and add its errors to the summary and the page.
-
-    Raises `ProjectError` for a folder with other photographs, and other `KnownError`s.
-    """
+    """Render the demo into `folder`, reconstruct it, and add its errors to the summary and the page. Raises
+    `ProjectError` for a folder with other photographs, and other `KnownError`s."""
     if (folder / "images").exists() and not (folder / "truth").exists():
         raise ProjectError(
             f"{folder}: holds photographs that are not the demo's", hint="name another folder for the demo"

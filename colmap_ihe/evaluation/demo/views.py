@@ -47,10 +47,8 @@ class DemoView:
 
 
 def arc_of_views(count: int, size: tuple[int, int]) -> list[DemoView]:
-    """Return `count` views on an arc before the portico, at changing heights, the middle ones from nearer.
-
-    From one to the next the camera moves mostly sideways, by a tenth of the distance in 14 views.
-    """
+    """Return `count` views on an arc before the portico, at changing heights, the middle ones from nearer. From one to
+    the next the camera moves mostly sideways, by a tenth of the distance in 14 views."""
     width, height = size
     focal_px = FOCAL_LENGTH_35MM / 36 * max(size)
     views = []

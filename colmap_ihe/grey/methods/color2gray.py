@@ -36,8 +36,7 @@ def color2gray(rgb: Float32, alpha: float = ALPHA, theta: float = THETA) -> Floa
     """Return the grey of one photograph. Which hues turn bright is up to `theta` (radians): no value suits all.
 
     rgb: (H, W, 3) float32 in [0, 1], coded. Returns (H, W) float32 in [0, 1]. Colours are pooled and
-    interpolated as said above; a test bounds what that costs beside `color2gray_exact`. Raises ValueError
-    for another shape or dtype.
+    interpolated as said above; a test bounds what that costs. Raises ValueError for another shape or dtype.
     """
     colours, mass = _pooled(checked(rgb))
     nodes = np.flatnonzero(_needed(rgb))
@@ -49,16 +48,6 @@ def color2gray(rgb: Float32, alpha: float = ALPHA, theta: float = THETA) -> Floa
     for rows in bands(rgb):
         grey[rows] = grey_of_lightness(_interpolated(table, rgb[rows]))
     return grey
-
-
-def color2gray_exact(rgb: Float32, alpha: float = ALPHA, theta: float = THETA) -> Float32:
-    """Convert as `color2gray`, every pixel with every other and nothing pooled: for small images only.
-
-    Time grows with the square of the pixels; 100 x 100 take seconds.
-    """
-    colours = lab(checked(rgb)).reshape(-1, 3)
-    star = _solved(colours, colours, np.ones(len(colours)), alpha, theta)
-    return grey_of_lightness(star).reshape(rgb.shape[:2])
 
 
 def target(first: Float32, second: Float32, alpha: float, theta: float) -> Float32:

@@ -46,11 +46,8 @@ class DecolorizeSet:
         self.axis = (0, 0)
 
     def add(self, rgb: Float32) -> None:
-        """Count one photograph: (H, W, 3) float32 in [0, 1], coded.
-
-        Each pixel is paired with another of the same photograph. Raises ValueError for another shape or
-        dtype.
-        """
+        """Count one photograph, (H, W, 3) float32 in [0, 1], coded; each pixel is paired with another of it. Raises
+        ValueError for another shape or dtype."""
         self.colours.add(rounded(checked(rgb)))
         p, q = _contrast_lost(rgb)
         self.axis = (self.axis[0] + p, self.axis[1] + q)

@@ -22,9 +22,7 @@ def cie_y(rgb: Float32) -> Float32:
 
 
 def value(rgb: Float32) -> Float32:
-    """Return max(R, G, B), the V of HSV (Smith 1978): (H, W, 3) float32 in, (H, W) float32 out, both in [0, 1].
-
-    Raises ValueError for another shape or dtype.
-    """
+    """Return max(R, G, B), the V of HSV (Smith 1978): (H, W, 3) float32 in, (H, W) float32 out, both in [0, 1]. Raises
+    ValueError for another shape or dtype."""
     checked(rgb)
     return np.maximum(np.maximum(rgb[..., 0], rgb[..., 1]), rgb[..., 2])

@@ -57,9 +57,7 @@ class RealtimeSet:
 
     def finish(self) -> Triplet:
         """Return the weights of red, green and blue. Ties, as where nothing has colour, go to the nearest to Rec.709.
-
-        Raises ValueError for a set without photographs.
-        """
+        Raises ValueError for a set without photographs."""
         if not self.images:
             raise ValueError("no photographs were added, expected at least one")
         best = max(range(len(GRID)), key=lambda n: (self.sums[n], -float(TOWARDS_REC709[n])))

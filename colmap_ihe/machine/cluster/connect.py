@@ -57,8 +57,7 @@ def connected(
     address = options.address or ""
     count = local_count(address)
     try:
-        from colmap_ihe.machine.cluster.executor import ClusterExecutor
-        from colmap_ihe.machine.cluster.local import local_workers
+        from colmap_ihe.machine.cluster.executor import ClusterExecutor, local_workers
     except ImportError as error:
         raise CapabilityError(
             f"a cluster needs Dask: {error}", hint="in the clone of colmap-ihe: pip install '.[cluster]'"

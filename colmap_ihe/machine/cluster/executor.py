@@ -1,4 +1,5 @@
-"""Run tasks on the workers of a Dask scheduler, which may both come and go, as a `concurrent.futures.Executor`.
+"""Run tasks on the workers of a Dask scheduler, which may both come and go, as a `concurrent.futures.Executor`; start
+such workers on this machine, for `local:N`.
 
 Dask's own, `Client.get_executor()`, cancels every task when the scheduler is lost and waits for ever without a worker.
 Here the scheduler gives a dead worker's task to another worker, and what a lost scheduler had not done is sent to the
@@ -7,21 +8,34 @@ one that comes back. A task may therefore run twice, and writes whole files or n
 
 from __future__ import annotations
 
+import json
+import os
+import signal
+import subprocess
+import sys
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from concurrent.futures import Executor, Future
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from functools import partial
+from pathlib import Path
 from typing import Any
 
-from distributed import Client, KilledWorker
+from distributed import Client, KilledWorker, LocalCluster
 
 from colmap_ihe.errors import Cancelled, ClusterError
 from colmap_ihe.machine.cluster.task import GO_ON, Task, Terms
+from colmap_ihe.machine.scratch import scratch_folder
 
 _TICK_SECONDS = 0.5
 _LEAVE_SECONDS = 5
+_END_SECONDS = 10
+_START = (
+    "import json, sys; sys.path[:] = json.loads(sys.argv.pop(1));"  # the same modules as here
+    " from distributed.cli.dask_worker import main; main()"
+)
+_LIMITS = ["--nthreads", "1", "--memory-limit", "0", "--no-dashboard", "--death-timeout", "60"]
 
 
 class _Job:
@@ -169,3 +183,35 @@ def _translated(error: BaseException) -> BaseException:
         f"one worker after the other died of the same task, the last was {last}",
         hint=f"perhaps for want of memory: give workers more of it or fewer threads; {GO_ON}",
     )
+
+
+@contextmanager
+def local_workers(count: int, log: Path) -> Iterator[str]:
+    """Start a scheduler in this process and `count` workers of one thread: give the scheduler's address. A worker that
+    dies is started again; what they print goes into `log`.
+
+    `distributed.LocalCluster` starts its workers with `multiprocessing`: it runs the user's script again in each of
+    them unless that is guarded, and they print on our stdout. `dask worker` is a fresh Python, here in a session of its
+    own, since Ctrl-C in the terminal is for us. Workers end with the scheduler, however this process ends.
+    """
+    log.parent.mkdir(parents=True, exist_ok=True)
+    scheduler = LocalCluster(n_workers=0, dashboard_address="127.0.0.1:0", silence_logs=50, host="127.0.0.1")
+    with scratch_folder() as scratch, log.open("wb") as output, scheduler:
+        address = scheduler.scheduler_address
+        command = [sys.executable, "-c", _START, json.dumps(sys.path), address, "--nworkers", str(count)]
+        workers = subprocess.Popen(
+            [*command, *_LIMITS, "--name", "local", "--local-directory", str(scratch)],
+            stdin=subprocess.DEVNULL,
+            stdout=output,
+            stderr=subprocess.STDOUT,
+            start_new_session=True,
+        )
+        try:
+            yield address
+        finally:
+            workers.terminate()
+            try:
+                workers.wait(_END_SECONDS)
+            except subprocess.TimeoutExpired:
+                os.killpg(workers.pid, signal.SIGKILL)
+                workers.wait()

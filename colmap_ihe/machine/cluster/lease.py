@@ -16,6 +16,7 @@ from pathlib import Path
 
 from colmap_ihe.errors import Cancelled, ClusterError
 from colmap_ihe.machine.files import write_bytes
+from colmap_ihe.machine.locks import has_lock
 from colmap_ihe.machine.progress import Progress, RunProgress
 
 _PATTERN = "cluster-*.lease"
@@ -33,15 +34,13 @@ def new_lease(records: Path) -> Path:
 
 
 def end_lease(path: Path, progress: Progress, seconds: float = END_SECONDS) -> None:
-    """Tell the tasks of a lease that their run is over, wait for them and remove it.
-
-    Raises `ClusterError` if one does not end, and `Cancelled`; the lease then stays for the next run to wait for.
-    """
+    """Tell the tasks of a lease that their run is over, wait for them and remove it. Raises `ClusterError` if one does
+    not end, and `Cancelled`; the lease then stays for the next run to wait for."""
     with path.open("r+b") as handle:
         handle.truncate()  # in place, for the lock is on the file
         os.fsync(handle.fileno())
         end = time.monotonic() + seconds
-        while not _locked(handle.fileno(), fcntl.LOCK_EX):
+        while not has_lock(handle.fileno()):
             progress.check()
             if time.monotonic() > end:
                 raise ClusterError(
@@ -64,7 +63,7 @@ def held(path: Path) -> Iterator[RunOver]:
     """Lock the lease while a task works. Raises `Cancelled` where the run is over, OSError without a lease."""
     with path.open("rb") as handle:
         over = RunOver(path)
-        if not _locked(handle.fileno(), fcntl.LOCK_SH) or over.is_set():
+        if not has_lock(handle.fileno(), fcntl.LOCK_SH) or over.is_set():
             raise Cancelled
         yield over
 
@@ -84,12 +83,3 @@ class RunOver:
             with suppress(OSError):
                 self._is_over = not self._path.exists() or not self._path.read_bytes()
         return self._is_over
-
-
-def _locked(descriptor: int, kind: int) -> bool:
-    """Take a lock of `kind` on an open file, if that can be had at once."""
-    try:
-        fcntl.flock(descriptor, kind | fcntl.LOCK_NB)
-    except BlockingIOError:
-        return False
-    return True

@@ -12,9 +12,9 @@ from pathlib import Path
 from typing import Any
 
 from colmap_ihe.errors import ClusterError, KnownError, PhotographError
-from colmap_ihe.machine import cancel
 from colmap_ihe.machine.cluster.lease import held
 from colmap_ihe.machine.libraries import __version__, code_digest, library_versions, package_version, pycolmap
+from colmap_ihe.machine.progress import stoppable
 
 GO_ON = "the same command goes on from here"
 SAME_ENVIRONMENT = "install the same environment on every worker; see docs/cluster.md"
@@ -79,7 +79,7 @@ class Task:
         when the run is over."""
         _check_once(self.terms)
         try:
-            with held(self.terms.lease) as over, cancel.stoppable(over):
+            with held(self.terms.lease) as over, stoppable(over):
                 return self.function(*self.arguments, **self.keywords)
         except PhotographError:
             raise

@@ -18,8 +18,7 @@ from colmap_ihe.photographs.recipes import recipe_notes, with_recipes
 from colmap_ihe.photographs.survey import survey
 from colmap_ihe.pipeline.input_digests import FRAMES
 from colmap_ihe.pipeline.resource_needs import BASE_BYTES, PhotoSetSize, StageNeeds
-from colmap_ihe.pipeline.run_context import Inputs, Record, RunContext
-from colmap_ihe.pipeline.stage import Count, Stage, StageRecord, require_plain
+from colmap_ihe.pipeline.stage import Count, Inputs, Record, RunContext, Stage, StageRecord, require_plain
 from colmap_ihe.pipeline.warnings import photographs as set_warnings
 from colmap_ihe.project.folder import Project
 from colmap_ihe.project.options import Options

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from concurrent.futures import Executor, Future, ThreadPoolExecutor
-from functools import partial
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
@@ -30,18 +30,15 @@ from colmap_ihe.photographs.discover import Capture
 from colmap_ihe.photographs.each import LeftOut, each_usable
 from colmap_ihe.photographs.encode import SUFFIXES, encode_image
 from colmap_ihe.photographs.survey import Surveyed, survey
-from colmap_ihe.pipeline.resource_needs import BASE_BYTES, PhotoSetSize, StageNeeds
-from colmap_ihe.pipeline.run_context import Record, RunContext
-from colmap_ihe.pipeline.stage import NameBelow, Stage, StageRecord
+from colmap_ihe.pipeline.resource_needs import BASE_BYTES, Known, PhotoSetSize, StageNeeds
+from colmap_ihe.pipeline.stage import NameBelow, Record, RunContext, Stage, StageRecord
 from colmap_ihe.pipeline.stages.fit import fit_of
-from colmap_ihe.pipeline.time_estimate import Known
 from colmap_ihe.pipeline.warnings import photographs as set_warnings
 from colmap_ihe.project.folder import Project
 from colmap_ihe.project.options import ConvertOptions, Options
 
 _WAITING = 3
-"""Files that wait for the disk, for each photograph that is worked on: a disk that takes its time now and then holds
-nobody up."""
+"""Files that wait for the disk, for each photograph at work: a disk that is slow now and then holds nobody up."""
 _GREY_AND_COLOUR = {
     "png": {False: 2.9, True: 3.2},
     "tiff": {False: 4.1, True: 4.1},
@@ -56,6 +53,56 @@ class ConvertRecord(StageRecord):
     grey: Annotated[dict[str, NameBelow], Field(min_length=1)]
 
 
+@dataclass(frozen=True)
+class ImageWriter:
+    """Write the grey images of photographs, and their colour twins unless the folder for these is None. With
+    `keep_finished` what is there under its final name is left alone: the caller knows that it comes from the same
+    input. `in_srgb`: twins are brought to sRGB, else they keep the profile of their photograph."""
+
+    fit: Fit
+    options: ConvertOptions
+    grey_folder: Path
+    colour_folder: Path | None
+    keep_finished: bool
+    in_srgb: bool = False
+
+    def files_of(self, surveyed: Surveyed) -> Iterator[tuple[Path, bytes]]:
+        """Yield the files of one photograph that are due, with their content."""
+        name = grey_name(surveyed, self.options)
+        grey_file = self.grey_folder / name
+        colour_file = self.colour_folder / name if self.colour_folder else None
+        grey_due = not (self.keep_finished and grey_file.exists())
+        colour_due = colour_file is not None and not (self.keep_finished and colour_file.exists())
+        if not grey_due and not colour_due:
+            return
+        keep_freed()
+        photograph = read_photograph(surveyed.capture)
+        exif, weights = surveyed.metadata.exif, weights_for(surveyed.capture, self.fit)
+        if grey_due:
+            grey = to_grey(photograph.rgb, weights, self.options.tone)
+            if self.options.wallis:
+                grey = wallis(grey)
+            yield grey_file, encode_image(grey, exif, self.options.format)
+        if colour_file is not None and colour_due:
+            colour, profile = self._twin(photograph, surveyed)
+            yield colour_file, encode_image(colour, exif, self.options.format, profile)
+
+    def _twin(self, photograph: DecodedPhotograph, surveyed: Surveyed) -> tuple[NDArray[np.uint8], bytes]:
+        """Return the colour twin, (H, W, 3) uint8, and the profile that it is in, empty for sRGB."""
+        if photograph.srgb_from_camera is not None:
+            rgb, gains = np.asarray(photograph.rgb, np.uint16), surveyed.capture.recipe.gains
+            return to_colour(rgb, photograph.srgb_from_camera, self.fit.colour_white, gains), b""
+        if self.in_srgb and surveyed.metadata.profile != "sRGB":
+            return read_srgb(surveyed.capture, surveyed.metadata.profile), b""
+        return np.asarray(photograph.rgb, np.uint8), b"" if self.in_srgb else photograph.profile
+
+    def write(self, surveyed: Surveyed) -> str:
+        """Write the files of one photograph that are due, and return its name."""
+        for file, content in self.files_of(surveyed):
+            write_bytes(file, content)
+        return surveyed.capture.name
+
+
 def run(run: RunContext, progress: Progress) -> ConvertRecord:
     """Write the grey images and colour twins that are due."""
     project = run.project
@@ -67,19 +114,10 @@ def run(run: RunContext, progress: Progress) -> ConvertRecord:
     if not surveyed:
         cameras = run.options.cameras
         surveyed, _ = survey(captures, run.executor, progress, strict=run.strict, cameras=cameras)
-    usable = {c.name for c in captures}
-    grey, left_out = convert_captures(
-        [s for s in surveyed if s.capture.name in usable],
-        fit,
-        run.options.convert,
-        project.grey,
-        project.colour,
-        run.executor,
-        progress,
-        strict=run.strict,
-        keep_finished=run.resumed,
-        in_srgb=True,
-    )
+    names = {c.name for c in captures}
+    usable = [s for s in surveyed if s.capture.name in names]
+    writer = ImageWriter(fit, run.options.convert, project.grey, project.colour, run.resumed, in_srgb=True)
+    grey, left_out = convert_captures(usable, writer, run.executor, progress, run.strict)
     warnings = set_warnings.fit_warnings(captures, fit.weights.values())
     warnings += set_warnings.wallis_warnings(run.options.convert.wallis)
     decoder_pool.end_idle()  # COLMAP, which comes next, has a use for their memory
@@ -87,39 +125,24 @@ def run(run: RunContext, progress: Progress) -> ConvertRecord:
 
 
 def convert_captures(
-    surveyed: Sequence[Surveyed],
-    fit: Fit,
-    options: ConvertOptions,
-    grey_folder: Path,
-    colour_folder: Path | None,
-    executor: Executor,
-    progress: Progress,
-    *,
-    strict: bool,
-    keep_finished: bool,
-    in_srgb: bool = False,
+    surveyed: Sequence[Surveyed], writer: ImageWriter, executor: Executor, progress: Progress, strict: bool
 ) -> tuple[dict[str, str], LeftOut]:
     """Write the grey image of every capture, with its EXIF, and its colour twin where a folder is given.
 
-    Return the names of the grey images by capture, and what was left out. `keep_finished` leaves alone
-    what is there under its final name: the caller knows that it comes from the same input. `in_srgb`: colour twins are
-    brought to sRGB, else they keep the profile of their photograph. Raises as `survey`, `WeightsError` if the weights
-    are for another encoding or cannot have the tone, `DiskFullError`.
+    Return the names of the grey images by capture, and what was left out. Raises as `survey`, `WeightsError` if the
+    weights are for another encoding or cannot have the tone, `DiskFullError`.
     """
-    for weights in fit.weights.values():
-        check_tone(weights, options.tone)
+    for weights in writer.fit.weights.values():
+        check_tone(weights, writer.options.tone)
     left_out: LeftOut = {}
-    convert = partial(_converted, fit, options, grey_folder, colour_folder, keep_finished, in_srgb)
-    names = {s.capture.name: s.capture.grey_stem + SUFFIXES[options.format] for s in surveyed}
+    names = {s.capture.name: grey_name(s, writer.options) for s in surveyed}
     if not shares_memory(executor):
-        converted = partial(_write_converted, convert)
-        done = list(each_usable(converted, surveyed, executor, progress, strict, left_out))
+        done = list(each_usable(writer.write, surveyed, executor, progress, strict, left_out))
         return {name: names[name] for name in done}, left_out
 
     def converted_here(surveyed: Surveyed) -> tuple[str, list[Future[None]]]:
-        return surveyed.capture.name, [
-            disk.submit(write_bytes, file, content) for file, content in convert(surveyed)
-        ]
+        files = writer.files_of(surveyed)
+        return surveyed.capture.name, [disk.submit(write_bytes, file, content) for file, content in files]
 
     waiting: deque[Future[None]] = deque()
     most = _WAITING * at_once([s.capture for s in surveyed], local_workers())
@@ -136,46 +159,9 @@ def convert_captures(
     return {name: names[name] for name in finished}, left_out
 
 
-_Convert = Callable[[Surveyed], Iterator[tuple[Path, bytes]]]
-
-
-def _write_converted(convert: _Convert, surveyed: Surveyed) -> str:
-    for file, content in convert(surveyed):
-        write_bytes(file, content)
-    return surveyed.capture.name
-
-
-def _converted(
-    fit: Fit,
-    options: ConvertOptions,
-    grey_folder: Path,
-    colour_folder: Path | None,
-    keep_finished: bool,
-    in_srgb: bool,
-    surveyed: Surveyed,
-) -> Iterator[tuple[Path, bytes]]:
-    """Yield the files of one photograph that are due, with their content."""
-    name = surveyed.capture.grey_stem + SUFFIXES[options.format]
-    grey_file, colour_file = grey_folder / name, colour_folder / name if colour_folder else None
-    grey_due = not (keep_finished and grey_file.exists())
-    colour_due = colour_file is not None and not (keep_finished and colour_file.exists())
-    if not grey_due and not colour_due:
-        return
-    keep_freed()
-    photograph = read_photograph(surveyed.capture)
-    exif, weights = surveyed.metadata.exif, weights_for(surveyed.capture, fit)
-    if grey_due:
-        grey = to_grey(photograph.rgb, weights, options.tone)
-        if options.wallis:
-            grey = wallis(grey)
-        yield grey_file, encode_image(grey, exif, options.format)
-    if colour_file is not None and colour_due:
-        colour, profile = _colour_twin(photograph, fit.colour_white, surveyed.capture.recipe.gains), b""
-        if photograph.encoding == "coded" and in_srgb and surveyed.metadata.profile != "sRGB":
-            colour = read_srgb(surveyed.capture, surveyed.metadata.profile)
-        elif not in_srgb:
-            profile = photograph.profile
-        yield colour_file, encode_image(colour, exif, options.format, profile)
+def grey_name(photograph: Surveyed, options: ConvertOptions) -> str:
+    """Return the name of its grey image, below the folder of them."""
+    return photograph.capture.grey_stem + SUFFIXES[options.format]
 
 
 def weights_for(capture: Capture, fit: Fit) -> Grey:
@@ -189,12 +175,6 @@ def weights_for(capture: Capture, fit: Fit) -> Grey:
             hint="fit weights on photographs of this kind; RAW is linear, JPEG is gamma-coded",
         )
     return weights
-
-
-def _colour_twin(photograph: DecodedPhotograph, white: float, gains: Sequence[float]) -> NDArray[np.uint8]:
-    if photograph.srgb_from_camera is None:
-        return np.asarray(photograph.rgb, np.uint8)
-    return to_colour(np.asarray(photograph.rgb, np.uint16), photograph.srgb_from_camera, white, gains)
 
 
 def _files(project: Project, record: Record) -> list[Path]:

@@ -14,10 +14,8 @@ from colmap_ihe.machine.files import require_room
 from colmap_ihe.machine.progress import Progress
 from colmap_ihe.machine.remaining_time import Part
 from colmap_ihe.pipeline.outputs import size_of
-from colmap_ihe.pipeline.resource_needs import BASE_BYTES, PhotoSetSize, StageNeeds
-from colmap_ihe.pipeline.run_context import RunContext
-from colmap_ihe.pipeline.stage import Count, Stage, StageRecord, section_values
-from colmap_ihe.pipeline.time_estimate import Known
+from colmap_ihe.pipeline.resource_needs import BASE_BYTES, Known, PhotoSetSize, StageNeeds
+from colmap_ihe.pipeline.stage import Count, RunContext, Stage, StageRecord
 from colmap_ihe.project.folder import Project
 from colmap_ihe.project.options import Options
 
@@ -78,7 +76,7 @@ def _overlap(known: Known) -> float:
 
 
 def _result_options(options: Options) -> dict[str, Any]:
-    values = section_values(options, "dense")
+    values = options.sections("dense")
     enabled = values["dense"].pop("enabled")
     values["dense"]["backend"] = pick_backend(options.dense.backend) if enabled else "none"
     values["dense"]["layout"] = _LAYOUT

@@ -12,10 +12,8 @@ from colmap_ihe.machine.progress import Progress
 from colmap_ihe.machine.remaining_time import Part
 from colmap_ihe.pipeline.input_digests import masks_in
 from colmap_ihe.pipeline.masks import make_masks
-from colmap_ihe.pipeline.resource_needs import BASE_BYTES, PhotoSetSize, StageNeeds
-from colmap_ihe.pipeline.run_context import RunContext
-from colmap_ihe.pipeline.stage import Count, Stage, StageRecord
-from colmap_ihe.pipeline.time_estimate import Known
+from colmap_ihe.pipeline.resource_needs import BASE_BYTES, Known, PhotoSetSize, StageNeeds
+from colmap_ihe.pipeline.stage import Count, RunContext, Stage, StageRecord
 from colmap_ihe.pipeline.warnings import photographs as set_warnings
 from colmap_ihe.project.options import Options
 

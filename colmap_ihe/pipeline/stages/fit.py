@@ -10,7 +10,7 @@ from typing import Annotated, Any
 from pydantic import AfterValidator, Field, model_validator
 
 from colmap_ihe.errors import WeightsError
-from colmap_ihe.fit import given_weights, weights_file
+from colmap_ihe.fit import weights_file
 from colmap_ihe.fit.fit_set import Fit, fit_captures
 from colmap_ihe.fit.histogram_file import StoredCounts, write_stored
 from colmap_ihe.fit.trial_bench import Trial
@@ -19,10 +19,8 @@ from colmap_ihe.machine.files import digest_file
 from colmap_ihe.machine.progress import Progress
 from colmap_ihe.machine.remaining_time import Part
 from colmap_ihe.photographs.discover import Discovery
-from colmap_ihe.pipeline.resource_needs import BASE_BYTES, PhotoSetSize, StageNeeds
-from colmap_ihe.pipeline.run_context import Inputs, Record, RunContext
-from colmap_ihe.pipeline.stage import Count, Stage, StageRecord, StrictModel, section_values
-from colmap_ihe.pipeline.time_estimate import Known
+from colmap_ihe.pipeline.resource_needs import BASE_BYTES, Known, PhotoSetSize, StageNeeds
+from colmap_ihe.pipeline.stage import Count, Inputs, Record, RunContext, Stage, StageRecord, StrictModel
 from colmap_ihe.project.folder import Project
 from colmap_ihe.project.options import Options
 
@@ -88,7 +86,7 @@ def run(run: RunContext, progress: Progress) -> FitRecord:
             " and a colour is not the same grey in both; for one grey use one kind"
         )
     if isinstance(given, Weights):
-        warnings += given_weights.warnings_of(given, fit.gathered[given.encoding], options)
+        warnings += weights_file.warnings_of(given, fit.gathered[given.encoding], options)
     return record_of(fit, warnings)
 
 
@@ -121,7 +119,7 @@ def trial_of(options: Options) -> Trial:
 
 
 def _result_options(options: Options) -> dict[str, Any]:
-    values = section_values(options, "fit")
+    values = options.sections("fit")
     values["fit"]["weights"] = options.fit.weights is not None  # their content counts, not where they lie
     return values | ({"trial": asdict(trial_of(options))} if options.fit.method == "auto" else {})
 

@@ -10,11 +10,9 @@ from colmap_ihe.colmap.pair_blocks import matches_bytes
 from colmap_ihe.errors import MappingError
 from colmap_ihe.machine.progress import Progress
 from colmap_ihe.machine.remaining_time import Part
-from colmap_ihe.pipeline.resource_needs import BASE_BYTES, PhotoSetSize, StageNeeds
-from colmap_ihe.pipeline.run_context import RunContext
-from colmap_ihe.pipeline.stage import Count, Stage, StageRecord
+from colmap_ihe.pipeline.resource_needs import BASE_BYTES, Known, PhotoSetSize, StageNeeds
+from colmap_ihe.pipeline.stage import Count, RunContext, Stage, StageRecord
 from colmap_ihe.pipeline.stages.features import FEWER_FEATURES, features_an_image
-from colmap_ihe.pipeline.time_estimate import Known
 from colmap_ihe.pipeline.warnings import model as model_warnings
 from colmap_ihe.project.folder import Project
 from colmap_ihe.project.options import Options

@@ -11,11 +11,9 @@ from colmap_ihe.errors import MappingError
 from colmap_ihe.machine.executor import threads_of
 from colmap_ihe.machine.progress import Progress
 from colmap_ihe.machine.remaining_time import Part
-from colmap_ihe.pipeline.resource_needs import BASE_BYTES, PhotoSetSize, StageNeeds
-from colmap_ihe.pipeline.run_context import Record, RunContext
-from colmap_ihe.pipeline.stage import Count, FileName, Stage, StageRecord, StrictModel, section_values
+from colmap_ihe.pipeline.resource_needs import BASE_BYTES, Known, PhotoSetSize, StageNeeds
+from colmap_ihe.pipeline.stage import Count, FileName, Record, RunContext, Stage, StageRecord, StrictModel
 from colmap_ihe.pipeline.stages.dense import POINTS_A_PIXEL, likely_points, pixels_seen
-from colmap_ihe.pipeline.time_estimate import Known
 from colmap_ihe.project.folder import Project
 from colmap_ihe.project.options import Options
 
@@ -60,7 +58,7 @@ def run(run: RunContext, progress: Progress) -> MeshRecord:
 
 
 def _result_options(options: Options) -> dict[str, Any]:
-    values = section_values(options, "mesh")
+    values = options.sections("mesh")
     del values["mesh"]["enabled"]
     values["mesh"]["texture"] = options.mesh.texture is not False
     return values

@@ -13,8 +13,7 @@ from colmap_ihe.errors import MappingError
 from colmap_ihe.machine.progress import Progress
 from colmap_ihe.machine.remaining_time import Part
 from colmap_ihe.pipeline.resource_needs import BASE_BYTES, PhotoSetSize, StageNeeds
-from colmap_ihe.pipeline.run_context import Record, RunContext
-from colmap_ihe.pipeline.stage import Count, Stage, StageRecord, StrictModel
+from colmap_ihe.pipeline.stage import Count, Record, RunContext, Stage, StageRecord, StrictModel
 from colmap_ihe.pipeline.stages.features import FEWER_FEATURES, features_an_image
 from colmap_ihe.pipeline.warnings import model as model_warnings
 from colmap_ihe.project.folder import Project

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from colmap_ihe.errors import OptionError
-from colmap_ihe.evaluation.pair_list import read_pairs
+from colmap_ihe.evaluation.figures import read_pairs
 
 NAMES = ["a.jpg", "north wall/b 1.jpg", "b", "c d", "d"]
 

@@ -1,13 +1,23 @@
-"""Summarise a run from its records: for machines as plain values, for people as rows of a table."""
+"""Sum up a project from the records of its stages, and write its page again from them."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
+from colmap_ihe.errors import ProjectError
+from colmap_ihe.machine.executor import local_executor
+from colmap_ihe.machine.files import read_json
+from colmap_ihe.machine.progress import SILENT, RunProgress
+from colmap_ihe.photographs.discover import discover
+from colmap_ihe.pipeline.page import write_page
+from colmap_ihe.pipeline.records import read_record
+from colmap_ihe.pipeline.stage import Record, RunContext
+from colmap_ihe.pipeline.stages import STAGES
+from colmap_ihe.project.folder import Project
 from colmap_ihe.project.options import Options
-
-_NAMES = ("red", "green", "blue")
+from colmap_ihe.project.options_file import project_options
 
 
 def summarise(records: Mapping[str, Mapping[str, Any]], options: Options) -> dict[str, Any]:
@@ -22,6 +32,7 @@ def summarise(records: Mapping[str, Mapping[str, Any]], options: Options) -> dic
     features, matches, sparse, dense, mesh = (records.get(stage, {}) for stage in later)
     models = sparse.get("models", [])
     model = models[0] if models else {}
+    with_depth = 100 * dense["pixels_with_depth"] / dense["pixels"] if dense.get("pixels") else None
     left_out = {name: why for r in records.values() for name, why in r.get("left_out", {}).items()}
     return {
         "images": records["captures"]["images"] + len(records["captures"]["left_out"]),
@@ -47,7 +58,7 @@ def summarise(records: Mapping[str, Mapping[str, Any]], options: Options) -> dic
         "mean_reprojection_error_px": model.get("mean_reprojection_error_px"),
         "dense_points": dense.get("points"),
         "dense_backend": dense.get("backend"),
-        "dense_pixels_with_depth_percent": _percent(dense.get("pixels_with_depth"), dense.get("pixels")),
+        "dense_pixels_with_depth_percent": with_depth,
         "mesh_faces": mesh.get("faces"),
         "mesh_texture": [mesh["texture"]["width"], mesh["texture"]["height"]] if "texture" in mesh else None,
         "stages": {name: record["seconds"] for name, record in records.items()},
@@ -55,45 +66,30 @@ def summarise(records: Mapping[str, Mapping[str, Any]], options: Options) -> dic
     }
 
 
-def summary_rows(summary: Mapping[str, Any]) -> list[tuple[str, str]]:
-    """Return the summary as a person reads it: a name and a value a row, nothing for what has not run."""
-    rows = [("photographs", _photographs(summary))]
-    if summary["weights"] is not None:
-        rows.append((f"grey ({summary['method']})", weights_in_words(summary["weights"])))
-    if summary["tried"]:
-        rows.append(("measured", summary["tried"]["in_words"]))
-    if summary["registered_images"] is not None:
-        over_3 = f"{summary['points_over_3_views']:,} seen in more than 3 images"
-        rows += [
-            ("registered images", f"{summary['registered_images']} of {summary['images']}"),
-            ("points", f"{summary['points3D']:,}, {over_3}"),
-            ("mean reprojection error", f"{summary['mean_reprojection_error_px']:.3f} px"),
-            ("mean track length", f"{summary['mean_track_length']:.2f} observations a point"),
-        ]
-    if summary["dense_points"] is not None:
-        coverage = summary["dense_pixels_with_depth_percent"]
-        share = f", {coverage:.0f} % of the pixels have depth" if coverage is not None else ""
-        cloud = f"{summary['dense_points']:,} points ({summary['dense_backend']}{share})"
-        rows.append(("dense cloud", cloud))
-    if summary["mesh_faces"] is not None:
-        size = summary["mesh_texture"]
-        look = f"a texture of {size[0]}x{size[1]}" if size else "vertex colours"
-        rows.append(("mesh", f"{summary['mesh_faces']:,} triangles with {look}"))
-    for name, value in summary.get("truth", {}).items():
-        rows.append((f"truth: {name.replace('_', ' ')}", f"{value:.4g}"))
-    stages = ", ".join(f"{name} {seconds:.0f} s" for name, seconds in summary["stages"].items())
-    return [*rows, ("time", f"{stages}: {sum(summary['stages'].values()):.0f} s")]
-
-
-def weights_in_words(weights: Sequence[float]) -> str:
-    """Write R, G, B in 0..1 as percentages."""
-    return ", ".join(f"{100 * w:.0f} % {name}" for w, name in zip(weights, _NAMES, strict=True))
-
-
-def _photographs(summary: Mapping[str, Any]) -> str:
-    left_out = len(summary["left_out"])
-    return f"{summary['images']}" + (f", {left_out} left out" if left_out else "")
-
-
-def _percent(part: int | None, whole: int | None) -> float | None:
-    return 100 * part / whole if part is not None and whole else None
+def report(
+    project: Path,
+    assignments: Sequence[str] = (),
+    images: Path | None = None,
+    progress: RunProgress = SILENT,
+) -> Path:
+    """Write report/index.html of a project again, from what its stages left, and return it. Raises
+    `KnownError`s; `ProjectError` where nothing is converted yet."""
+    options, folder = project_options(project, list(assignments)), Project.at(project, images)
+    records: dict[str, Record] = {}
+    for stage in STAGES:
+        record = None if stage.switched_off(options) else read_record(folder, stage.name)
+        if record is None:
+            break
+        records[stage.name] = record
+    if "convert" not in records:
+        raise ProjectError(
+            f"{project}: no photograph is converted yet, so there is nothing to show",
+            hint="run `colmap-ihe reconstruct` first",
+        )
+    summary = summarise(records, options)
+    truth = (read_json(folder.summary_file) or {}).get("truth")  # of this very model, else it were gone
+    if isinstance(truth, dict) and all(type(value) in (int, float) for value in truth.values()):
+        summary["truth"] = truth
+    with folder.locked(), local_executor() as executor, progress.stage("page") as stage_progress:
+        run = RunContext(folder, options, discover(folder.images), executor, records=records)
+        return write_page(run, summary, stage_progress)
