@@ -86,11 +86,11 @@ def _unused_in(folder: Path) -> Iterator[str]:
     for entry in sorted(e for e in folder.iterdir() if not e.name.startswith(".")):
         if entry.is_file():
             if entry.name != calibration.BAD_PIXELS:
-                yield entry.name
+                yield f"{folder.name}/{entry.name}"
         elif calibration.kind_of_folder(entry.name) is None:
-            yield f"{entry.name}/"
+            yield f"{folder.name}/{entry.name}/"
         elif not any(file.suffix.lower() in RAW_SUFFIXES for file in entry.rglob("*")):
-            yield f"{entry.name}/ (no RAW file in it)"
+            yield f"{folder.name}/{entry.name}/ (no RAW file in it)"
 
 
 def _frames_of(folder: Path, kind: calibration.Kind) -> list[tuple[Path, Path]]:

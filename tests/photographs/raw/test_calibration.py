@@ -228,7 +228,7 @@ def test_folders_of_frames_may_have_other_names(flawed: Callable[..., Path]) -> 
     (frames / "Grey card").mkdir()
     [warning] = recipes(project).warnings
     assert warning.startswith(
-        "not used: Grey card/, flats/ (no RAW file in it), loose.dng; calibration frames"
+        "not used: calibration/Grey card/, calibration/flats/ (no RAW file in it),"
     )
 
 
