@@ -18,7 +18,7 @@ from colmap_ihe.photographs.discover import Capture
 from colmap_ihe.photographs.preview import small_picture
 
 LOOKED_AT = 16
-"""Photographs, of a set of any size."""
+"""Photographs, of a set of any size, for three pairs or more."""
 _SIDE = 640  # pixels of the longer side of a small picture
 _MAX_ERROR_PX = 2.0
 _LEAST_SHARED = 30
@@ -73,7 +73,7 @@ def find_overlaps(
     Those that cannot be read are passed over, and so are pairs of nearly the same photograph. Raises
     `NativeError`, `Cancelled`.
     """
-    looked_at = _spread(captures)
+    looked_at = _spread(captures, min(LOOKED_AT, 4 * (count + 1)))
     pictures: list[tuple[Capture, NDArray[np.uint8]]] = []
 
     def look(capture: Capture) -> NDArray[np.uint8] | None:
@@ -108,12 +108,12 @@ def find_overlaps(
     return [overlaps[i] for i in [*spread, *(i for i in range(len(overlaps)) if i not in spread)]], ""
 
 
-def _spread(captures: Sequence[Capture]) -> list[Capture]:
+def _spread(captures: Sequence[Capture], most: int) -> list[Capture]:
     """Return all of a small set; of a large one neighbours two by two."""
     ordered = sorted(captures, key=lambda c: c.name)
-    if len(ordered) <= LOOKED_AT:
+    if len(ordered) <= most:
         return ordered
-    starts = np.linspace(0, len(ordered) - 2, LOOKED_AT // 2).astype(int)
+    starts = np.linspace(0, len(ordered) - 2, most // 2).astype(int)
     return [ordered[i + step] for i in starts for step in (0, 1)]
 
 

@@ -28,6 +28,8 @@ from colmap_ihe.photographs.decode import encoding_of
 from colmap_ihe.photographs.discover import Capture
 
 PAIRS = 3
+_PHOTOGRAPHS_A_PAIR = 8
+"""A pair is measured for so many photographs: on a few, three pairs would take as long as finding their features."""
 _Role = Literal["screen", "choose", "hold out"]
 _ROLES: tuple[tuple[_Role, ...], ...] = (
     (),
@@ -49,7 +51,7 @@ def measure(
     trial: Trial,
     screen: Mapping[str, Grey] = MappingProxyType({}),
 ) -> TrialResult:
-    """Return verified matches of each of `greys` on at most three pairs of photographs.
+    """Return verified matches of each of `greys` on one to three pairs of photographs.
 
     One of `greys` is named "rec709", and all are for one encoding; captures of another are passed over. With `screen`
     one is to be chosen: the best of `screen` on one pair, in smaller windows, is measured with the others, and the
@@ -64,13 +66,14 @@ def measure(
     if len(members) < 2:
         return TrialResult(reason=f"a pair takes two photographs, and there are {len(members)} of this kind")
     with quiet(), threads_of(executor) as threads:
-        count = len(_ROLES) - 1 if screen else PAIRS
+        few = min(PAIRS, max(1, round(len(members) / _PHOTOGRAPHS_A_PAIR)))
+        count = len(_ROLES) - 1 if screen else few
         overlaps, reason = find_overlaps(members, count, threads, progress)
         pairs = readable_pairs(Bench(threads, progress, trial, greys[REFERENCE]), overlaps)
         reason = "the photographs that overlap cannot be read in full" if overlaps else reason
         if screen:
             return _choose(pairs, len(overlaps), greys, screen, reason)
-        return _measure(pairs, greys, reason)
+        return _measure(pairs, few, greys, reason)
 
 
 def coarse_grid(encoding: Encoding, step: float = 0.25) -> dict[str, Weights]:
@@ -80,9 +83,9 @@ def coarse_grid(encoding: Encoding, step: float = 0.25) -> dict[str, Weights]:
     return {" ".join(f"{w:g}" for w in weights): Weights(*weights, "grid", encoding) for weights in grid}
 
 
-def _measure(pairs: Iterable[Pair], greys: Mapping[str, Grey], reason: str) -> TrialResult:
+def _measure(pairs: Iterable[Pair], count: int, greys: Mapping[str, Grey], reason: str) -> TrialResult:
     names, counts = [], []
-    for pair in islice(pairs, PAIRS):
+    for pair in islice(pairs, count):
         counts.append(pair.counts(greys))
         names.append(pair.names)
     return summed_up(names, list(greys), counts, reason)

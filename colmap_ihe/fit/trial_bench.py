@@ -169,7 +169,7 @@ def readable_pairs(bench: Bench, overlaps: Sequence[Overlap]) -> Iterator[Pair]:
             continue
         if first_octave is None:
             # Where COLMAP has its fill of features of two pixels and more, which takes a quarter of the time.
-            views = bench.views(overlap, both, _WINDOW)
+            views = bench.views(overlap, both, _WINDOW / _FINER)
             coarse = sum(map(len, bench.features(views, [bench.reference], 0)[0]))
             first_octave = 0 if coarse >= sum(view.kept for view in views) else -1
         yield Pair(bench, overlap, both, first_octave)

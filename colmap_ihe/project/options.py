@@ -110,7 +110,7 @@ class FitOptions(_Section):
     """A weights file of another campaign: nothing is fitted then. In the project's folder, or absolute where the user
     names it."""
     measure: bool = True
-    """Tell what the grey brings against COLMAP's default, from three pairs of the photographs."""
+    """Tell what the grey brings against COLMAP's default, from one to three pairs of the photographs."""
 
     @field_validator("method")
     @classmethod

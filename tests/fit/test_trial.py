@@ -98,8 +98,7 @@ def test_pairs_are_found_among_decoys_and_every_grey_measured_on_them(tmp_path: 
     decoys = {"a.jpg": colourful(5)[:210, :280], "z.jpg": colourful(6)[:210, :280]}
     captures = photographs(tmp_path, decoys | {f"m{n}.jpg": view(plane, n) for n in range(3)})
     measured = tried(captures, GREYS)
-    assert measured.pairs[:2] == (("m0.jpg", "m1.jpg"), ("m1.jpg", "m2.jpg"))
-    assert all(name.startswith("m") for pair in measured.pairs for name in pair)
+    assert measured.pairs in ((("m0.jpg", "m1.jpg"),), (("m1.jpg", "m2.jpg"),))  # of five photographs one
     for name in GREYS:
         found = of(measured, name)
         assert found.features > found.putative >= found.inliers > 300, f"{name} {found}"
@@ -153,7 +152,7 @@ def test_raw_photographs(small_demo: Path) -> None:
     captures = discover(small_demo / "images").captures[:3]
     greys = {n: replace(GREYS[n], encoding="linear", white=0.5) for n in ("rec709", "mean")}
     measured = tried(captures, greys)
-    assert len(measured.pairs) >= 2
+    assert len(measured.pairs) == 1
     assert all(name.endswith(".dng") for pair in measured.pairs for name in pair)
     assert of(measured, "mean").inliers > 100
     coded = tried(captures, GREYS)
@@ -167,6 +166,13 @@ class Counting(Silent):
 
     def start(self, total: int, unit: str = "images") -> None:
         self.totals[unit] = max(total, self.totals.get(unit, 0))
+
+
+@pytest.mark.parametrize(("count", "pairs"), [(2, 1), (11, 1), (16, 2), (30, 3)])
+def test_a_pair_is_measured_for_eight_photographs(tmp_path: Path, count: int, pairs: int) -> None:
+    views = views_of(colourful(9), tmp_path, count=2)
+    many = [replace(views[n % 2], name=f"{n:04}.jpg") for n in range(count)]
+    assert len(tried(many, REC709).pairs) == pairs
 
 
 def test_of_a_large_set_few_photographs_are_looked_at(tmp_path: Path) -> None:

@@ -227,9 +227,7 @@ def test_folders_of_frames_may_have_other_names(flawed: Callable[..., Path]) -> 
     (frames / "loose.dng").touch()
     (frames / "Grey card").mkdir()
     [warning] = recipes(project).warnings
-    assert warning.startswith(
-        "not used: calibration/Grey card/, calibration/flats/ (no RAW file in it),"
-    )
+    assert warning.startswith("not used: calibration/Grey card/, calibration/flats/ (no RAW file in it),")
 
 
 def test_frames_are_averaged_once(flawed: Callable[..., Path], monkeypatch: pytest.MonkeyPatch) -> None:
