@@ -150,14 +150,8 @@ def test_photographs_without_exif_become_the_cameras_that_took_them(
     names = ["a/1.png", "a/2.png", "b/1.png", "b/2.png", "c/1.png", "c/2.png"]
     images = photographs(tmp_path / "images", *names)
     known = cameras(**{"a/*": FULL_FRAME, "b/*": FULL_FRAME | {"focal_length": 35}})
-    told = convert(
-        images,
-        tmp_path / "out",
-        known,
-        colour=tmp_path / "colour",
-        options=ConvertOptions(format=file_format),
-    )
-    assert told == []
+    colour, options = tmp_path / "colour", ConvertOptions(format=file_format)
+    assert convert(images, tmp_path / "out", known, colour=colour, options=options) == []
     for folder in ("out", "colour"):
         database = tmp_path / f"{folder}.db"
         pycolmap.Database.open(database).close()
