@@ -132,7 +132,9 @@ def meshes(folder: Path) -> list[bytes]:
     faces, grey = np.array([[0, 1, 2], [1, 2, 3]], np.int32), np.zeros((4, 3), np.uint8)
     write_mesh(folder / "a.ply", Mesh(np.eye(4, 3, dtype=np.float32), faces, grey))
     whole = (folder / "a.ply").read_bytes()
-    return [whole, whole[:-4] + (99).to_bytes(4, "little")]  # a face has a corner that does not exist
+    no_such_corner = whole[:-4] + (99).to_bytes(4, "little")
+    four_corners = whole[:-13] + b"\4" + whole[-12:]
+    return [whole, no_such_corner, four_corners]
 
 
 @parser(meshes, (*BYTES, *TEXT))
