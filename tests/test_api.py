@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 import pytest
-from PIL import Image
 
 import colmap_ihe
 
@@ -39,17 +36,3 @@ def test_linear_arrays_are_scaled_by_their_own_white_point() -> None:
 def test_other_arrays_are_refused(images: list[np.ndarray[tuple[int, ...], np.dtype[np.uint8]]]) -> None:
     with pytest.raises(ValueError, match="expected"):
         colmap_ihe.fit_weights(images)
-
-
-def test_a_folder_is_converted_with_given_weights(tmp_path: Path) -> None:
-    (tmp_path / "in/north wall").mkdir(parents=True)
-    rgb = np.random.default_rng(0).integers(0, 256, (80, 96, 3), np.uint8)
-    Image.fromarray(rgb).save(tmp_path / "in/north wall/façade.png")
-    given = colmap_ihe.Weights(0.25, 0.5, 0.25, method="file")
-    weights, grey, left_out = colmap_ihe.convert_folder(tmp_path / "in", tmp_path / "out", weights=given)
-    assert (weights, left_out) == (given, {})
-    assert grey == {"north wall/façade.png": "north wall/façade.png"}
-    wide = rgb.astype(int)
-    expected = (25 * wide[..., 0] + 50 * wide[..., 1] + 25 * wide[..., 2] + 50) // 100
-    with Image.open(tmp_path / "out/north wall/façade.png") as image:
-        assert np.array_equal(np.asarray(image), expected)

@@ -11,7 +11,7 @@ from running import StopsWhen
 from colmap_ihe.colmap import mapping
 from colmap_ihe.colmap.mapping import MappingInput, map_in_process, native_options
 from colmap_ihe.errors import Cancelled, OptionError
-from colmap_ihe.machine.progress import SILENT, Progress
+from colmap_ihe.machine.progress import Progress
 from colmap_ihe.project.options import SparseOptions
 
 
@@ -30,11 +30,6 @@ def test_stopped_at_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Non
     with pytest.raises(Cancelled):
         map_in_process(given(tmp_path), StopsWhen(lambda _: time.monotonic() > began + 0.3))
     assert time.monotonic() - began < 10
-
-
-def test_an_option_that_colmap_does_not_know_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(OptionError, match=r"sparse\.colmap: .*no_such_option"):
-        map_in_process(given(tmp_path, no_such_option=1), SILENT)
 
 
 def test_the_hierarchical_mapper_takes_the_options_of_the_incremental_one(tmp_path: Path) -> None:

@@ -97,10 +97,11 @@ def test_the_log_is_beside_ours(tmp_path: Path) -> None:
     assert "asked for pid" in log.read_text()
 
 
-def test_stopped_at_once_without_grace(tmp_path: Path) -> None:
+@pytest.mark.parametrize("grace", [0, 0.5])
+def test_ended_after_its_grace(tmp_path: Path, grace: float) -> None:
     began = time.monotonic()
     with ColmapProcesses() as apart, pytest.raises(Cancelled):
-        apart.call(never, tmp_path / "begun", until(tmp_path / "begun"))
+        apart.call(never, tmp_path / "begun", until(tmp_path / "begun"), grace_seconds=grace)
     assert time.monotonic() - began < 20
 
 
@@ -108,11 +109,6 @@ def test_what_was_begun_is_finished_within_its_grace(tmp_path: Path) -> None:
     with ColmapProcesses() as apart, pytest.raises(Cancelled):
         apart.call(keep, tmp_path / "a.txt", until(tmp_path / "a.begun"), grace_seconds=60)
     assert (tmp_path / "a.txt").read_text() == "kept"
-
-
-def test_ended_after_its_grace(tmp_path: Path) -> None:
-    with ColmapProcesses() as apart, pytest.raises(Cancelled):
-        apart.call(never, tmp_path / "begun", until(tmp_path / "begun"), grace_seconds=0.5)
 
 
 def test_what_it_raises_is_raised_here() -> None:

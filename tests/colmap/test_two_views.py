@@ -8,6 +8,7 @@ import cv2
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from oracle import blobs
 
 from colmap_ihe.colmap.native import pycolmap
 from colmap_ihe.colmap.two_views import Features, features_of, match, quiet, verified
@@ -16,14 +17,8 @@ HOMOGRAPHY = np.array([[0.96, 0.08, 12.0], [-0.06, 1.02, 9.0], [4e-5, -3e-5, 1.0
 SIZE = (420, 320)
 
 
-def texture(seed: int, size: tuple[int, int] = SIZE) -> NDArray[np.uint8]:
-    """Blobs of many sizes, (H, W) uint8."""
-    rng = np.random.default_rng(seed)
-    total = np.zeros(size[::-1], np.float32)
-    for sigma in (1.5, 3.0, 6.0):
-        noise = cv2.GaussianBlur(rng.standard_normal(size[::-1]).astype(np.float32), (0, 0), sigma)
-        total += noise / noise.std()
-    return np.asarray(np.clip(127 + 35 * total, 0, 255), np.uint8)
+def texture(seed: int) -> NDArray[np.uint8]:
+    return np.asarray(np.clip(127 + 62 * blobs(seed, *SIZE), 0, 255), np.uint8)
 
 
 def pair(seed: int = 1) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:

@@ -6,20 +6,17 @@ import errno
 import json
 import os
 import shutil
-from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 from command_line import Captured, failure_of, json_of, output_of
 from PIL import Image
-from small_demo import SETTINGS
+from small_demo import SETTINGS, Make
 
 from colmap_ihe.cli import main
 from colmap_ihe.colmap.native import pycolmap
 from colmap_ihe.machine.libraries import __version__
 from colmap_ihe.pipeline.stages import STAGE_NAMES
-
-Make = Callable[..., Path]
 
 
 @pytest.mark.parametrize("method", ["ihe", "rec709"])
@@ -111,13 +108,6 @@ def test_options_in_the_project_file_count(capsys: Captured, new_project: Make) 
     (project / "project.yaml").write_text("fit: {methods: blue}\n")
     assert "unknown option 'fit.methods'" in failure_of(capsys, "reconstruct", project)
     assert "unknown option 'fit.methods'" in failure_of(capsys, "status", project)
-
-
-def test_a_bad_assignment_is_one_line(capsys: Captured, new_project: Make) -> None:
-    project = new_project(2)
-    bad = {"fit.steps=1": "unknown option 'fit.steps'", "step": "expected stage.option=value"}
-    for text, words in bad.items():
-        assert words in failure_of(capsys, "reconstruct", project, "--set", text)
 
 
 def test_strict_and_no_dense_are_options(capsys: Captured, new_project: Make) -> None:

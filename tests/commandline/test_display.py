@@ -4,12 +4,10 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Callable
-from pathlib import Path
 
 import pytest
 from command_line import Captured, run
-from small_demo import SETTINGS
+from small_demo import SETTINGS, Make
 
 from colmap_ihe.batch.state import BatchState, Phase, ProjectState, State
 from colmap_ihe.cli import main
@@ -18,8 +16,6 @@ from colmap_ihe.commandline.display import Display
 from colmap_ihe.commandline.json_lines import JsonLines
 from colmap_ihe.errors import Cancelled
 from colmap_ihe.pipeline.stages import STAGE_NAMES
-
-Make = Callable[..., Path]
 
 
 def work(display: Display) -> None:

@@ -14,7 +14,7 @@ from running import StopsWhen
 from colmap_ihe.dense import mesh as surface
 from colmap_ihe.dense.ply import Rows, read_mesh, read_ply, write_mesh, write_rows
 from colmap_ihe.dense.texture.mesh import Mesh, face_normals
-from colmap_ihe.errors import Cancelled, MappingError, NativeError, OptionError, ProjectError
+from colmap_ihe.errors import Cancelled, MappingError, NativeError, ProjectError
 from colmap_ihe.machine.progress import Progress
 
 _FIELDS = [
@@ -111,11 +111,6 @@ def test_it_stops_when_asked_to(tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
     with pytest.raises(Cancelled):
         meshed(tmp_path, progress=StopsWhen(lambda _: time.monotonic() > end))
     assert [p.name for p in tmp_path.iterdir()] == ["cloud.ply"]
-
-
-def test_options_are_pycolmaps() -> None:
-    with pytest.raises(OptionError, match=r"mesh\.colmap"):
-        surface.poisson_options({"deep": 3})
 
 
 def test_mesh_files_go_round(tmp_path: Path) -> None:

@@ -5,24 +5,19 @@ from __future__ import annotations
 import csv
 import json
 import shutil
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import pytest
 from command_line import Captured, output_of
-from small_demo import SETTINGS
+from small_demo import SETTINGS, Make, MakeOptions
 
 from colmap_ihe.colmap.mapping import map_images
 from colmap_ihe.errors import MappingError, OptionError
 from colmap_ihe.evaluation import compare as driver
 from colmap_ihe.evaluation.compare import compare
 from colmap_ihe.evaluation.tables import MethodResult, sentences, tables_of
-from colmap_ihe.project.options import Options
 from colmap_ihe.report.tables import Table
-
-Make = Callable[..., Path]
-MakeOptions = Callable[..., Options]
 
 
 def test_methods_side_by_side_and_resumed(

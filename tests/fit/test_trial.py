@@ -12,6 +12,7 @@ import cv2
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from oracle import blobs
 
 from colmap_ihe.fit import trial_result
 from colmap_ihe.fit.overlaps import LOOKED_AT
@@ -31,25 +32,15 @@ REC709 = {"rec709": GREYS["rec709"]}
 Rgb = NDArray[np.uint8]
 
 
-def noise(seed: int, width: int = 640, height: int = 420) -> NDArray[np.float64]:
-    """Blobs of many sizes: mean 0, standard deviation 1."""
-    rng = np.random.default_rng(seed)
-    total = np.zeros((height, width))
-    for sigma in (1.5, 3.0, 6.0):
-        blurred = cv2.GaussianBlur(rng.standard_normal((height, width)), (0, 0), sigma)
-        total += np.asarray(blurred) / np.std(blurred)
-    return np.asarray(total / total.std())
-
-
 def colourful(seed: int) -> Rgb:
-    shade, tint = noise(seed), noise(seed + 1000)
+    shade, tint = blobs(seed, 640, 420), blobs(seed + 1000, 640, 420)
     channels = [128 + 30 * shade + weight * 15 * tint for weight in (1.0, -0.4, -0.6)]
     return np.asarray(np.clip(np.stack(channels, axis=2), 0, 255), np.uint8)
 
 
 def isoluminant(seed: int) -> Rgb:
     """Nothing but hue: luma of Rec.709 is the same everywhere, to rounding."""
-    away = np.clip(35 * noise(seed), -100, 100)
+    away = np.clip(35 * blobs(seed, 640, 420), -100, 100)
     channels = [128 + away, 128 - away * 0.2126 / 0.7152, np.full_like(away, 128)]
     return np.asarray(np.round(np.stack(channels, axis=2)), np.uint8)
 

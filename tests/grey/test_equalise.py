@@ -158,13 +158,7 @@ def test_a_curve_that_is_none_is_refused(encoding: str, curve: tuple[Any, ...]) 
         grey_from_dict({"weights": [1, 0, 0], "encoding": encoding, "curve": list(curve)})
 
 
-def test_what_has_no_curve_cannot_be_equalised() -> None:
-    linear = np.zeros((4, 4, 3), np.uint16)
-    with pytest.raises(WeightsError, match="no curve") as caught:
-        to_grey(linear, Weights(1, 0, 0, encoding="linear"), "equalise")
-    assert "fit" in caught.value.hint
-    with pytest.raises(WeightsError, match="value is no triplet"):
-        to_grey(linear, Formula(method="value", encoding="linear"), "equalise")
+def test_no_table_without_a_curve() -> None:
     with pytest.raises(ValueError, match="expected 'sqrt' or 'linear'"):
         tone_table(1.0, "equalise")
 

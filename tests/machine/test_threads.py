@@ -5,13 +5,13 @@ from __future__ import annotations
 import hashlib
 import subprocess
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 from threading import Thread
 
 import cv2
 import pytest
-from small_demo import QUICK
+from small_demo import QUICK, Make
 from threadpoolctl import threadpool_info
 
 from colmap_ihe.colmap import mapping
@@ -22,7 +22,6 @@ from colmap_ihe.machine.executor import local_executor, width_of
 from colmap_ihe.machine.threads import limit_openmp_of_this_thread, limited, local_workers
 from colmap_ihe.project.options import MatchesOptions, SparseOptions
 
-Make = Callable[..., Path]
 MADE = ("database.db", "sparse/0/*.bin", "images/*.png")
 MADE_DENSE = ("dense/0/stereo/*_maps/*.bin", "dense/0/fused.ply*", "dense/0/mesh.*")
 

@@ -127,20 +127,13 @@ def test_what_loses_nothing_is_read_to_the_letter_and_16_bits_rounded(
     np.testing.assert_array_equal(rgb, expected)
 
 
-@pytest.mark.parametrize(
-    ("image", "expected", "most"),
-    [
-        (PICTURE, smooth(), 6),
-        (GREY, in_three(smooth()[..., 1]), 6),
-        (PICTURE.convert("CMYK"), smooth(), 8),
-    ],
-)
+@pytest.mark.parametrize(("image", "expected"), [(PICTURE, smooth()), (GREY, in_three(smooth()[..., 1]))])
 def test_a_jpeg_is_read_in_red_green_blue_order(
-    tmp_path: Path, image: Image.Image, expected: NDArray[Any], most: int
+    tmp_path: Path, image: Image.Image, expected: NDArray[Any]
 ) -> None:
     image.save(tmp_path / "a.jpg", quality=98, subsampling=0)
     rgb = read(tmp_path / "a.jpg").astype(int)
-    assert np.abs(rgb - expected).max() <= most
+    assert np.abs(rgb - expected).max() <= 6
     assert np.ptp(rgb, axis=2).max() == 0 or image.mode != "L"
 
 
@@ -189,12 +182,6 @@ def test_what_is_no_photograph_is_refused(tmp_path: Path, names: str, content: b
         (tmp_path / name).write_bytes(content)
         assert reason in refused(tmp_path / name)
         (tmp_path / name).unlink()
-
-
-def test_a_truncated_raw_file_is_refused(tmp_path: Path, small_demo: Path) -> None:
-    whole = (small_demo / "images/portico_01.dng").read_bytes()
-    (tmp_path / "half.dng").write_bytes(whole[: len(whole) // 2])
-    refused(tmp_path / "half.dng")
 
 
 @pytest.mark.parametrize("size", [(63, 100), (100, 63), (1, 1)])

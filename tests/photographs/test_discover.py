@@ -84,14 +84,6 @@ def test_other_files_are_ignored_and_named(tmp_path: Path) -> None:
     assert discover(tmp_path).ignored == ("a.xmp", "film.mp4", "notes.txt", "x/Thumbs.db")
 
 
-def test_links_to_folders_are_not_followed(tmp_path: Path) -> None:
-    touched(tmp_path / "elsewhere", "b.jpg")
-    touched(tmp_path / "images", "a.jpg")
-    (tmp_path / "images/link").symlink_to(tmp_path / "elsewhere")
-    (tmp_path / "images/loop").symlink_to(tmp_path / "images")
-    assert [c.name for c in discover(tmp_path / "images").captures] == ["a.jpg"]
-
-
 def test_the_order_is_that_of_the_names(tmp_path: Path) -> None:
     names = ["b/1.jpg", "a/2.jpg", "c.jpg", "A.jpg", "a/10.jpg"]
     assert list(by_name(touched(tmp_path, *names))) == sorted(names)

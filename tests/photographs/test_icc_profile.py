@@ -33,20 +33,17 @@ def cyan(mode_depth: int = 8) -> Any:
     return Image.fromarray(inks, "CMYK") if mode_depth == 8 else inks.astype(np.uint16) * 257
 
 
-@pytest.mark.parametrize("name", ["a.jpg", "a.png", "a.tif"])
+@pytest.mark.parametrize("name", ["a.jpg", "a.png", "a.tif", "deep.tif"])
 def test_rgb_numbers_are_taken_as_stored_and_keep_their_profile(tmp_path: Path, name: str) -> None:
-    Image.fromarray(PINK).save(tmp_path / name, icc_profile=ADOBE)
+    if name == "deep.tif":
+        deep = PINK.astype(np.uint16) * 257
+        tifffile.imwrite(tmp_path / name, deep, photometric="rgb", iccprofile=ADOBE)
+    else:
+        Image.fromarray(PINK).save(tmp_path / name, icc_profile=ADOBE)
     found = read(tmp_path / name)
     assert np.abs(found.rgb.astype(int) - PINK).max() <= 1  # JPEG; the profile would change green by 1 to 30
     assert found.profile == ADOBE
     assert read_metadata(tmp_path / name, "coded").profile == "Adobe RGB"
-
-
-def test_a_16_bit_tiff_keeps_its_profile(tmp_path: Path) -> None:
-    tifffile.imwrite(tmp_path / "a.tif", PINK.astype(np.uint16) * 257, photometric="rgb", iccprofile=ADOBE)
-    found = read(tmp_path / "a.tif")
-    np.testing.assert_array_equal(found.rgb, PINK)
-    assert found.profile == ADOBE
 
 
 @pytest.mark.parametrize(
@@ -89,26 +86,21 @@ def test_a_profile_that_cannot_be_used_leaves_the_numbers_alone() -> None:
     np.testing.assert_array_equal(to_srgb(PINK, ADOBE[:140], "a profile that cannot be read"), PINK)
 
 
-@pytest.mark.parametrize("name", ["a.jpg", "a.tif"])
-def test_cmyk_goes_through_its_profile(tmp_path: Path, name: str) -> None:
-    """Its cyan is red; without the profile it would be cyan."""
-    cyan().save(tmp_path / name, icc_profile=red_cyan_profile())
+@pytest.mark.parametrize("name", ["a.jpg", "a.tif", "deep.tif"])
+@pytest.mark.parametrize(
+    ("profile", "expected", "most"), [(red_cyan_profile(), (255, 0, 0), 25), (None, (0, 255, 255), 2)]
+)
+def test_cmyk_goes_through_its_profile_if_it_has_one(
+    tmp_path: Path, name: str, profile: bytes | None, expected: tuple[int, int, int], most: int
+) -> None:
+    """Its cyan is red; without the profile it is cyan."""
+    if name == "deep.tif":
+        tifffile.imwrite(tmp_path / name, cyan(16), photometric="separated", iccprofile=profile)
+    else:
+        cyan().save(tmp_path / name, icc_profile=profile)
     found = read(tmp_path / name)
     assert found.profile == b""
-    assert np.abs(found.rgb.astype(int) - (255, 0, 0)).max() <= 25
-
-
-def test_cmyk_of_16_bits_too(tmp_path: Path) -> None:
-    tifffile.imwrite(tmp_path / "a.tif", cyan(16), photometric="separated", iccprofile=red_cyan_profile())
-    assert np.abs(read(tmp_path / "a.tif").rgb.astype(int) - (255, 0, 0)).max() <= 25
-    tifffile.imwrite(tmp_path / "b.tif", cyan(16), photometric="separated")
-    assert np.abs(read(tmp_path / "b.tif").rgb.astype(int) - (0, 255, 255)).max() <= 1
-
-
-@pytest.mark.parametrize("name", ["a.jpg", "a.tif"])
-def test_cmyk_without_a_profile_is_plain(tmp_path: Path, name: str) -> None:
-    cyan().save(tmp_path / name)
-    assert np.abs(read(tmp_path / name).rgb.astype(int) - (0, 255, 255)).max() <= 2
+    assert np.abs(found.rgb.astype(int) - expected).max() <= most
 
 
 @pytest.mark.parametrize("profile", [b"no profile", ADOBE])

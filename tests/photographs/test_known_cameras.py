@@ -150,14 +150,8 @@ def test_photographs_without_exif_become_the_cameras_that_took_them(
     names = ["a/1.png", "a/2.png", "b/1.png", "b/2.png", "c/1.png", "c/2.png"]
     images = photographs(tmp_path / "images", *names)
     known = cameras(**{"a/*": FULL_FRAME, "b/*": FULL_FRAME | {"focal_length": 35}})
-    told = convert(
-        images,
-        tmp_path / "out",
-        known,
-        colour=tmp_path / "colour",
-        options=ConvertOptions(format=file_format),
-    )
-    assert told == []
+    colour, options = tmp_path / "colour", ConvertOptions(format=file_format)
+    assert convert(images, tmp_path / "out", known, colour=colour, options=options) == []
     for folder in ("out", "colour"):
         database = tmp_path / f"{folder}.db"
         pycolmap.Database.open(database).close()
@@ -183,9 +177,8 @@ def test_other_cameras_make_other_grey_images_and_the_same_ones_none(tmp_path: P
     first = {p: p.stat().st_mtime_ns for p in sorted((tmp_path / "out").rglob("*.png"))}
     convert(images, tmp_path / "out", known)
     assert {p: p.stat().st_mtime_ns for p in first} == first
-    convert(
-        images, tmp_path / "out", cameras(**{"a/*": FULL_FRAME, "b/*": FULL_FRAME | {"focal_length": 50}})
-    )
+    other = cameras(**{"a/*": FULL_FRAME, "b/*": FULL_FRAME | {"focal_length": 50}})
+    convert(images, tmp_path / "out", other)
     assert [p.stat().st_mtime_ns == first[p] for p in first] == [True, False]
 
 
@@ -235,9 +228,8 @@ def test_a_focal_length_is_enough_where_colmap_knows_the_sensor(tmp_path: Path) 
 
 
 def test_sensors_that_colmap_would_mix_are_told(tmp_path: Path) -> None:
-    images = photographs(
-        tmp_path / "images", "full/1.png", "dx/1.png", metadata=by_exif("Foo", "Bar", focal=50)
-    )
+    said = by_exif("Foo", "Bar", focal=50)
+    images = photographs(tmp_path / "images", "full/1.png", "dx/1.png", metadata=said)
     known: dict[str, dict[str, Any]] = {"full/*": {"sensor_width": 36}, "dx/*": {"sensor_width": 24}}
     told = convert(images, tmp_path / "out", cameras(**known))
     assert len(told) == 1

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import shutil
-from collections.abc import Callable
 from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
 
@@ -12,21 +11,14 @@ import numpy as np
 import pytest
 from icc import rgb_profile
 from PIL import Image
+from small_demo import Make, MakeOptions
 
 from colmap_ihe.colmap.native import pycolmap
 from colmap_ihe.errors import Cancelled, OptionError, PhotographError, ProjectError
 from colmap_ihe.machine.progress import Progress, Silent
 from colmap_ihe.pipeline import outputs
 from colmap_ihe.pipeline.reconstruct import reconstruct
-from colmap_ihe.pipeline.records import read_record
 from colmap_ihe.pipeline.stage import Stage
-from colmap_ihe.pipeline.stages import STAGES
-from colmap_ihe.pipeline.status import status
-from colmap_ihe.project.folder import Project
-from colmap_ihe.project.options import Options
-
-MakeOptions = Callable[..., Options]
-Make = Callable[..., Path]
 
 
 def cameras_in(project: Path) -> int:
@@ -70,26 +62,6 @@ def test_cameras_are_the_same_after_a_kill_amid_features(finished: Path, quick_o
         reconstruct(finished, options, start="features", until="features", progress=StopsAtOnce())
     done = reconstruct(finished, options, until="features")
     assert (cameras_in(finished), done.summary["cameras"]) == (1, 1)
-
-
-@pytest.mark.parametrize(
-    ("gone", "stage"),
-    [
-        pytest.param("workspace/images/portico_03.png", "convert", marks=pytest.mark.slow),
-        pytest.param("workspace/database.db", "features", marks=pytest.mark.slow),
-        ("workspace/sparse/0/points3D.bin", "sparse"),
-        ("workspace/dense/0/fused.ply", "dense"),
-        ("workspace/dense/0/mesh.ply", "mesh"),
-    ],
-)
-def test_a_stage_whose_files_are_gone_runs_again(
-    finished: Path, quick_options: MakeOptions, gone: str, stage: str
-) -> None:
-    (finished / gone).unlink()
-    state = {s.name: s for s in status(finished, quick_options())}[stage]
-    assert (state.state, state.why) == ("stale", f"{Path(gone).name} is gone")
-    assert stage in reconstruct(finished, quick_options()).stages_run
-    assert (finished / gone).exists()
 
 
 def test_photographs_may_not_lie_where_we_write(tmp_path: Path, small_demo: Path) -> None:
@@ -152,18 +124,6 @@ def test_colour_twins_of_a_project_are_in_srgb(tmp_path: Path, quick_options: Ma
         assert np.abs(np.asarray(twin)[0, 0].astype(int) - (227, 100, 122)).max() <= 1
 
 
-@pytest.mark.parametrize("words", [("dense", "fit"), ("dense", None)])
-def test_from_and_until_that_cannot_be(
-    finished: Path, quick_options: MakeOptions, words: tuple[str, str | None]
-) -> None:
-    options = quick_options() if words[1] else quick_options("dense.enabled=false")
+def test_from_a_stage_after_the_last_is_refused(finished: Path, quick_options: MakeOptions) -> None:
     with pytest.raises(OptionError, match="--from dense"):
-        reconstruct(finished, options, start=words[0], until=words[1])
-
-
-def test_no_file_of_a_finished_stage_is_missing(finished: Path) -> None:
-    project = Project.at(finished)
-    for stage in STAGES:
-        record = read_record(project, stage.name)
-        assert record is not None
-        assert outputs.missing(stage, project, record) == []
+        reconstruct(finished, quick_options(), start="dense", until="fit")

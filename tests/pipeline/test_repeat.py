@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from small_demo import QUICK
+from small_demo import QUICK, Make
 
 from colmap_ihe.cli import main
 from colmap_ihe.errors import OptionError
@@ -16,7 +15,6 @@ from colmap_ihe.pipeline.repeat import differences_from, read_run
 from colmap_ihe.project.folder import Project
 from colmap_ihe.project.options_file import load_options
 
-Make = Callable[..., Path]
 WEIGHTS = "method: given\nweights: [0.5, 0.25, 0.25]\n"
 
 

@@ -8,7 +8,6 @@ from typing import Any
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from pydantic import ValidationError
 
 from colmap_ihe.errors import OptionError
 from colmap_ihe.project.options import Options
@@ -148,7 +147,6 @@ def test_camera_parameters_become_numbers() -> None:
         ("dense:\n  max_image_size: true\n", ["dense.max_image_size is True"]),
         ("features:\n  colmap: [1]\n", ["features.colmap is [1]"]),
         ("camera:\n  params: 500\n", ["camera.params is 500"]),
-        ("camera:\n  params: [a, b]\n", ["camera.params"]),
         ("camera:\n  params: [1, 2, 3]\n", ["camera.params needs camera.model"]),
         *(
             (f"camera: {{model: OPENCV, params: [{p}, 2]}}", ["camera.params"])
@@ -156,7 +154,6 @@ def test_camera_parameters_become_numbers() -> None:
         ),
         ("cameras:\n  '*': {focal: 24}\n", ["cameras.*.focal'", "focal_length, sensor_width"]),
         ("cameras:\n  'a.b/*': {focal_length: -1}\n", ["cameras.a.b/*.focal_length is -1", "greater than 0"]),
-        ("cameras:\n  '*': {focal_length: 0}\n", ["greater than 0"]),
         ("cameras:\n  '*': {focal_length: .inf}\n", ["focal_length is inf"]),
         ("cameras:\n  '*': {sensor_width: .nan}\n", ["sensor_width is nan"]),
         ("cameras:\n  '*': {sensor_width: '36'}\n", ["sensor_width is '36'"]),
@@ -168,14 +165,11 @@ def test_camera_parameters_become_numbers() -> None:
         ("cameras:\n  '*': {}\n", ["expected some of make, model"]),
         ("cameras:\n  '*':\n", ["cameras.* is None"]),
         ("cameras:\n  focal_length: 24\n", ["cameras.focal_length is 24"]),
-        ("cameras: 24\n", ["expected sections"]),
         ("cameras:\n  *: {focal_length: 24}\n", ["not readable as YAML", "quotes"]),
         ("cameras:\n  2016: {focal_length: 24}\n", ["cameras.2016"]),
         ("fit: [step, 0.1]\n", ["expected sections"]),
-        ("fit: 3\n", ["expected sections"]),
         ("- fit\n- dense\n", ["holds list", "expected sections"]),
         ("just words", ["holds str"]),
-        ("3", ["holds int"]),
         ("fit: {step: 0.1\n", ["not readable as YAML"]),
         ("fit:\n\tstep: 0.1\n", ["not readable as YAML"]),
         ("!!python/object/apply:os.getcwd []\n", ["not readable as YAML"]),
@@ -194,30 +188,16 @@ def test_a_file_that_is_no_text_and_a_folder_are_refused(tmp_path: Path) -> None
     refused(tmp_path)
 
 
-@pytest.mark.parametrize(
-    "assignment",
-    [
-        *(
-            "fit.step",
-            "step=0.1",
-            "=1",
-            "fit.=1",
-            ".step=0.1",
-            "fit.step=[",
-            "dense.enabled=1",
-            "dance.on=true",
-        ),
-        *("cameras.*=24", "cameras.*.focal=24", "cameras.*.focal_length=wide", "cameras={}", "cameras.*={}"),
-        *("fit.stepp=0.1", "fit.step.more=1", "fit.step=", "features.colmap=3", "nowhere.deep.er=1"),
-    ],
-)
+REFUSED = """
+fit.step  step=0.1  =1  fit.=1  .step=0.1  fit.step=[  fit.step=  fit.stepp=0.1  fit.step.more=1
+dense.enabled=1  dance.on=true  features.colmap=3  nowhere.deep.er=1
+cameras={}  cameras.*={}  cameras.*=24  cameras.*.focal=24  cameras.*.focal_length=wide
+"""
+
+
+@pytest.mark.parametrize("assignment", REFUSED.split())
 def test_any_other_assignment_is_refused_and_named(assignment: str) -> None:
     assert f"--set {assignment}" in refused(None, assignment)
-
-
-def test_options_cannot_be_changed_in_place() -> None:
-    with pytest.raises(ValidationError, match="frozen"):
-        Options().fit.step = 0.1  # type: ignore[misc]
 
 
 @given(

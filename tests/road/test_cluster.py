@@ -19,19 +19,16 @@ from typing import Any
 import pytest
 from command_line import ENVIRONMENT, LONG, started, wait_until_begun
 from same_results import contents, known_of
-from small_demo import ROOT, SETTINGS
+from small_demo import ROOT, SETTINGS, Make, MakeOptions
 
 import colmap_ihe
 from colmap_ihe.cli import main
 from colmap_ihe.errors import CapabilityError, ClusterError, OptionError
 from colmap_ihe.photographs.discover import discover
 from colmap_ihe.pipeline.reconstruct import reconstruct
-from colmap_ihe.project.options import Options
 
 pytestmark = pytest.mark.cluster
 
-Make = Callable[..., Path]
-MakeOptions = Callable[..., Options]
 SPREAD = ("convert", "features", "matches", "dense")  # the stages that workers take part in for long
 
 

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import odd_sets
 import pytest
-from command_line import failure_of
+from small_demo import MakeOptions
 
 from colmap_ihe.colmap.checks.camera_motion import TURNED_DEGREES, parallax_of
 from colmap_ihe.colmap.checks.plausibility import Shape, SolvedCamera, thickness
@@ -20,10 +20,8 @@ from colmap_ihe.pipeline.reconstruct import Reconstruction, reconstruct
 from colmap_ihe.pipeline.stages import STAGE_NAMES
 from colmap_ihe.pipeline.status import status
 from colmap_ihe.pipeline.warnings.model import camera_warnings, few_found_again, flat_warnings, fold_warnings
-from colmap_ihe.project.options import Options
 from colmap_ihe.project.options_file import load_options
 
-MakeOptions = Callable[..., Options]
 Run = Callable[..., Reconstruction]
 TURNED = "none of the 6 photographs could be registered.*the camera only turned on the spot"
 QUICK = ("fit.measure=false", "dense.enabled=false")
@@ -81,11 +79,6 @@ def test_no_model_can_be_made_and_what_was_made_stays(
     greys = {p.stem for p in (tmp_path / "workspace/images").iterdir()}
     assert greys == {p.stem for p in (tmp_path / "images").iterdir()}
     assert not (tmp_path / "workspace/sparse").exists()
-
-
-def test_it_is_one_line_and_exit_status_1(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
-    odd_sets.one(tmp_path / "images")
-    assert "shot_01.jpg is the only photograph" in failure_of(capsys, "reconstruct", tmp_path, "-q")
 
 
 # A model, and what is to be known of it

@@ -16,14 +16,9 @@ from bombs import HUGE, png_of, with_sides
 from PIL import Image
 from stage_records import records
 
-from colmap_ihe.batch.folder import BatchFolder
-from colmap_ihe.batch.state import BatchState, project_state, publish
-from colmap_ihe.dense.ply import read_mesh, write_mesh
-from colmap_ihe.dense.texture.mesh import Mesh
 from colmap_ihe.errors import OptionError, PhotographError, ProjectError
 from colmap_ihe.evaluation.figures import read_pairs
 from colmap_ihe.evaluation.truth import read_truth
-from colmap_ihe.machine.files import read_json, write_json
 from colmap_ihe.photographs.decode import refuse_too_large
 from colmap_ihe.photographs.raw.dng_black import black_plane
 from colmap_ihe.pipeline.records import is_valid, read_record
@@ -122,37 +117,10 @@ def test_a_record_that_no_stage_left_counts_for_none(
     assert read_record(place, stage) is None
 
 
-def test_words_where_a_run_leaves_numbers_do_not_stop_the_page_of_a_batch(tmp_path: Path) -> None:
-    for name in ("images", "records", "report"):
-        (tmp_path / "root/a" / name).mkdir(parents=True)
-    words = {"mean_reprojection_error_px": "small", "points3D": [1], "stages": {"fit": "long"}, "left_out": 3}
-    for file in ("report/summary.json", "records/batch.json"):
-        (tmp_path / "root/a" / file).write_text(json.dumps(words | {"seconds": "many", "began": 5}))
-    folder = BatchFolder.at(tmp_path / "root")
-    folder.make()
-    row = project_state(folder, Project.at(tmp_path / "root/a"), "done")
-    publish(folder, BatchState(str(folder.root), "finished", [row], "now"), {})
-    assert row.figures["mean_reprojection_error_px"] is None and row.stages == {}
-
-
-def test_a_face_without_its_corners_is_refused(tmp_path: Path) -> None:
-    mesh = Mesh(np.eye(3, dtype=np.float32), np.array([[0, 1, 2]], np.int32), np.zeros((3, 3), np.uint8))
-    write_mesh(tmp_path / "a.ply", mesh)
-    whole = (tmp_path / "a.ply").read_bytes()
-    (tmp_path / "a.ply").write_bytes(whole[:-4] + (99).to_bytes(4, "little"))
-    with pytest.raises(ProjectError, match="a face has a corner that does not exist"):
-        read_mesh(tmp_path / "a.ply")
-
-
 def test_a_line_of_pairs_that_no_names_can_fill_is_refused_at_once(tmp_path: Path) -> None:
     (tmp_path / "pairs.txt").write_text("a" + " " * 5_000_000 + "b")
     with pytest.raises(OptionError, match="line 1"):
         read_pairs(tmp_path / "pairs.txt", ["a", "c"])
-
-
-def test_half_a_character_goes_through_json_and_back(tmp_path: Path) -> None:
-    write_json(tmp_path / "a.json", {"a\ud800": "\udfffé"})
-    assert read_json(tmp_path / "a.json") == {"a\ud800": "\udfffé"}
 
 
 # What says that it is huge
@@ -166,7 +134,6 @@ from colmap_ihe.errors import KnownError
 from colmap_ihe.evaluation.truth import TrueImage
 from colmap_ihe.pipeline.masks import write_masks
 import numpy as np
-from colmap_ihe.pipeline.records import read_record
 folder = Path(sys.argv[1])
 limit = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize() + (256 << 20)
 resource.setrlimit(resource.RLIMIT_AS, (limit, limit))

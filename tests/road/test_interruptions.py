@@ -7,11 +7,11 @@ import os
 import random
 import signal
 import time
-from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 from command_line import LONG, started, wait_until_begun
+from small_demo import Make
 
 from colmap_ihe.pipeline.stages import STAGE_NAMES
 
@@ -53,7 +53,7 @@ def assert_goes_on(project: Path, stage: str) -> None:
         *(pytest.param(s, n, marks=pytest.mark.slow) for s in STAGE_NAMES for n in (1, 2)),
     ],
 )
-def test_killed_in_a_stage(new_project: Callable[..., Path], stage: str, seed: int) -> None:
+def test_killed_in_a_stage(new_project: Make, stage: str, seed: int) -> None:
     project = new_project()
     longest = {"fit": 0.3, "features": 0.6, "matches": 0.3, "sparse": 0.3, "dense": 1.5}.get(stage, 0.02)
     delay = random.Random(f"{stage}{seed}").uniform(0, longest)
@@ -63,7 +63,7 @@ def test_killed_in_a_stage(new_project: Callable[..., Path], stage: str, seed: i
 
 
 @pytest.mark.slow
-def test_killed_again_and_again(new_project: Callable[..., Path]) -> None:
+def test_killed_again_and_again(new_project: Make) -> None:
     project = new_project()
     for stage in ("fit", "features", "matches", "sparse", "dense", "dense"):
         kill_in(project, stage, 0.15)
@@ -71,7 +71,7 @@ def test_killed_again_and_again(new_project: Callable[..., Path]) -> None:
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, pytest.param(signal.SIGTERM, marks=pytest.mark.slow)])
-def test_stopped_by_hand(new_project: Callable[..., Path], number: int) -> None:
+def test_stopped_by_hand(new_project: Make, number: int) -> None:
     project = new_project()
     status, errors = kill_in(project, "features", 0.1, number)
     assert status == 130
@@ -82,14 +82,3 @@ def test_stopped_by_hand(new_project: Callable[..., Path], number: int) -> None:
     with started("reconstruct", project, "--until", "features") as process:
         process.communicate(timeout=LONG)
     assert process.returncode == 0
-
-
-def test_a_second_command_on_the_same_project_is_refused(new_project: Callable[..., Path]) -> None:
-    project = new_project()
-    with started("reconstruct", project) as first:
-        wait_until_begun(first, project, "features")
-        with started("reconstruct", project) as second:
-            _, errors = second.communicate(timeout=LONG)
-        assert second.returncode == 1
-        assert "another run is working on this project" in errors
-        assert first.poll() is None  # else there was nobody to refuse for

@@ -20,7 +20,7 @@ import simplejpeg
 from command_line import ENVIRONMENT, failure_of
 from processes import children
 from same_results import contents
-from small_demo import SETTINGS
+from small_demo import SETTINGS, Make, MakeOptions
 
 from colmap_ihe.cli import main
 from colmap_ihe.errors import DiskFullError, NativeError, ShortOfMemoryError
@@ -33,8 +33,6 @@ from colmap_ihe.project.folder import Project
 from colmap_ihe.project.options import Options
 
 GB = 10**9
-Make = Callable[..., Path]
-MakeOptions = Callable[..., Options]
 SET = PhotoSetSize(100, pixels=2 * GB, largest=20_000_000, raw=0, with_gps=0, one_bytes=600_000_000)
 
 # Memory

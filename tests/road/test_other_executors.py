@@ -10,6 +10,7 @@ from typing import Any
 
 import pytest
 from same_results import contents, known_of
+from small_demo import Make, MakeOptions
 
 from colmap_ihe.errors import Cancelled, PhotographError
 from colmap_ihe.machine.executor import in_order
@@ -21,9 +22,7 @@ from colmap_ihe.pipeline.develop_folder import develop_folder
 from colmap_ihe.pipeline.reconstruct import reconstruct
 from colmap_ihe.pipeline.records import read_record
 from colmap_ihe.project.folder import Project
-from colmap_ihe.project.options import DevelopOptions, Options
-
-Make = Callable[..., Path]
+from colmap_ihe.project.options import DevelopOptions
 
 
 @pytest.fixture
@@ -34,7 +33,7 @@ def processes() -> Any:
 
 @pytest.mark.slow
 def test_processes_make_what_threads_make(
-    new_project: Make, finished: Path, quick_options: Callable[..., Options], processes: Executor
+    new_project: Make, finished: Path, quick_options: MakeOptions, processes: Executor
 ) -> None:
     project = new_project()
     done = reconstruct(project, quick_options("mesh.enabled=false"), executor=processes)

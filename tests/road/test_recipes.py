@@ -3,22 +3,20 @@
 from __future__ import annotations
 
 import shutil
-from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 import tifffile
-from PIL import Image
+from same_results import pixels_of
+from small_demo import Make, MakeOptions
 
 from colmap_ihe.pipeline.convert_folder import convert_folder
 from colmap_ihe.pipeline.develop_folder import develop_folder
 from colmap_ihe.pipeline.reconstruct import reconstruct
 from colmap_ihe.pipeline.status import status
-from colmap_ihe.project.options import DevelopOptions, Options
-
-Make = Callable[..., Path]
-MakeOptions = Callable[..., Options]
+from colmap_ihe.project.options import DevelopOptions
 
 
 @pytest.fixture
@@ -26,9 +24,8 @@ def project(new_project: Make) -> Path:
     return new_project(3, (".dng",))
 
 
-def grey_of(project: Path) -> np.ndarray[tuple[int, ...], np.dtype[np.uint8]]:
-    with Image.open(project / "workspace" / "images" / "portico_01.png") as image:
-        return np.asarray(image)
+def grey_of(project: Path) -> Any:
+    return pixels_of(project / "workspace/images/portico_01.png")
 
 
 @pytest.mark.slow

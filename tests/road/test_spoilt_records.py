@@ -84,7 +84,11 @@ def test_digests(data: bytes, folder: Path) -> object:
 
 def summaries(_: Path) -> list[bytes]:
     ended = {"state": "done", "seconds": 3.0, "reason": "", "hint": "", "set": []}
-    return [json.dumps(summarise(records(), Options()) | ended).encode()]
+    sound = summarise(records(), Options()) | ended
+    words = {"mean_reprojection_error_px": "small", "points3D": [1], "stages": {"fit": "long"}, "left_out": 3}
+    return [
+        json.dumps(values).encode() for values in (sound, sound | words | {"seconds": "many", "began": 5})
+    ]
 
 
 @parser(summaries, JSON, share=0.3)
@@ -95,6 +99,8 @@ def test_summary_and_batch_json(data: bytes, folder: Path) -> object:
     place = BatchFolder.at(folder)
     row = project_state(place, project, "done")
     publish(place, BatchState(str(folder), "finished", [row], "now"), {})
+    numbers = [*row.figures.values(), *row.stages.values()]
+    assert all(value is None or isinstance(value, int | float) for value in numbers)
     return row
 
 
@@ -126,7 +132,10 @@ _DISCOVERY = type("None", (), {"captures": (Capture("a.jpg", Path("a.jpg"), "cod
 def meshes(folder: Path) -> list[bytes]:
     faces, grey = np.array([[0, 1, 2], [1, 2, 3]], np.int32), np.zeros((4, 3), np.uint8)
     write_mesh(folder / "a.ply", Mesh(np.eye(4, 3, dtype=np.float32), faces, grey))
-    return [(folder / "a.ply").read_bytes()]
+    whole = (folder / "a.ply").read_bytes()
+    no_such_corner = whole[:-4] + (99).to_bytes(4, "little")
+    four_corners = whole[:-13] + b"\4" + whole[-12:]
+    return [whole, no_such_corner, four_corners]
 
 
 @parser(meshes, (*BYTES, *TEXT))

@@ -22,6 +22,16 @@ XTRANS = np.array(
 )
 
 
+GAINS = {"R": 0.45, "G": 1.0, "B": 0.7}
+"""What a sensor sees of grey light in each colour, as shares of green."""
+
+
+def light(height: int, width: int) -> NDArray[np.float64]:
+    """(height, width) in 0..1: a grey scene so smooth that demosaicing has nothing to guess."""
+    y, x = np.mgrid[0:height, 0:width]
+    return np.asarray(0.45 + 0.25 * np.sin(x / 40) + 0.15 * np.cos(y / 30))
+
+
 def write_kind(
     path: Path,
     values: NDArray[np.uint16],

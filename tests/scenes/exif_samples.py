@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import struct
 from pathlib import Path
 from typing import Any
 
@@ -10,6 +11,8 @@ import numpy as np
 from dngs import write_kind
 from PIL import Image
 from PIL.TiffImagePlugin import IFDRational as R
+
+from colmap_ihe.photographs.exif.blocks import PREFIX
 
 SIZE = (96, 64)
 IMAGE: dict[int, Any] = {
@@ -68,3 +71,34 @@ def tags_of(path: Path) -> dict[tuple[str, int], str]:
         found = exifread.process_file(handle, details=False)
     tags = [(name, tag) for name, tag in found.items() if hasattr(tag, "tag")]
     return {(name.partition(" ")[0], tag.tag): str(tag.values) for name, tag in tags}
+
+
+_CANON = bytes.fromhex("85c0b687820f11e08111f4ce462b6a48")
+
+
+def _structure(tags: dict[int, Any]) -> bytes:
+    """A TIFF structure with these tags in its first and only directory."""
+    block = Image.Exif()
+    block.update(tags)
+    return block.tobytes().removeprefix(PREFIX)
+
+
+def _box(kind: bytes, *content: bytes, large: bool = False) -> bytes:
+    inside = b"".join(content)
+    if large:
+        return struct.pack(">L4sQ", 1, kind, 16 + len(inside)) + inside
+    return struct.pack(">L4s", 8 + len(inside), kind) + inside
+
+
+def cr3(large: bool = False) -> bytes:
+    """A Canon CR3 of nothing but boxes; `large`: with lengths of 64 bits."""
+    tags = {t: v for t, v in GPS.items() if t not in (0, 5)}  # whose types Pillow knows below GPS only
+    blocks = [
+        _box(b"CMT1", _structure(IMAGE)),
+        _box(b"CMT2", _structure(SHOT)),
+        _box(b"CMT3", b"Canon's own"),
+        _box(b"CMT4", _structure(tags)),
+    ]
+    uuid = _box(b"uuid", _CANON, _box(b"CNCV", b"CanonCR3_001"), *blocks, large=large)
+    movie = _box(b"moov", _box(b"uuid", bytes(16), b"another"), uuid, _box(b"trak", bytes(40)))
+    return _box(b"ftyp", b"crx ", bytes(4)) + movie + _box(b"mdat", bytes(100))

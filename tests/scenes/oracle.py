@@ -11,6 +11,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -88,6 +89,16 @@ def scene(seed: int, height: int, width: int, colours: int = 40) -> NDArray[np.u
 def photograph(seed: int, height: int = 40, width: int = 60) -> NDArray[np.float32]:
     """A `scene` as conversions take it: float32 in [0, 1]."""
     return scene(seed, height, width).astype(np.float32) / np.float32(255)
+
+
+def blobs(seed: int, width: int, height: int) -> NDArray[np.float64]:
+    """(height, width): blobs of many sizes, of mean 0 and standard deviation 1."""
+    rng = np.random.default_rng(seed)
+    total = np.zeros((height, width))
+    for sigma in (1.5, 3.0, 6.0):
+        blurred = cv2.GaussianBlur(rng.standard_normal((height, width)), (0, 0), sigma)
+        total += np.asarray(blurred) / np.std(blurred)
+    return np.asarray(total / total.std())
 
 
 def pooled(

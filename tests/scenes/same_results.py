@@ -5,11 +5,20 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+from PIL import Image
+
 from colmap_ihe.colmap.native import pycolmap
 
 
 def contents(folder: Path) -> dict[str, bytes]:
     return {p.relative_to(folder).as_posix(): p.read_bytes() for p in folder.rglob("*") if p.is_file()}
+
+
+def pixels_of(file: Path) -> Any:
+    """(H, W) or (H, W, 3) of a picture that is not to be turned into other colours."""
+    with Image.open(file) as image:
+        return np.asarray(image)
 
 
 def known_of(database: Path) -> dict[str, Any]:

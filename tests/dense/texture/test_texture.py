@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+import planes
 import pytest
 
 from colmap_ihe.dense.camera import PinholeCamera, UInt8
@@ -41,8 +42,7 @@ def joined(*meshes: Mesh) -> Mesh:
 
 def camera(x: float = 0.0, y: float = 0.0, z: float = -4.0, focal: float = 300.0) -> PinholeCamera:
     """Looks along +z; 4 before the square, which then is 150 pixels wide."""
-    K = np.array([[focal, 0, SIZE[0] / 2], [0, focal, SIZE[1] / 2], [0, 0, 1]])
-    return PinholeCamera(K, np.column_stack((np.eye(3), [-x, -y, -z])), SIZE)
+    return planes.camera([x, y, z], size=SIZE, focal=focal)
 
 
 def picture(view: PinholeCamera, colour: object, z: float = 0.0) -> UInt8:

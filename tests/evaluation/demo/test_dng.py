@@ -11,7 +11,6 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 import rawpy
-from PIL import ExifTags, Image
 
 from colmap_ihe.evaluation.demo.dng import PATTERNS, write_dng
 from colmap_ihe.evaluation.demo.exif import PhotoExif
@@ -19,16 +18,11 @@ from colmap_ihe.evaluation.demo.exif import PhotoExif
 Pixels = npt.NDArray[np.uint16]
 NEUTRAL = (0.5, 1.0, 0.625)
 MATRIX = np.array(((0.9, -0.3, -0.1), (-0.4, 1.3, 0.1), (0.0, 0.2, 0.6)))
-MINIMAL: dict[str, Any] = {
-    "gamma": (1, 1),
-    "no_auto_bright": True,
-    "output_bps": 16,
-    "use_camera_wb": False,
-    "user_wb": [1, 1, 1, 1],
-    "output_color": rawpy.ColorSpace.raw,
-    "user_flip": 0,
-    "no_auto_scale": True,
-}
+
+
+def tags_of(file: Path) -> dict[str, Any]:
+    with file.open("rb") as stream:
+        return dict(exifread.process_file(stream, details=False))
 
 
 def write(path: Path, mosaic: Pixels, **changes: Any) -> None:
@@ -53,47 +47,24 @@ def test_raw_values_come_back_unchanged(tmp_path: Path, pattern: str) -> None:
         assert (red / green, blue / green) == pytest.approx((1 / NEUTRAL[0], 1 / NEUTRAL[2]), rel=1e-3)
 
 
-@pytest.mark.parametrize("pattern", PATTERNS)
-def test_minimal_development_gives_the_colours_that_were_written(tmp_path: Path, pattern: str) -> None:
-    values = {"R": 3000, "G": 9000, "B": 6000}
-    mosaic = np.tile(np.array([values[c] for c in pattern], np.uint16).reshape(2, 2), (40, 60))
-    write(tmp_path / "a.dng", mosaic, pattern=pattern)
-    with rawpy.imread(str(tmp_path / "a.dng")) as raw:
-        rgb = raw.postprocess(**MINIMAL)
-    assert rgb.shape == (80, 120, 3)
-    np.testing.assert_array_equal(np.unique(rgb.reshape(-1, 3), axis=0), [[2488, 8488, 5488]])
-
-
 @pytest.mark.parametrize("orientation", [1, 6])
 def test_exif_is_read_by_others(tmp_path: Path, orientation: int) -> None:
     exif = PhotoExif(make="Maker", model="Model 5", exposure_time_s=Fraction(1, 160), f_number=5.6, iso=200)
     write(tmp_path / "a.dng", np.full((64, 96), 700, np.uint16), exif=exif, orientation=orientation)
-    with (tmp_path / "a.dng").open("rb") as file:
-        tags = exifread.process_file(file, details=False)
-    assert (str(tags["Image Make"]), str(tags["Image Model"])) == ("Maker", "Model 5")
-    assert tags["Image Orientation"].values == [orientation]
-    assert str(tags["EXIF ExposureTime"]) == "1/160"
-    assert str(tags["EXIF DateTimeOriginal"]) == "2016:06:21 10:00:00"
-    assert str(tags["EXIF FocalLengthIn35mmFilm"]) == "30"
-
-    block = Image.Exif()
-    with (tmp_path / "a.dng").open("rb") as file:
-        block.load_from_fp(file)
-        inner = block.get_ifd(ExifTags.IFD.Exif)
-        assert float(inner[ExifTags.Base.FNumber]) == pytest.approx(5.6)
-        assert inner[ExifTags.Base.ISOSpeedRatings] == 200
-        assert inner[ExifTags.Base.LensModel] == "Demo lens 30 mm"
-        assert (inner[ExifTags.Base.ExifImageWidth], inner[ExifTags.Base.ExifImageHeight]) == (96, 64)
-
-    with rawpy.imread(str(tmp_path / "a.dng")) as raw:
-        assert raw.postprocess(**MINIMAL).shape == (64, 96, 3)
+    tags = {name: str(value) for name, value in tags_of(tmp_path / "a.dng").items()}
+    expected = {
+        "Image Make": "Maker", "Image Model": "Model 5", "EXIF ExposureTime": "1/160", "EXIF FNumber": "28/5",
+        "EXIF ISOSpeedRatings": "200", "EXIF LensModel": "Demo lens 30 mm", "EXIF FocalLengthIn35mmFilm": "30",
+        "EXIF DateTimeOriginal": "2016:06:21 10:00:00", "EXIF ExifImageWidth": "96", "EXIF ExifImageLength": "64",
+    }  # fmt: skip
+    assert {name: tags.get(name) for name in expected} == expected
+    assert tags_of(tmp_path / "a.dng")["Image Orientation"].values == [orientation]
 
 
 def test_empty_fields_leave_their_tags_out(tmp_path: Path) -> None:
     exif = PhotoExif(make="", focal_length_mm=None, focal_length_35mm=None)
     write(tmp_path / "a.dng", np.full((64, 64), 700, np.uint16), exif=exif)
-    with (tmp_path / "a.dng").open("rb") as file:
-        tags = exifread.process_file(file, details=False)
+    tags = tags_of(tmp_path / "a.dng")
     assert "EXIF ExposureTime" in tags
     assert not {"Image Make", "EXIF FocalLength", "EXIF FocalLengthIn35mmFilm"} & tags.keys()
 

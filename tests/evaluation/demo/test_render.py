@@ -6,6 +6,7 @@ import json
 from fractions import Fraction
 from itertools import pairwise, product
 from pathlib import Path
+from typing import Any
 
 import cv2
 import exifread
@@ -14,7 +15,8 @@ import numpy.typing as npt
 import pycolmap
 import pytest
 import rawpy
-from PIL import Image
+from same_results import pixels_of
+from small_demo import DEMO_SIZE, DEMO_VIEWS
 
 from colmap_ihe.errors import Cancelled
 from colmap_ihe.evaluation.demo.camera import SENSOR_GAINS
@@ -25,15 +27,12 @@ from colmap_ihe.evaluation.truth import TrueImage, Truth, pose_errors, read_trut
 from colmap_ihe.machine.progress import Silent
 
 Indices = npt.NDArray[np.intp]
-VIEWS, SIZE = 8, (480, 320)
 REC709 = np.array((0.2126, 0.7152, 0.0722))
 
 
 @pytest.fixture(scope="module")
-def demo(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = tmp_path_factory.mktemp("demo")
-    render_demo(folder, views=VIEWS, size=SIZE)
-    return folder
+def demo(small_demo: Path) -> Path:
+    return small_demo
 
 
 @pytest.fixture(scope="module")
@@ -41,9 +40,8 @@ def truth(demo: Path) -> Truth:
     return read_truth(demo / "truth")
 
 
-def photograph(demo: Path, stem: str) -> npt.NDArray[np.uint8]:
-    with Image.open(demo / "images" / f"{stem}.jpg") as picture:
-        return np.asarray(picture)
+def photograph(demo: Path, stem: str) -> Any:
+    return pixels_of(demo / f"images/{stem}.jpg")
 
 
 def tags_of(file: Path) -> dict[str, str]:
@@ -70,7 +68,7 @@ def seen_points(image: TrueImage) -> tuple[Indices, Indices, npt.NDArray[np.floa
 
 
 def test_each_shot_is_there_as_raw_jpeg_and_truth(demo: Path, truth: Truth) -> None:
-    assert len(truth.images) == VIEWS
+    assert len(truth.images) == DEMO_VIEWS
     assert 15 < truth.extent_m < 40
     for stem, image in truth.images.items():
         assert photograph(demo, stem).shape == (320, 480, 3)
@@ -204,7 +202,7 @@ def test_colmap_finds_the_true_cameras(demo: Path, truth: Truth, tmp_path: Path)
 def test_a_finished_demo_is_not_rendered_again(demo: Path) -> None:
     files = sorted(p for p in demo.rglob("*") if p.is_file())
     before = [p.stat().st_mtime_ns for p in files]
-    render_demo(demo, views=VIEWS, size=SIZE)
+    render_demo(demo, views=DEMO_VIEWS, size=DEMO_SIZE)
     assert [p.stat().st_mtime_ns for p in files] == before
     assert sorted(p for p in demo.rglob("*") if p.is_file()) == files
 

@@ -24,14 +24,6 @@ def test_cie_y_is_the_luminance_of_the_standard_coded_again() -> None:
     np.testing.assert_allclose(cie_y(COLOURS), expected, atol=1e-5)
 
 
-# By hand: the codes of Y = 0.2126, 0.7152 and 0.0722 are 1.055 Y^(1 / 2.4) - 0.055.
-@pytest.mark.parametrize(
-    ("rgb", "expected"), [((1, 0, 0), 0.4984), ((0, 1, 0), 0.8624), ((0, 0, 1), 0.2979), ((1, 1, 1), 1)]
-)
-def test_cie_y_of_the_primaries(rgb: tuple[int, int, int], expected: float) -> None:
-    assert cie_y(np.array([[rgb]], np.float32))[0, 0] == pytest.approx(expected, abs=1e-4)
-
-
 def test_value_is_the_greatest_channel() -> None:
     np.testing.assert_array_equal(value(COLOURS), COLOURS.max(axis=2))
 
@@ -41,15 +33,6 @@ def test_lab_is_that_of_colour_science() -> None:
     light = colour.models.eotf_sRGB(COLOURS.astype(np.float64))
     expected = colour.XYZ_to_Lab(light @ srgb.XYZ_FROM_RGB.T, white)
     np.testing.assert_allclose(srgb.lab(COLOURS), expected, atol=2e-3)
-
-
-# Bruce Lindbloom's CIE calculator, sRGB and D65: the Lab of the three primaries, to a decimal.
-@pytest.mark.parametrize(
-    ("channel", "expected"),
-    [(0, (53.24, 80.09, 67.20)), (1, (87.73, -86.18, 83.18)), (2, (32.30, 79.19, -107.86))],
-)
-def test_lab_of_the_primaries(channel: int, expected: tuple[float, float, float]) -> None:
-    np.testing.assert_allclose(srgb.lab(np.eye(3, dtype=np.float32)[channel]), expected, atol=0.05)
 
 
 def test_coding_and_lightness_come_back() -> None:
@@ -64,12 +47,3 @@ def test_bands_cover_every_row_once(height: int) -> None:
     for band in srgb.bands(np.zeros((height, 1000, 3), np.float32)):
         rows[band] += 1
     assert (rows == 1).all()
-
-
-@pytest.mark.parametrize(
-    "rgb", [np.zeros((4, 4), np.float32), np.zeros((4, 4, 3), np.uint8), np.zeros((0, 4, 3), np.float32)]
-)
-def test_another_shape_or_dtype_is_refused_with_what_came(rgb: Any) -> None:
-    for convert in (cie_y, value):
-        with pytest.raises(ValueError, match=r"rgb\.shape=.*expected \(H, W, 3\) float32"):
-            convert(rgb)

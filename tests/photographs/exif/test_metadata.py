@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 from io import BytesIO
 from pathlib import Path
@@ -10,7 +9,6 @@ from typing import Any, get_args
 
 import numpy as np
 import pytest
-from dngs import shoot
 from PIL import ExifTags, Image
 
 from colmap_ihe.colmap.native import pycolmap
@@ -87,40 +85,12 @@ def test_the_focal_prior_tells_these_photographs_apart(tmp_path: Path) -> None:
     assert camera(unknown)[3][0] == pytest.approx(115.2)
 
 
-@pytest.mark.parametrize("file_format", FORMATS)
-@pytest.mark.parametrize("name", ["a.jpg", "a.png", "a.tif"])
-def test_every_tag_arrives(tmp_path: Path, name: str, file_format: Format) -> None:
-    source = photograph(tmp_path, name, orientation=8, gps=GPS)
-    metadata = read_metadata(source, "coded")
-    assert (metadata.make, metadata.model) == ("Canon", "Canon EOS 40D")
-    assert (metadata.focal_mm, metadata.focal_35mm, metadata.orientation) == (30, 30, 8)
-    assert metadata.has_gps
-    with Image.open(grey_of(source, metadata, tmp_path, file_format)) as grey:
-        exif = grey.getexif()
-        assert exif[ExifTags.Base.Orientation] == 8
-        assert exif[ExifTags.Base.Make] == "Canon"
-        inner, gps = exif.get_ifd(ExifTags.IFD.Exif), exif.get_ifd(ExifTags.IFD.GPSInfo)
-        assert float(inner[ExifTags.Base.FNumber]) == 8
-        assert inner[ExifTags.Base.LensModel] == "Demo lens 30 mm"
-        assert inner[ExifTags.Base.DateTimeOriginal] == "2016:06:21 10:00:00"
-        assert [float(v) for v in gps[2]] == pytest.approx([48, 46, 26.5])
-        assert float(gps[6]) == pytest.approx(85.5)
-
-
 def test_gps_counts_only_with_an_altitude(tmp_path: Path) -> None:
     """As in COLMAP, which wants latitude, longitude and altitude."""
     without = {tag: value for tag, value in GPS.items() if tag not in (5, 6)}
     assert read_metadata(photograph(tmp_path, gps=GPS), "coded").has_gps
     assert not read_metadata(photograph(tmp_path, "b.jpg", gps=without), "coded").has_gps
     assert not read_metadata(photograph(tmp_path, "c.jpg"), "coded").has_gps
-
-
-def test_exif_has_the_size_of_the_image_it_goes_into(tmp_path: Path) -> None:
-    metadata = read_metadata(photograph(tmp_path), "coded")
-    (tmp_path / "b.png").write_bytes(encode_image(np.zeros((50, 70), np.uint8), metadata.exif, "png"))
-    with Image.open(tmp_path / "b.png") as image:
-        inner = image.getexif().get_ifd(ExifTags.IFD.Exif)
-    assert (inner[ExifTags.Base.ExifImageWidth], inner[ExifTags.Base.ExifImageHeight]) == (70, 50)
 
 
 @pytest.mark.parametrize("file_format", FORMATS)
@@ -149,19 +119,6 @@ def test_a_photograph_without_exif_gives_a_grey_image_without(tmp_path: Path, fi
     metadata = read_metadata(tmp_path / "a.png", "coded")
     assert metadata == Metadata()
     assert camera(grey_of(tmp_path / "a.png", metadata, tmp_path, file_format)) == camera(tmp_path / "a.png")
-
-
-@pytest.mark.parametrize("file_format", FORMATS)
-def test_exif_of_a_raw_file_arrives(tmp_path: Path, file_format: Format) -> None:
-    exif = PhotoExif(make="Nikon", model="D70", focal_length_mm=18.0, focal_length_35mm=27)
-    shoot(tmp_path / "a.dng", np.full((SIZE[1], SIZE[0]), 700, np.uint16), exif=exif, orientation=6)
-    found = read_metadata(tmp_path / "a.dng", "raw")
-    assert (found.make, found.model) == ("Nikon", "D70")
-    assert (found.focal_mm, found.focal_35mm, found.orientation) == (18, 27, 6)
-    Image.new("RGB", SIZE).save(tmp_path / "like.jpg", exif=jpeg_exif(exif, *SIZE, 6))
-    grey = grey_of(tmp_path / "like.jpg", found, tmp_path, file_format)
-    assert camera(grey) == camera(tmp_path / "like.jpg")
-    assert camera(grey)[0]
 
 
 def test_exif_of_a_preview_counts_where_the_raw_file_holds_none(
@@ -206,29 +163,6 @@ def test_libraw_and_exif_agree_on_a_real_raw_file(photographs: Path) -> None:
     assert noted.f_number == pytest.approx(found.f_number)
 
 
-NOISE = np.random.default_rng(2).integers(0, 256, 10_000, np.uint8).tobytes()
-SPOILERS: dict[str, Callable[[bytes], bytes]] = {
-    "cut short": lambda exif: exif[: len(exif) // 2],
-    "noise behind the header": lambda exif: exif[:14] + NOISE[: len(exif) - 14],
-    "endless directory": lambda exif: exif[:14] + b"\xff" * (len(exif) - 14),
-    "empty": lambda exif: exif[:6],
-}
-
-
-@pytest.mark.filterwarnings("ignore::UserWarning")  # Pillow's words for the same
-@pytest.mark.parametrize("spoil", SPOILERS.values(), ids=SPOILERS)
-def test_broken_exif_loses_the_tag_not_the_photograph(
-    tmp_path: Path, spoil: Callable[[bytes], bytes]
-) -> None:
-    exif = jpeg_exif(PhotoExif(), *SIZE).tobytes()
-    Image.new("RGB", SIZE).save(tmp_path / "a.jpg", exif=spoil(exif))
-    found = read_metadata(tmp_path / "a.jpg", "coded")
-    for file_format in FORMATS:
-        with Image.open(grey_of(tmp_path / "a.jpg", found, tmp_path, file_format)) as grey:
-            assert grey.size == SIZE
-            grey.load()
-
-
 def test_a_file_that_is_no_photograph_has_a_problem_and_nothing_else(tmp_path: Path) -> None:
     (tmp_path / "a.jpg").write_bytes(b"no photograph")
     found = read_metadata(tmp_path / "a.jpg", "coded")
@@ -236,25 +170,6 @@ def test_a_file_that_is_no_photograph_has_a_problem_and_nothing_else(tmp_path: P
     assert replace(found, problem="") == Metadata()
     (tmp_path / "a.dng").write_bytes(b"no photograph")
     assert read_metadata(tmp_path / "a.dng", "raw").problem
-
-
-REAL = [
-    *("exif/Canon_40D.jpg", "exif/DSCN0010.jpg", "exif/DSCN0012.jpg", "exif/Landscape_3.jpg"),
-    *("exif/Landscape_8.jpg", "exif/Nikon_D70.jpg", "exif/Portrait_6.jpg"),
-    *("sceaux/100_7100.JPG", "fountain-p11/0000.jpg"),
-]
-
-
-@pytest.mark.data
-@pytest.mark.filterwarnings("ignore::UserWarning")
-@pytest.mark.parametrize("name", REAL)
-def test_colmap_infers_the_same_camera_from_real_photographs(
-    photographs: Path, tmp_path: Path, name: str
-) -> None:
-    source = photographs / name
-    metadata = read_metadata(source, "coded")
-    for file_format in FORMATS:
-        assert camera(grey_of(source, metadata, tmp_path, file_format)) == camera(source)
 
 
 @pytest.mark.data

@@ -7,27 +7,22 @@ from typing import Any
 
 import numpy as np
 import pytest
-from dngs import XTRANS, write_kind
+from dngs import GAINS, XTRANS, light, write_kind
 from numpy.typing import NDArray
 
 from colmap_ihe.errors import PhotographError
 from colmap_ihe.photographs.raw.develop import develop, read_header, read_mosaic
 
 HEIGHT, WIDTH = 96, 144
-GAINS = {"R": 0.45, "G": 1.0, "B": 0.7}
+LIGHT = light(HEIGHT, WIDTH)
 RGGB = np.array([list("RG"), list("GB")])
-
-
-def light() -> NDArray[np.float64]:
-    y, x = np.mgrid[0:HEIGHT, 0:WIDTH]
-    return np.asarray(0.45 + 0.25 * np.sin(x / 40) + 0.15 * np.cos(y / 30))
 
 
 def seen(pattern: NDArray[Any]) -> NDArray[np.float64]:
     """What a sensor of this pattern sees of grey light, as a share of saturation."""
     n, m = pattern.shape
     gains = np.vectorize(GAINS.get)(pattern)
-    return np.asarray(light() * np.tile(gains, (HEIGHT // n + 1, WIDTH // m + 1))[:HEIGHT, :WIDTH])
+    return np.asarray(LIGHT * np.tile(gains, (HEIGHT // n + 1, WIDTH // m + 1))[:HEIGHT, :WIDTH])
 
 
 def counts(share: NDArray[np.float64], black: Any, white: int) -> NDArray[np.uint16]:
@@ -43,7 +38,7 @@ def shot(folder: Path, values: NDArray[np.uint16], **kind: Any) -> Path:
 def require_scene(file: Path, tolerance: float = 2e-3) -> None:
     gains = tuple(GAINS.values())
     rgb = develop(file).linear_rgb[6:-6, 6:-6] / 65535
-    truth = light()[6:-6, 6:-6, None] * gains
+    truth = LIGHT[6:-6, 6:-6, None] * gains
     np.testing.assert_allclose(rgb, truth, rtol=tolerance)
     ratios = np.median(rgb / rgb[..., 1:2], axis=(0, 1))
     np.testing.assert_allclose(ratios, np.array(gains) / gains[1], rtol=1e-3)
@@ -70,7 +65,7 @@ def test_an_x_trans_sensor(tmp_path: Path) -> None:
 
 
 def test_a_file_that_is_demosaiced_already(tmp_path: Path) -> None:
-    values = counts(light()[..., None] * tuple(GAINS.values()), np.array((100, 120, 140)), 60000)
+    values = counts(LIGHT[..., None] * tuple(GAINS.values()), np.array((100, 120, 140)), 60000)
     file = shot(tmp_path, values, pattern=None, white=60000, black=(100, 120, 140))
     assert read_header(file).sensor == "demosaiced"
     require_scene(file, 1e-3)
@@ -79,11 +74,11 @@ def test_a_file_that_is_demosaiced_already(tmp_path: Path) -> None:
 
 
 def test_a_monochrome_sensor_gives_three_equal_channels(tmp_path: Path) -> None:
-    file = shot(tmp_path, counts(light(), 100, 60000), pattern=None, white=60000, black=(100,))
+    file = shot(tmp_path, counts(LIGHT, 100, 60000), pattern=None, white=60000, black=(100,))
     assert read_header(file).sensor == "monochrome"
     rgb = develop(file).linear_rgb
     assert (rgb == rgb[..., :1]).all()
-    np.testing.assert_allclose(rgb[..., 0] / 65535, light(), rtol=1e-3)
+    np.testing.assert_allclose(rgb[..., 0] / 65535, LIGHT, rtol=1e-3)
 
 
 def test_black_that_differs_by_place_in_the_cell(tmp_path: Path) -> None:
