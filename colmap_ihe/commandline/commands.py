@@ -9,9 +9,11 @@ from contextlib import ExitStack
 from dataclasses import asdict
 from typing import Any
 
+import shtab
+
 from colmap_ihe.batch.driver import batch
 from colmap_ihe.batch.folder import BatchFolder
-from colmap_ihe.commandline.arguments import CommandFunction
+from colmap_ihe.commandline.arguments import CommandFunction, parser_of
 from colmap_ihe.commandline.bars import print_batch, print_summary, print_table
 from colmap_ihe.commandline.display import Display, printable
 from colmap_ihe.commandline.shared_arguments import camera_assignments, development, run_assignments
@@ -208,6 +210,12 @@ def _doctor(parsed: argparse.Namespace, display: Display) -> None:
         print_table("", [(name, str(value)) for name, value in values.items()])
 
 
+def _completion(parsed: argparse.Namespace, display: Display) -> None:
+    script = shtab.complete(parser_of(COMMANDS), parsed.shell)
+    if not _printed_as_json(parsed, display, {"script": script}):
+        print(script)
+
+
 def _printed_as_json(parsed: argparse.Namespace, display: Display, values: Any) -> bool:
     """Print the result as JSON where that is asked for."""
     if parsed.json:
@@ -215,5 +223,17 @@ def _printed_as_json(parsed: argparse.Namespace, display: Display, values: Any) 
     return bool(parsed.json)
 
 
-_FUNCTIONS = (_demo, _reconstruct, _batch, _fit, _convert, _develop, _status, _compare, _report, _doctor)
+_FUNCTIONS = (
+    _demo,
+    _reconstruct,
+    _batch,
+    _fit,
+    _convert,
+    _develop,
+    _status,
+    _compare,
+    _report,
+    _doctor,
+    _completion,
+)
 COMMANDS: dict[str, CommandFunction] = {function.__name__[1:]: function for function in _FUNCTIONS}
