@@ -18,7 +18,7 @@ from colmap_ihe.errors import OptionError
         ({"sfit": {}}, "features.colmap: COLMAP has no option 'sfit' there", "did you mean sift?"),
         ({"zzz": 1}, "features.colmap: COLMAP has no option 'zzz' there", "known there: "),
         ({"sift": {"max_num_features": "many"}},
-         "features.colmap.sift: max_num_features is 'many'; expected a value such as 8192", "pycolmap.FeatureExtractionOptions"),
+         "features.colmap.sift: max_num_features is 'many'; expected a value such as 8192", "pycolmap.FeatureExtr"),
         ({"sift": {"normalization": "L9"}}, "normalization is 'L9'; expected one of L1_ROOT, L2", "pycolmap."),
         ({"sift": 3}, "features.colmap: sift is 3; expected options of its own: ", "pycolmap."),
     ],
