@@ -71,7 +71,8 @@ def _reconstruct(parsed: argparse.Namespace, display: Display) -> None:
         return
     print_summary(done.summary, title=str(parsed.project))
     _print_report(done)
-    for name, path in (("sparse", done.sparse_model), ("dense", done.dense_cloud), ("mesh", done.mesh)):
+    mesh = done.textured_mesh or done.mesh
+    for name, path in (("sparse", done.sparse_model), ("dense", done.dense_cloud), ("mesh", mesh)):
         if path.exists() and done.summary["stages"].get(name) is not None:
             print(f"{name:<9} {path}")
 
@@ -110,8 +111,7 @@ def _batch(parsed: argparse.Namespace, display: Display) -> None:
 
 def _print_report(done: Reconstruction) -> None:
     """Print where the page is, or where the run ended before it the summary."""
-    page = done.project.page_file
-    print(f"report    {page if page.exists() else done.project.summary_file}")
+    print(f"report    {done.page or done.project.summary_file}")
 
 
 def _demo(parsed: argparse.Namespace, display: Display) -> None:
