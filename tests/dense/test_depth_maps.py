@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shutil
+import struct
 import time
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
@@ -23,7 +24,7 @@ from colmap_ihe.dense import depth_maps
 from colmap_ihe.dense.depth_maps import DepthCounts, sgm_depth_maps, write_map
 from colmap_ihe.dense.fusion import fuse
 from colmap_ihe.dense.ply import COLOURS, columns, read_ply
-from colmap_ihe.dense.undistort import undistort
+from colmap_ihe.dense.undistort import read_colour, undistort
 from colmap_ihe.errors import Cancelled, CapabilityError, OptionError, ProjectError
 
 NAMES = list(VIEWS)
@@ -58,6 +59,23 @@ def test_the_workspace_is_a_plain_one_in_colour_with_a_grey_twin(project: Path) 
     model = pycolmap.Reconstruction(project / "dense" / "sparse")
     assert model.num_reg_images() == len(NAMES)
     assert (project / "dense" / "stereo" / "fusion.cfg").read_text().split("\n")[: len(NAMES)]
+
+
+def test_the_folder_is_what_gaussian_splatting_reads(project: Path) -> None:
+    """`images/` in colour and `sparse/0` with pinhole cameras, as COLMAP's binary files: read by their layout."""
+    model = project / "dense" / "sparse" / "0"
+    cameras = (model / "cameras.bin").read_bytes()
+    (count,) = struct.unpack_from("<Q", cameras)
+    assert len(cameras) == 8 + count * (24 + 4 * 8)  # id, model, width, height; fx, fy, cx, cy
+    pinhole = 1
+    read = [struct.unpack_from("<iiQQ4d", cameras, 8 + n * 56) for n in range(count)]
+    assert {(kind, width, height) for _, kind, width, height, *_ in read} == {(pinhole, *SIZE)}
+    images = (model / "images.bin").read_bytes()
+    assert all(name.encode() + b"\0" in images for name in NAMES)
+    colours = [read_colour(project / "dense" / "images" / name) for name in NAMES]
+    assert all(np.ptp(picture, axis=2).max() > 20 for picture in colours)
+    for file in model.iterdir():
+        assert file.read_bytes() == (model.parent / file.name).read_bytes()
 
 
 def test_depth_maps_are_the_plane(project: Path, counts: DepthCounts) -> None:

@@ -63,12 +63,14 @@ def options_of_then() -> Options:
     return Options.model_validate(sections | {"dense": {**sections["dense"], "enabled": True}})
 
 
-def test_every_stage_of_a_project_is_done_before_the_dense_cloud(earlier: Path) -> None:
-    """It is made anew: its folder was another, and photographs with two observations of a point counted twice."""
+def test_every_stage_of_a_project_is_done_before_the_model(earlier: Path) -> None:
+    """It is made anew: its points were grey. So is the dense cloud: photographs with two observations of a point
+    counted twice in it."""
     states = {s.name: (s.state, s.why) for s in status(earlier, options_of_then())}
-    assert [states[name] for name in STAGE_NAMES[:-2]] == [("done", "")] * 6
+    assert [states[name] for name in STAGE_NAMES[:-3]] == [("done", "")] * 5
+    assert states["sparse"] == ("stale", "its options changed: sparse.coloured from the default to true")
     assert states["dense"] == ("stale", "its options changed: dense.layout from the default to 2")
-    assert states["mesh"] == ("stale", "dense comes before it")
+    assert states["mesh"] == ("stale", "sparse comes before it")
 
 
 def test_a_changed_option_is_still_seen(earlier: Path) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import asdict
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 from pydantic import Field
 
@@ -14,8 +14,9 @@ from colmap_ihe.machine.progress import Progress
 from colmap_ihe.machine.remaining_time import Part
 from colmap_ihe.pipeline.resource_needs import BASE_BYTES, PhotoSetSize, StageNeeds
 from colmap_ihe.pipeline.run_context import Record, RunContext
-from colmap_ihe.pipeline.stage import Count, Stage, StageRecord, StrictModel
+from colmap_ihe.pipeline.stage import Count, Stage, StageRecord, StrictModel, section_values
 from colmap_ihe.pipeline.stages.features import FEWER_FEATURES, features_an_image
+from colmap_ihe.pipeline.time_estimate import Known
 from colmap_ihe.pipeline.warnings import model as model_warnings
 from colmap_ihe.project.folder import Project
 from colmap_ihe.project.options import Options
@@ -44,7 +45,13 @@ def run(run: RunContext, progress: Progress) -> SparseRecord:
     images = run.records["features"]["images"]
     try:
         models = mapping.map_images(
-            project.database, project.grey, project.sparse, run.options.sparse, images, progress
+            project.database,
+            project.grey,
+            project.sparse,
+            run.options.sparse,
+            images,
+            progress,
+            colour=project.colour,
         )
     except MappingError as error:
         reason, hint = model_warnings.why_no_model(project.database, images)
@@ -56,6 +63,12 @@ def run(run: RunContext, progress: Progress) -> SparseRecord:
     )
     described = [_ModelRecord(**asdict(model)) for model in models]
     return SparseRecord(models=described, unregistered=missing, warnings=warnings)
+
+
+def _result_options(options: Options) -> dict[str, Any]:
+    values = section_values(options, "sparse")
+    values["sparse"]["coloured"] = True  # the points of earlier versions are grey
+    return values
 
 
 def _files(project: Project, record: Record) -> list[Path]:
@@ -73,14 +86,22 @@ def _needs(options: Options, size: PhotoSetSize) -> StageNeeds:
     return StageNeeds("sparse", memory, 0, disk, saves=FEWER_FEATURES)
 
 
+def _parts(options: Options, known: Known) -> list[Part]:
+    return [
+        Part("sparse", "images", 1e-4 * known.inliers),
+        Part("sparse", "coloured models", 0.02 * known.registered_megapixels),
+    ]
+
+
 STAGE = Stage(
     "sparse",
     run,
     SparseRecord,
     sections=("sparse",),
+    result_options=_result_options,
     files=_files,
     made=lambda project: [project.sparse, *project.workspace.glob(".sparse.*")],
     check=_check,
     needs=_needs,
-    parts=lambda options, known: [Part("sparse", "images", 1e-4 * known.inliers)],
+    parts=_parts,
 )
