@@ -24,6 +24,7 @@ from colmap_ihe.dense import depth_maps
 from colmap_ihe.dense.depth_maps import DepthCounts, sgm_depth_maps, write_map
 from colmap_ihe.dense.fusion import fuse
 from colmap_ihe.dense.ply import COLOURS, columns, read_ply
+from colmap_ihe.dense.sparse_points import sparse_points
 from colmap_ihe.dense.undistort import read_colour, undistort
 from colmap_ihe.errors import Cancelled, CapabilityError, OptionError, ProjectError
 
@@ -131,8 +132,9 @@ def test_cancelled_depth_maps_leave_whole_files_only(project: Path, counts: Dept
     contents = {path: path.read_bytes() for path in folder.rglob("*.geometric.bin")}
     for path in contents:
         path.unlink()
+    after_one = StopsWhen(lambda done: done > 2 * len(NAMES))  # all are listed and planned before
     with pytest.raises(Cancelled), ThreadPoolExecutor(1) as executor:
-        sgm_depth_maps(project / "dense", executor=executor, progress=StopsWhen(lambda done: done))
+        sgm_depth_maps(project / "dense", executor=executor, progress=after_one)
     left = [path for path in folder.rglob("*") if path.is_file() and path.suffix != ".cfg"]
     assert 0 < len(left) < len(contents)
     assert all(path.read_bytes() == contents[path] for path in left)
@@ -247,6 +249,7 @@ def test_an_unknown_fusion_option_is_refused(project: Path) -> None:
 def test_a_photograph_with_two_observations_of_a_point_counts_once_as_a_source(tmp_path: Path) -> None:
     model = doubled_model(*[[1, 2]] * 30, *[[1, 1, 3, 3]] * 20, images=3)
     cameras = {image_id: depth_maps.camera_of(model, image_id) for image_id in (1, 2, 3)}
-    job, _ = depth_maps._plan(tmp_path, model, cameras, 1, 1)
+    names = {number: f"{number}.png" for number in cameras}
+    job, _ = depth_maps._plan(tmp_path, names, cameras, sparse_points(model), 1, 1)
     assert job.names == ("1.png", "2.png")
     assert len(job.points_world) == 50

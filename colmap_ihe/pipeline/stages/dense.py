@@ -116,7 +116,7 @@ def _parts(options: Options, known: Known) -> list[Part]:
     if pick_backend(options.dense.backend) == "patchmatch":
         depth = Part("dense", "runs of PatchMatch", 3.0 * seen)
     else:
-        depth = Part("dense", "depth maps", 2.7 * seen * _overlap(known))
+        depth = Part("dense", "depth maps", 2.7 * seen * _overlap(known) + 0.05 * known.registered)
     undistortion = 0.1 * known.registered_megapixels + 0.2 * known.registered
     return [
         Part("dense", "undistorted sets", undistortion),
