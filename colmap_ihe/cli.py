@@ -17,6 +17,7 @@ from colmap_ihe.commandline.bars import Terminal
 from colmap_ihe.commandline.commands import COMMANDS
 from colmap_ihe.commandline.display import Display
 from colmap_ihe.commandline.json_lines import JsonLines
+from colmap_ihe.commandline.misspelt import refuse_misspelt, with_help
 from colmap_ihe.errors import Cancelled, KnownError
 from colmap_ihe.machine import memory
 
@@ -24,9 +25,12 @@ EXIT_FAILED, EXIT_CANCELLED = 1, 130
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run a command and return its exit status: 0 done, 1 a known failure, 130 cancelled. Wrong usage exits with 2."""
-    parsed = parser_of(COMMANDS).parse_args(arguments)
-    parsed.arguments = sys.argv[1:] if arguments is None else list(arguments)
+    """Run one command and return its exit status: 0 done, 1 a known failure, 130 cancelled. Wrong usage exits with
+    2."""
+    typed, parser = with_help(sys.argv[1:] if arguments is None else arguments), parser_of(COMMANDS)
+    refuse_misspelt(parser, typed)
+    parsed = parser.parse_args(typed)
+    parsed.arguments = typed
     warnings.filterwarnings("ignore", module=r"PIL\b")  # of broken photographs, which we name ourselves
     logging.basicConfig(level=logging.WARNING, format="%(name)s: %(message)s", stream=sys.stderr)
     if parsed.verbose:

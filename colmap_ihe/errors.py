@@ -6,6 +6,9 @@ Every message says what came, what was expected and what to do; `hint` is that l
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+from difflib import get_close_matches
+
 
 class KnownError(Exception):
     """Report a failure with a known cause: `str(error)` is the cause, `error.hint` what to do about it."""
@@ -57,6 +60,12 @@ class CapabilityError(KnownError):
 
 class ClusterError(KnownError):
     """Report that the cluster, or one of its workers, is not there or not fit for the work."""
+
+
+def did_you_mean(word: str, known: Iterable[str]) -> str:
+    """Return a hint that names the word most like `word`, empty if none is like it."""
+    near = get_close_matches(word, list(known), n=1)
+    return f"did you mean {near[0]}?" if near else ""
 
 
 class Cancelled(Exception):

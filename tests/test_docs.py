@@ -64,7 +64,7 @@ def help_texts() -> dict[str, str]:
     for name, text in helps.items():
         with redirect_stdout(text), suppress(SystemExit):
             parser.parse_args([name, "--help"])
-    return {name: text.getvalue() for name, text in helps.items()}
+    return {name: text.getvalue() for name, text in helps.items()} | {"help": ""}
 
 
 @pytest.mark.parametrize("page", TODAY, ids=lambda page: str(page.relative_to(ROOT)))

@@ -11,9 +11,10 @@ from typing import Any
 from colmap_ihe.colmap.measures import images_seeing
 from colmap_ihe.colmap.native import apply_options, called, fill, pycolmap
 from colmap_ihe.colmap.process import ColmapProcesses
-from colmap_ihe.errors import MappingError
+from colmap_ihe.errors import MappingError, ProjectError
 from colmap_ihe.machine.files import replace_folder
 from colmap_ihe.machine.progress import SILENT, Progress
+from colmap_ihe.machine.threads import local_workers
 from colmap_ihe.project.options import SparseOptions
 
 _FEW = 3  # images; points that more see are the most trustworthy
@@ -50,12 +51,20 @@ class MappingInput:
 
 
 def map_images(
-    database: Path, grey: Path, sparse: Path, options: SparseOptions, images: int, progress: Progress
+    database: Path,
+    grey: Path,
+    sparse: Path,
+    options: SparseOptions,
+    images: int,
+    progress: Progress,
+    *,
+    colour: Path | None = None,
 ) -> list[ModelStatistics]:
     """Reconstruct and write every model below `sparse`, the one with most images as 0.
 
-    Models are written beside `sparse` and replace it at the end. Raises `OptionError`, `NativeError`, `MappingError`
-    if no image registers, `Cancelled`.
+    With `colour`, the folder of the colour twins, points have their colours, else grey. Models are written beside
+    `sparse` and replace it at the end. Raises `OptionError`, `NativeError`, `MappingError` if no image registers,
+    `ProjectError` where a colour twin is missing, `Cancelled`.
     """
     temporary = sparse.with_name(f".{sparse.name}.new")
     shutil.rmtree(temporary, ignore_errors=True)
@@ -71,12 +80,35 @@ def map_images(
         raise MappingError(f"none of the {images} photographs could be registered")
     ordered = _without_parts(sorted(models, key=lambda m: (-m.num_reg_images(), -m.num_points3D())))
     shutil.rmtree(work)
+    if colour is not None:
+        _colour_points(ordered, colour, progress)
     for number, model in enumerate(ordered):
         folder = temporary / str(number)
         folder.mkdir()
         model.write(folder)
     replace_folder(temporary, sparse)
     return [describe(model) for model in ordered]
+
+
+def _colour_points(models: Sequence[pycolmap.Reconstruction], colour: Path, progress: Progress) -> None:
+    """Give each point the mean colour of its observations in the colour twins, which COLMAP saw in grey."""
+    progress.start(len(models), "coloured models")
+    for model in models:
+        names = [str(model.images[i].name) for i in model.reg_image_ids()]
+        missing = next((name for name in names if not (colour / name).is_file()), None)
+        if missing is not None:  # COLMAP would make its points black
+            raise ProjectError(
+                f"{colour / missing}: no such colour twin, from which points have their colours",
+                hint="run the same command with --from convert",
+            )
+        called(
+            model.extract_colors_for_all_images,
+            colour,
+            num_threads=local_workers(),
+            progress=progress,
+            cancellable=False,
+        )
+        progress.advance()
 
 
 def _without_parts(models: Sequence[pycolmap.Reconstruction]) -> list[pycolmap.Reconstruction]:

@@ -13,7 +13,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Protocol, TypeVar
 
-from colmap_ihe.errors import Cancelled, KnownError, NativeError, OptionError
+from colmap_ihe.errors import Cancelled, KnownError, NativeError, OptionError, did_you_mean
 from colmap_ihe.machine import threads
 from colmap_ihe.machine.libraries import pycolmap as pycolmap
 from colmap_ihe.machine.progress import Progress
@@ -22,6 +22,7 @@ _T = TypeVar("_T")
 _POLL_SECONDS, _STOP_SECONDS = 0.25, 60.0
 _LOGS_KEPT = 4
 _logs_to: list[Path] = []
+_silence = threading.Lock()
 pycolmap.logging.alsologtostderr = False
 
 
@@ -55,17 +56,70 @@ _Options = TypeVar("_Options", bound=_Mergeable)
 
 def apply_options(target: _Options, values: Mapping[str, Any], section: str) -> _Options:
     """Set pycolmap's own options, and the threads that are left to COLMAP to as many as a run is limited to; return
-    the options. COLMAP checks names and types itself. Raises `OptionError` that names `section`."""
+    the options. COLMAP checks types itself. Raises `OptionError` that names `section`."""
+    _refuse_unknown(target, values, section)
     if (most := threads.limit()) is not None:
         fill(target, dict.fromkeys(("num_threads", "num_workers"), most))
     try:
-        target.mergedict(dict(values))
+        with silent():
+            target.mergedict(dict(values))
     except (AttributeError, TypeError, ValueError, RuntimeError) as error:
-        first = str(error).strip().splitlines()[0] if str(error).strip() else type(error).__name__
-        raise OptionError(
-            f"{section}: {first}", hint=f"see the options of pycolmap.{type(target).__name__}"
-        ) from error
+        why = _unfit(target, values, section) or f"{section}: {str(error).strip() or type(error).__name__}"
+        raise OptionError(why, hint=f"see the options of pycolmap.{type(target).__name__}") from error
     return target
+
+
+def _refuse_unknown(target: _Mergeable, values: Mapping[str, Any], section: str) -> None:
+    """Raise `OptionError` for a name that COLMAP has not, which it would say in its own log too."""
+    for name, value in values.items():
+        if not hasattr(target, str(name)):
+            hint = (
+                did_you_mean(str(name), target.todict())
+                or f"known there: {', '.join(sorted(target.todict()))}"
+            )
+            raise OptionError(f"{section}: COLMAP has no option {name!r} there", hint=hint)
+        inner = getattr(target, str(name))
+        if isinstance(value, Mapping) and hasattr(inner, "todict"):
+            _refuse_unknown(inner, value, f"{section}.{name}")
+
+
+def _unfit(target: _Mergeable, values: Mapping[str, Any], section: str) -> str:
+    """Name the first value that COLMAP does not take, and one that it would; empty if it takes each."""
+    for name, value in values.items():
+        inner = getattr(target, name)
+        if isinstance(value, Mapping) and hasattr(inner, "todict"):
+            if why := _unfit(inner, value, f"{section}.{name}"):
+                return why
+            continue
+        try:
+            with silent():
+                target.mergedict({name: value})
+        except (AttributeError, TypeError, ValueError, RuntimeError):
+            members = getattr(type(inner), "__members__", {})
+            expected = f"one of {', '.join(members)}" if members else _like(inner)
+            return f"{section}: {name} is {value!r:.100}; expected {expected}"
+    return ""
+
+
+def _like(value: Any) -> str:
+    return (
+        f"options of its own: {', '.join(value.todict())}"
+        if hasattr(value, "todict")
+        else f"a value such as {value!r:.60}"
+    )
+
+
+@contextmanager
+def silent() -> Iterator[None]:
+    """Let COLMAP log nothing for as long as this lasts: what it refuses, a message of ours says."""
+    log = pycolmap.logging
+    with _silence:
+        before = log.minloglevel
+        log.minloglevel = int(log.FATAL)
+        try:
+            yield
+        finally:
+            log.minloglevel = before
 
 
 def fill(target: _Mergeable, values: Mapping[str, int]) -> None:

@@ -27,7 +27,7 @@ def parser_of(functions: Mapping[str, CommandFunction]) -> argparse.ArgumentPars
         "points, a coloured dense cloud and a mesh.",
         epilog="Exit status: 0 done, 1 failed with one line that says why, 2 wrong usage, 130 stopped.",
     )
-    parser.add_argument("--version", action="version", version=f"colmap-ihe {__version__}")
+    parser.add_argument("-V", "--version", action="version", version=f"colmap-ihe {__version__}")
     subparsers = parser.add_subparsers(metavar="COMMAND", required=True)
 
     def command(name: str, text: str) -> argparse.ArgumentParser:
@@ -61,6 +61,12 @@ def parser_of(functions: Mapping[str, CommandFunction]) -> argparse.ArgumentPars
         " its time, memory and disk.",
     )
     shared.add_project(doctor, nargs="?")
+    completion = command(
+        "completion",
+        "Print a script that lets a shell complete commands and options with Tab; see docs/terminal.md.",
+    )
+    add(completion, "shell", "the shell that is to read it", choices=("bash", "zsh", "fish"))
+    subparsers.add_parser("help", help="Show the help of a command, as `help fit`", add_help=False)
     return parser
 
 
@@ -134,15 +140,15 @@ def _add_fit(command: Command) -> None:
         "Fit the grey weights of a set of photographs, without COLMAP. IMAGES are folders or files; projects, and "
         "histograms of earlier fits, of which no photograph is read again. See docs/campaigns.md.",
     )
-    add(parser, "images IMAGES", nargs="+")
+    add(parser, "images IMAGES", "folders, photographs, projects or histograms", nargs="+")
     add(parser, "-o --output FILE", "write the weights, for convert")
     add(parser, "--histogram FILE", "write the histogram, for a later fit over more photographs")
     shared.add_weights(parser, "fit nothing: say whether these weights fit the photographs")
     text = "of ihe; none is the paper to the letter"
     add(parser, "--guard", text, choices=("noise", "none"), default="noise")
-    add(parser, "--step", "of the grid of weights (0.01)", type=float, default=0.01)
-    add(parser, "--sample", "part of each side of a photograph to read (1)", type=float, default=1.0)
-    text = "let each count the same (pixel)"
+    add(parser, "--step", "of the grid of weights", type=float, default=0.01)
+    add(parser, "--sample", "part of each side of a photograph to read", type=float, default=1.0)
+    text = "let each count the same"
     add(parser, "--weighting", text, choices=("pixel", "image"), default="pixel")
     text = "of RAW: read the photographs a second time, to count grey levels at full depth"
     add(parser, "--recount", text, action=argparse.BooleanOptionalAction, default=True)
@@ -160,7 +166,7 @@ def _add_convert(command: Command) -> None:
     add(parser, "out OUT", "the folder for the grey images")
     add(parser, "--colour DIR", "also a colour image for each grey one, same name and pixels")
     shared.add_weights(parser, "weights of another campaign, from fit -o")
-    add(parser, "--format", choices=tuple(SUFFIXES), default="png")
+    add(parser, "--format", "of the grey images", choices=tuple(SUFFIXES), default="png")
     add(parser, "--tone", "of RAW photographs", choices=TONES, default="sqrt")
     add_switch(parser, "--wallis", "enhance local contrast; a colour is then not the same grey")
     shared.add_development(parser)

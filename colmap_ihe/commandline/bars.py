@@ -45,8 +45,7 @@ class Terminal:
         self._bar = progress.Progress(
             progress.TextColumn("{task.description:>9}"),
             progress.BarColumn(bar_width=32),
-            progress.MofNCompleteColumn(),
-            progress.TextColumn("{task.fields[unit]}"),
+            _Units(),
             progress.TimeElapsedColumn(),
             _RemainingTime(stage),
             console=self.console,
@@ -65,6 +64,8 @@ class Terminal:
             self._print_tenth(stage)
 
     def _print_tenth(self, stage: StageCounter) -> None:
+        if stage.total == 1:  # the stage itself has a line already
+            return
         percent = 100 * stage.done // stage.total
         if not stage.done:
             self._percent = 0
@@ -122,6 +123,16 @@ class Terminal:
 
     def _print(self, name: str, text: str, style: str = "") -> None:
         self.console.print(Text(printable(f"{name:>9}  {text}"), style=style))
+
+
+class _Units(progress.ProgressColumn):
+    """Show how many units are done, as "5/11 images"; nothing where the only one is the work itself."""
+
+    def render(self, task: progress.Task) -> Text:
+        unit = task.fields["unit"]
+        if task.total is None or task.total <= 1:
+            return Text(unit if task.total is None else "")
+        return Text(f"{int(task.completed)}/{int(task.total)} {unit}", style="progress.download")
 
 
 class _RemainingTime(progress.ProgressColumn):

@@ -9,9 +9,11 @@ from contextlib import ExitStack
 from dataclasses import asdict
 from typing import Any
 
+import shtab
+
 from colmap_ihe.batch.driver import batch
 from colmap_ihe.batch.folder import BatchFolder
-from colmap_ihe.commandline.arguments import CommandFunction
+from colmap_ihe.commandline.arguments import CommandFunction, parser_of
 from colmap_ihe.commandline.bars import print_batch, print_summary, print_table
 from colmap_ihe.commandline.display import Display, printable
 from colmap_ihe.commandline.shared_arguments import camera_assignments, development, run_assignments
@@ -69,7 +71,8 @@ def _reconstruct(parsed: argparse.Namespace, display: Display) -> None:
         return
     print_summary(done.summary, title=str(parsed.project))
     _print_report(done)
-    for name, path in (("sparse", done.sparse_model), ("dense", done.dense_cloud), ("mesh", done.mesh)):
+    mesh = done.textured_mesh or done.mesh
+    for name, path in (("sparse", done.sparse_model), ("dense", done.dense_cloud), ("mesh", mesh)):
         if path.exists() and done.summary["stages"].get(name) is not None:
             print(f"{name:<9} {path}")
 
@@ -108,8 +111,7 @@ def _batch(parsed: argparse.Namespace, display: Display) -> None:
 
 def _print_report(done: Reconstruction) -> None:
     """Print where the page is, or where the run ended before it the summary."""
-    page = done.project.page_file
-    print(f"report    {page if page.exists() else done.project.summary_file}")
+    print(f"report    {done.page or done.project.summary_file}")
 
 
 def _demo(parsed: argparse.Namespace, display: Display) -> None:
@@ -208,6 +210,12 @@ def _doctor(parsed: argparse.Namespace, display: Display) -> None:
         print_table("", [(name, str(value)) for name, value in values.items()])
 
 
+def _completion(parsed: argparse.Namespace, display: Display) -> None:
+    script = shtab.complete(parser_of(COMMANDS), parsed.shell)
+    if not _printed_as_json(parsed, display, {"script": script}):
+        print(script)
+
+
 def _printed_as_json(parsed: argparse.Namespace, display: Display, values: Any) -> bool:
     """Print the result as JSON where that is asked for."""
     if parsed.json:
@@ -215,5 +223,17 @@ def _printed_as_json(parsed: argparse.Namespace, display: Display, values: Any) 
     return bool(parsed.json)
 
 
-_FUNCTIONS = (_demo, _reconstruct, _batch, _fit, _convert, _develop, _status, _compare, _report, _doctor)
+_FUNCTIONS = (
+    _demo,
+    _reconstruct,
+    _batch,
+    _fit,
+    _convert,
+    _develop,
+    _status,
+    _compare,
+    _report,
+    _doctor,
+    _completion,
+)
 COMMANDS: dict[str, CommandFunction] = {function.__name__[1:]: function for function in _FUNCTIONS}

@@ -9,6 +9,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any, get_args
 
+import shtab
+
 from colmap_ihe.grey.conversions import CONVERSIONS
 from colmap_ihe.project.options import DevelopOptions
 from colmap_ihe.project.options_file import load_options
@@ -21,13 +23,20 @@ _PATHS = {"PROJECT", "ROOT", "IMAGES", "OUT", "DIR", "FILE"}
 
 
 def add(parser: Parser, names: str, text: str | None = None, **more: Any) -> None:
-    """Add an argument, as `-o --output FILE`: its names, and what its value is called, if it has one."""
+    """Add an argument, as `-o --output FILE`: its names, and what its value is called, if it has one. Its help ends
+    with its default, in brackets; `text` may say it in words."""
     *words, value = names.split()
     if value.isupper():
         kind = {"type": Path} if value in _PATHS else {}
-        parser.add_argument(*words, **{"metavar": value, "help": text, **kind, **more})
+        action = parser.add_argument(*words, **{"metavar": value, "help": text, **kind, **more})
     else:
-        parser.add_argument(*words, value, help=text, **more)
+        action = parser.add_argument(*words, value, help=text, **more)
+    if value in _PATHS:  # what a shell completes
+        action.complete = shtab.FILE if value in ("FILE", "IMAGES") else shtab.DIRECTORY  # type: ignore[attr-defined]
+    if isinstance(action, argparse.BooleanOptionalAction):
+        action.help = f"{text} ({'on' if action.default else 'off'})"
+    elif action.option_strings and action.nargs != 0 and not str(text).endswith(")"):
+        action.help = f"{text} ({'none' if action.default in (None, []) else '%(default)s'})"
 
 
 def add_switch(parser: Parser, names: str, text: str) -> None:
@@ -119,7 +128,8 @@ def duration(text: str) -> float:
 def add_weights(parser: argparse.ArgumentParser, weights_help: str) -> None:
     """Add --method and --weights, of which one may be given."""
     group = parser.add_mutually_exclusive_group()
-    add(group, "--method", choices=tuple(CONVERSIONS), default="ihe")
+    text = "the conversion to grey, see docs/conversions.md"
+    add(group, "--method", text, choices=tuple(CONVERSIONS), default="ihe")
     add(group, "--weights FILE", weights_help)
 
 
@@ -127,11 +137,14 @@ def add_development(parser: argparse.ArgumentParser) -> None:
     """Add the options of development of RAW, and --strict."""
     group = parser.add_argument_group("development of RAW, as `develop` in docs/options.md")
     add(group, "--calibration DIR", "holds bias/, darks/, flats/ or bad-pixels.txt")
-    add(group, "--demosaic", choices=get_args(Demosaic), default="linear")
-    add(group, "--green-equilibrium", action=argparse.BooleanOptionalAction, default=True)
+    text = "how colours between the pixels of a mosaic are found"
+    add(group, "--demosaic", text, choices=get_args(Demosaic), default="linear")
+    text = "bring both greens of a Bayer mosaic level"
+    add(group, "--green-equilibrium", text, action=argparse.BooleanOptionalAction, default=True)
     add_switch(group, "--find-bad-pixels", "look for them over the set, without dark frames")
     choices = ("as_shot", "normalise")
-    add(group, "--exposure", "normalise: by EXIF", choices=choices, default="as_shot")
+    text = "normalise: to one exposure, by EXIF"
+    add(group, "--exposure", text, choices=choices, default="as_shot")
     add_switch(group, "--balance", "colour balance across the set, of any photographs")
     add(group, "--denoise N", "in deviations of the noise, of any photographs", type=float, default=0.0)
     add_strict(parser)

@@ -8,6 +8,7 @@ from typing import Any, Literal
 
 from colmap_ihe.colmap.native import apply_options, called, cuda_devices, pycolmap
 from colmap_ihe.errors import CapabilityError
+from colmap_ihe.machine.files import link_or_copy
 from colmap_ihe.machine.progress import SILENT, Progress
 
 Backend = Literal["patchmatch", "sgm"]
@@ -35,12 +36,10 @@ def patchmatch_depth_maps(
     native = patchmatch_options(options or {})
     progress.start(1, "runs of PatchMatch")
     called(pycolmap.patch_match_stereo, dense_dir / "grey", options=native, progress=progress)
-    # Copied by link, not moved: COLMAP skips the maps that it finds in its own workspace.
+    # Linked or copied, not moved: COLMAP skips the maps that it finds in its own workspace.
     for source in (dense_dir / "grey" / "stereo").glob("*_maps/**/*.geometric.bin"):
         target = dense_dir / source.relative_to(dense_dir / "grey")
-        target.parent.mkdir(parents=True, exist_ok=True)
-        target.unlink(missing_ok=True)
-        target.hardlink_to(source)
+        link_or_copy(source, target)
     progress.advance()
 
 

@@ -10,18 +10,20 @@ from collections.abc import Mapping
 from concurrent.futures import FIRST_COMPLETED, Executor, Future, ThreadPoolExecutor, wait
 from contextlib import nullcontext
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 
 from colmap_ihe.colmap.native import pycolmap
 from colmap_ihe.dense.camera import Array, Float32, Float64, PinholeCamera
+from colmap_ihe.dense.sparse_points import SparsePoints, sparse_points
 from colmap_ihe.dense.stereo.depth import depth_and_normals
 from colmap_ihe.dense.stereo.sources import choose_sources
 from colmap_ihe.dense.stereo.views import StereoView
 from colmap_ihe.dense.undistort import read_grey, read_mask
 from colmap_ihe.errors import Cancelled, ProjectError
-from colmap_ihe.machine.executor import TaskProgress
+from colmap_ihe.machine.executor import TaskProgress, in_order
 from colmap_ihe.machine.files import require_same_folder
 from colmap_ihe.machine.progress import SILENT, Progress
 from colmap_ihe.machine.threads import cores
@@ -69,15 +71,19 @@ def sgm_depth_maps(
     """
     model = pycolmap.Reconstruction(dense_dir / "sparse")
     cameras = {image_id: camera_of(model, image_id) for image_id in sorted(model.reg_image_ids())}
+    names = {image_id: str(model.images[image_id].name) for image_id in cameras}
+    points = sparse_points(model, progress)
     counts = DepthCounts()
     jobs = []
-    for reference in cameras:
-        progress.check()
-        job, left_out = _plan(dense_dir, model, cameras, reference, sources_per_image)
-        jobs.append(job)
-        counts.pairs_used += len(job.names) - 1
-        for image_id, reason in left_out.items():
-            counts.pairs_left_out[f"{job.names[0]} | {model.images[image_id].name}"] = reason
+    progress.start(len(cameras), "depth maps planned")
+    plan = partial(_plan, dense_dir, names, cameras, points, sources_per_image)
+    with ThreadPoolExecutor(cores()) as threads:
+        for job, left_out in in_order(threads, plan, cameras, progress=progress):
+            jobs.append(job)
+            counts.pairs_used += len(job.names) - 1
+            for image_id, reason in left_out.items():
+                counts.pairs_left_out[f"{job.names[0]} | {names[image_id]}"] = reason
+            progress.advance()
     for unfinished in (dense_dir / "stereo").rglob("*.part"):
         unfinished.unlink()
     progress.start(len(jobs), "depth maps")
@@ -88,24 +94,18 @@ def sgm_depth_maps(
 
 def _plan(
     dense_dir: Path,
-    model: pycolmap.Reconstruction,
+    names: Mapping[int, str],
     cameras: Mapping[int, PinholeCamera],
-    reference: int,
+    points: SparsePoints,
     count: int,
+    reference: int,
 ) -> tuple[_Job, dict[int, str]]:
     """Return the depth map of image id `reference` as a job, and the sources that were left out, with the reason."""
-    observations = model.images[reference].get_observation_points2D()
-    ids = list(
-        dict.fromkeys(point.point3D_id for point in observations)
-    )  # an image may have two of one point
-    points = [model.points3D[point_id] for point_id in ids]
-    points_world = np.array([point.xyz for point in points]).reshape(-1, 3)
-    seen = {(row, element.image_id) for row, point in enumerate(points) for element in point.track.elements}
-    rows, images = np.array(sorted(seen), np.int64).reshape(-1, 2).T
+    points_world, rows, images = points.seen_from(reference)
     chosen, left_out = choose_sources(reference, cameras, points_world, rows, images, count)
     members = (reference, *chosen)
-    names = tuple(model.images[image_id].name for image_id in members)
-    return _Job(dense_dir, names, tuple(cameras[key] for key in members), points_world), left_out
+    own_names = tuple(names[image_id] for image_id in members)
+    return _Job(dense_dir, own_names, tuple(cameras[key] for key in members), points_world), left_out
 
 
 def _run_all(

@@ -29,6 +29,7 @@ from colmap_ihe.machine.progress import SILENT, Progress
 
 FILES = ("mesh.glb", "mesh.obj", "mesh.mtl", "mesh.jpeg")
 _JPEG_QUALITY = 95
+_UNLIT = "KHR_materials_unlit"
 
 
 @dataclass(frozen=True)
@@ -111,6 +112,13 @@ class _Coded:
         fp.write(self.content)
 
 
+def _unlit(tree: dict[str, Any]) -> None:
+    """Say in a glTF tree that its materials are not to be lit: light and shade are in the photographs already."""
+    tree["extensionsUsed"] = sorted({*tree.get("extensionsUsed", ()), _UNLIT})
+    for material in tree["materials"]:
+        material.setdefault("extensions", {})[_UNLIT] = {}
+
+
 def _write(folder: Path, mesh: Mesh, atlas: Atlas, vertex: Int64, texture: UInt8, turn: Float64) -> None:
     """Write the GLB and OBJ files.
 
@@ -140,7 +148,9 @@ def _write(folder: Path, mesh: Mesh, atlas: Atlas, vertex: Int64, texture: UInt8
     node_transform = np.eye(4)
     node_transform[:3, :3] = turn
     scene.add_geometry(surface, node_name="mesh", geom_name="mesh", transform=node_transform)
-    write_bytes(folder / "mesh.glb", scene.export(file_type="glb", include_normals=True))
+    write_bytes(
+        folder / "mesh.glb", scene.export(file_type="glb", include_normals=True, tree_postprocessor=_unlit)
+    )
     white = [255, 255, 255, 255]
     plain = trimesh.visual.material.SimpleMaterial(
         name="mesh", image=_Coded(jpeg, atlas.size), ambient=white, diffuse=white, specular=[0, 0, 0, 255]

@@ -1,7 +1,8 @@
 """Write the COLMAP dense workspace: undistorted images, grey and in colour, and their masks.
 
 `dense_dir` becomes a plain COLMAP dense workspace whose `images/` are the colour twins, so that fusion,
-meshing and texturing see colour. `dense_dir/grey` is a second one, of the grey images on the same pixel
+meshing and texturing see colour. Its model is there twice, in `sparse/` for COLMAP and in `sparse/0/` for the programs
+of Gaussian splatting, which look for it there. `dense_dir/grey` is a second one, of the grey images on the same pixel
 grid: there matching happens. `dense_dir/masks` holds a mask for each image, black where pixels are ignored.
 """
 
@@ -68,6 +69,8 @@ def undistort(
         )
         _require_files(workspace / "images", names)
         progress.advance()
+    for file in sorted(p for p in (dense_dir / "sparse").iterdir() if p.is_file()):
+        write_bytes(dense_dir / "sparse" / "0" / file.name, file.read_bytes())
     if masks_dir is not None and masks_dir.is_dir():
         _undistort_masks(masks_dir, dense_dir, model, options, progress)
     return len(names)

@@ -11,7 +11,7 @@ import shutil
 import time
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from dataclasses import asdict
 from functools import partial
 from pathlib import Path
@@ -31,7 +31,14 @@ from colmap_ihe.evaluation.tables import LEFT_OUT, METHODS, PAPER, MethodResult,
 from colmap_ihe.evaluation.truth import Truth
 from colmap_ihe.grey.conversions import CONVERSIONS
 from colmap_ihe.machine.executor import local_executor
-from colmap_ihe.machine.files import fingerprint_of, read_json, require_room, write_bytes, write_json
+from colmap_ihe.machine.files import (
+    fingerprint_of,
+    link_or_copy_folder,
+    read_json,
+    require_room,
+    write_bytes,
+    write_json,
+)
 from colmap_ihe.machine.libraries import library_versions
 from colmap_ihe.machine.progress import SILENT, RunProgress
 from colmap_ihe.machine.threads import limited
@@ -141,12 +148,13 @@ def _project_of(compared: Project, common: Project, method: str, options: Option
     project = Project.at(common.root / method, compared.images)
     project.records.mkdir(parents=True, exist_ok=True)
     for given in (compared.masks, compared.calibration):
-        if given.is_dir() and not (project.root / given.name).exists():
-            (project.root / given.name).symlink_to(given.resolve(), target_is_directory=True)
+        if given.is_dir():
+            link_or_copy_folder(given, project.root / given.name)
     write_bytes(project.options_file, yaml.safe_dump(options.as_yaml(), sort_keys=False).encode())
     common.masters.mkdir(parents=True, exist_ok=True)
     if not project.masters.exists():
-        project.masters.symlink_to(common.masters, target_is_directory=True)
+        with suppress(OSError):  # a disk without links: then each method finds them for itself
+            project.masters.symlink_to(common.masters, target_is_directory=True)
     for digests in sorted(common.root.glob(f"*/{project.digests_file.relative_to(project.root)}")):
         if not project.digests_file.exists():
             write_bytes(project.digests_file, digests.read_bytes())

@@ -77,6 +77,30 @@ def odd_below(folder: Path, deep: bool = True) -> Iterator[Path]:
                 yield folder / entry.name
 
 
+def link_or_copy(source: Path, target: Path) -> None:
+    """Give a file a second name, or copy it where the disk has no hard links, as exFAT and many network shares; what
+    was at `target` is replaced. Raises OSError."""
+    target.parent.mkdir(parents=True, exist_ok=True)
+    target.unlink(missing_ok=True)
+    try:
+        target.hardlink_to(source)
+    except OSError:  # systems give many numbers for it; a disk that is gone or full fails below too
+        part = target.with_name(f"{target.name}.{secrets.token_hex(4)}.part")
+        shutil.copyfile(source, part)
+        part.replace(target)
+
+
+def link_or_copy_folder(source: Path, target: Path) -> None:
+    """Make `target` a link to a folder, or a fresh copy of it where the disk has no links. Raises OSError."""
+    if target.is_symlink():
+        return
+    shutil.rmtree(target, ignore_errors=True)
+    try:
+        target.symlink_to(source.resolve(), target_is_directory=True)
+    except OSError:
+        shutil.copytree(source, target)
+
+
 @contextmanager
 def room_on_disk(path: Path) -> Iterator[None]:
     """Turn the system's errors of a full, read-only or vanished disk into one line that names `path`."""

@@ -15,7 +15,7 @@ import PIL.Image  # noqa: F401
 import pycolmap as pycolmap  # isort: skip  after zlib, cv2 and PIL; others take it from here
 import rawpy
 
-__version__ = "0.1.0"
+__version__ = "0.2.0"
 
 
 def library_versions(*names: str) -> dict[str, str]:

@@ -121,7 +121,7 @@ def _fingerprint(
     else:
         how = ["grey", weights, options.tone if linear else None, options.wallis]
     recipe = photograph.capture.recipe
-    recipe = recipe if is_colour else replace(recipe, white_balance=())
+    recipe = recipe if is_colour else recipe.unbalanced()
     about = [run.digests[photograph.capture.name], recipe.identity(), photograph.metadata.exif.hex()]
     return fingerprint_of(__version__, versions, about, options.format, how)
 
@@ -131,7 +131,11 @@ def _fitted(run: FolderRun, options: FitOptions, ledger: Ledger, tone: Tone) -> 
     trial = Trial(tone) if options.method == "auto" else None
     versions = library_versions("rawpy", "libraw", *(["pycolmap"] if trial else []))
     captures = [s.capture for s in run.surveyed]
-    content = sorted([c.name, run.digests[c.name], c.recipe.identity()] for c in captures)
+    is_balanced = options.method in ("auto", "rec709")  # which weigh balanced channels of RAW
+    recipes = [c.recipe if is_balanced else c.recipe.unbalanced() for c in captures]
+    content = sorted(
+        [c.name, run.digests[c.name], recipe.identity()] for c, recipe in zip(captures, recipes, strict=True)
+    )
     key = fingerprint_of(
         __version__, versions, content, options.model_dump(), asdict(trial) if trial else None
     )

@@ -73,4 +73,4 @@ def _develop_one(folder: Path, photograph: Surveyed) -> None:
 
 def _own(photograph: Surveyed) -> Capture:
     """Return the capture with the white balance of its shot: that of the set is found where the TIFF is used."""
-    return replace(photograph.capture, recipe=replace(photograph.capture.recipe, white_balance=()))
+    return replace(photograph.capture, recipe=photograph.capture.recipe.unbalanced())

@@ -92,9 +92,14 @@ def memory_warnings(needs: StageNeeds) -> list[str]:
     ]
 
 
+def most_bytes(needs: StageNeeds) -> int:
+    """Return the memory of a stage with as many workers as there are cores, or as there is memory for."""
+    workers = memory.most_at_once(needs.one_bytes, memory.available(), local_workers())
+    return max(needs.memory_bytes(workers), needs.base_bytes + needs.more_bytes)
+
+
 def in_words(needs: StageNeeds) -> str:
     """Describe needs with as many workers as there are cores, or as there is memory for."""
-    workers = memory.most_at_once(needs.one_bytes, memory.available(), local_workers())
-    most = max(needs.memory_bytes(workers), needs.base_bytes + needs.more_bytes)
+    most = most_bytes(needs)
     disk = f", {in_bytes(needs.disk_bytes)} on disk" if needs.disk_bytes else ""
     return f"{in_bytes(most)} of memory{disk}"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,7 +17,7 @@ from colmap_ihe.dense.undistort import read_colour, read_grey
 from colmap_ihe.errors import KnownError
 from colmap_ihe.grey.weights import FIXED
 from colmap_ihe.machine.executor import in_order, threads_of
-from colmap_ihe.machine.files import write_bytes
+from colmap_ihe.machine.files import read_json, write_bytes
 from colmap_ihe.machine.libraries import library_versions
 from colmap_ihe.machine.progress import Progress, RunProgress
 from colmap_ihe.pipeline import model_view
@@ -49,13 +50,23 @@ class _Look:
     tones_rec709: NDArray[np.int64]
 
 
-def page_of(run: RunContext, summary: Mapping[str, Any], progress: RunProgress) -> None:
-    """Write the page at the end of a run. Where it cannot be written the model is there all the same, and a warning."""
+def page_of(run: RunContext, summary: Mapping[str, Any], progress: RunProgress) -> float | None:
+    """Write the page at the end of a run, and return the seconds. Where it cannot be written the model is there all
+    the same, a warning, and None."""
+    began = time.monotonic()
     try:
         with progress.stage("page") as stage_progress:
             write_page(run, summary, stage_progress)
     except KnownError as error:
         progress.warn(f"no page was written: {error}")
+        return None
+    return round(time.monotonic() - began, 2)
+
+
+def seconds_in(summary_file: Path) -> float | None:
+    """Return how long the page took, as an earlier summary says, None where it does not."""
+    seconds = (read_json(summary_file) or {}).get("page_seconds")
+    return float(seconds) if isinstance(seconds, int | float) and not isinstance(seconds, bool) else None
 
 
 def write_page(run: RunContext, summary: Mapping[str, Any], progress: Progress) -> Path:
@@ -66,7 +77,7 @@ def write_page(run: RunContext, summary: Mapping[str, Any], progress: Progress) 
 
 def gather(run: RunContext, summary: Mapping[str, Any], progress: Progress) -> Contents:
     """Return all that the page shows of a project that is converted at least. Raises `KnownError`s."""
-    project, records, options = run.project, run.records, run.options
+    began, project, records, options = time.monotonic(), run.project, run.records, run.options
     grey_of: Mapping[str, str] = records["convert"]["grey"]
     some = _spread(sorted(grey_of), _PICTURED)
     progress.start(len(some), "photographs looked at")
@@ -80,22 +91,25 @@ def gather(run: RunContext, summary: Mapping[str, Any], progress: Progress) -> C
     greys = [grey_of.get(p.name, "") for p in photographs]
     compared = not is_default(summary)  # else the grey would be compared with itself
     matched = model_view.verified_matches(project.database, greys) if "matches" in records else None
+    pairs = _pairs(project, summary, grey_of, matched, photographs, compared, progress)
+    cloud = _cloud(project, records, model) if model else None
+    took = round(time.monotonic() - began, 2)  # all but the writing
     return Contents(
         title=project.root.name,
         result=_result(summary),
-        rows=summary_rows(summary),
+        rows=summary_rows({**summary, "page_seconds": took}),
         grey=_grey(summary, options, list(looks.values()), compared),
         photographs=photographs,
-        cloud=_cloud(project, records, model) if model else None,
+        cloud=cloud,
         cameras=_cameras(grey_of, model) if model else (),
         sliders=[
             _slider(project, name, grey_of[name]) for name in _spread(sorted(looks), _SLIDERS) if compared
         ],
-        pairs=_pairs(project, summary, grey_of, matched, photographs, compared, progress),
+        pairs=pairs,
         points_by_images=model.points_by_images() if model else {},
         matches=matched,
         warnings=summary["warnings"],
-        seconds=summary["stages"],
+        seconds={**summary["stages"], "page": took},
         versions=library_versions("pycolmap", "opencv", "rawpy", "libraw"),
         options=yaml.safe_dump(options.as_yaml(), sort_keys=False),
         methods_sentence=methods_sentence(summary, options, library_versions("pycolmap")["pycolmap"]),

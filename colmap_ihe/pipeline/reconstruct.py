@@ -20,7 +20,7 @@ from colmap_ihe.photographs.discover import discover
 from colmap_ihe.pipeline import outputs
 from colmap_ihe.pipeline.estimates import disk_warnings, needs_of, stage_parts
 from colmap_ihe.pipeline.input_digests import digests_of
-from colmap_ihe.pipeline.page import page_of
+from colmap_ihe.pipeline.page import page_of, seconds_in
 from colmap_ihe.pipeline.records import fingerprints, inputs_of, read_record, why_stale
 from colmap_ihe.pipeline.repeat import RunRecord, differences_from, write_run_record
 from colmap_ihe.pipeline.resource_needs import Known, PhotoSetSize
@@ -36,11 +36,13 @@ from colmap_ihe.project.options import Options
 
 @dataclass(frozen=True)
 class Reconstruction:
-    """Hold what a run left: the project's folder, the summary of report/summary.json, and the stages that ran."""
+    """Hold what a run left: the project's folder, the summary of report/summary.json, the stages that ran, and the page
+    if it is of this run or still true."""
 
     project: Project
     summary: Mapping[str, Any]
     stages_run: tuple[str, ...]
+    page: Path | None = None
 
     @property
     def sparse_model(self) -> Path:
@@ -56,6 +58,11 @@ class Reconstruction:
     def mesh(self) -> Path:
         """Return the file of the mesh with vertex colours; the textured one lies beside it."""
         return self.project.mesh
+
+    @property
+    def textured_mesh(self) -> Path | None:
+        """Return the file of the mesh with its texture, None without one."""
+        return self.project.mesh.with_suffix(".glb") if self.summary["mesh_texture"] else None
 
 
 def reconstruct(
@@ -113,11 +120,29 @@ def reconstruct(
         summary = summarise(run.records, options)
         if "fit" in run.records:
             write_weights_file(run)
-        write_json(folder.summary_file, summary)
-        if "sparse" in run.records and (ran or not folder.page_file.exists()):
-            page_of(run, summary, progress)
+        page = _write_summary_and_page(run, summary, bool(ran), progress)
         outputs.remove_unfinished(folder)  # of workers that were killed, and whose tasks others did
-    return Reconstruction(folder, summary, ran)
+    return Reconstruction(folder, summary, ran, page)
+
+
+def _write_summary_and_page(
+    run: RunContext, summary: dict[str, Any], anew: bool, progress: RunProgress
+) -> Path | None:
+    """Write report/summary.json, and the page if there is a model and the page is not of it; return the page of the
+    model, None without one."""
+    file, page = run.project.summary_file, run.project.page_file
+    if not anew and page.exists():
+        summary["page_seconds"] = seconds_in(file)
+    write_json(file, summary)
+    if "sparse" not in run.records:
+        return None
+    if anew or not page.exists():
+        seconds = page_of(run, summary, progress)
+        if seconds is None:
+            return None
+        summary["page_seconds"] = seconds
+        write_json(file, summary)
+    return page
 
 
 def _run(run: RunContext, progress: RunProgress) -> tuple[str, ...]:

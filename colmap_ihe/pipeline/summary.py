@@ -62,6 +62,7 @@ def summarise(records: Mapping[str, Mapping[str, Any]], options: Options) -> dic
         "mesh_faces": mesh.get("faces"),
         "mesh_texture": [mesh["texture"]["width"], mesh["texture"]["height"]] if "texture" in mesh else None,
         "stages": {name: record["seconds"] for name, record in records.items()},
+        "page_seconds": None,
         "warnings": [text for record in records.values() for text in record["warnings"]],
     }
 

@@ -60,6 +60,11 @@ class Project:
     def at(cls, root: Path, images: Path | None = None) -> Project:
         """Return the project in a folder. Raises `ProjectError` if there is no folder of photographs."""
         folder = images or root / "images"
+        if images is None and not folder.is_dir() and root.name == "images" and root.is_dir():
+            raise ProjectError(
+                f"{root}: is the folder of the photographs, expected the project's folder, which holds it",
+                hint=f"name {root.absolute().parent}",
+            )
         if not folder.is_dir():
             raise ProjectError(
                 f"{folder}: no such folder of photographs",

@@ -17,7 +17,7 @@ from urllib.parse import urlsplit
 
 from pydantic import ValidationError
 
-from colmap_ihe.errors import OptionError
+from colmap_ihe.errors import OptionError, did_you_mean
 from colmap_ihe.project.options import KnownCamera, Options
 from colmap_ihe.project.safe_yaml import parse_yaml, read_yaml, refuse_no_text
 
@@ -114,8 +114,11 @@ def _validate(values: Mapping[str, Any], source: str) -> Options:
         place = ".".join(str(part) for part in first["loc"])[:_SHOWN]
         message = first["msg"].removeprefix("Value error, ")
         if first["type"] == "extra_forbidden":
+            known = _known(first["loc"])
+            near = did_you_mean(str(first["loc"][-1]), known)
+            hint = f"{near} " if near else ""
             raise OptionError(
-                f"{source}: unknown option {place!r}", hint=f"known there: {_known(first['loc'])}"
+                f"{source}: unknown option {place!r}", hint=f"{hint}known there: {', '.join(known)}"
             ) from error
         raise OptionError(
             f"{source}: {place} is {first['input']!r:.{_SHOWN}}; {message[:1].lower()}{message[1:]}",
@@ -123,13 +126,13 @@ def _validate(values: Mapping[str, Any], source: str) -> Options:
         ) from error
 
 
-def _known(location: tuple[int | str, ...]) -> str:
+def _known(location: tuple[int | str, ...]) -> list[str]:
     section = Options.model_fields.get(str(location[0]))
     if len(location) == 1 or section is None:
-        return ", ".join(Options.model_fields)
+        return list(Options.model_fields)
     if location[0] == "cameras":
-        return ", ".join(KnownCamera.model_fields)
-    return ", ".join(type(section.default).model_fields)
+        return list(KnownCamera.model_fields)
+    return list(type(section.default).model_fields)
 
 
 def named_paths(values: Mapping[str, Any]) -> Iterator[tuple[str, str]]:

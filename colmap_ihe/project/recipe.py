@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any, Literal
 
@@ -45,6 +45,10 @@ class Recipe:
         plain = {k: Path(v).name if k in FILES else v for k, v in self.as_dict().items()}
         plain.pop("cache_folder", None)
         return plain
+
+    def unbalanced(self) -> Recipe:
+        """Return the same without its white balance, on which no grey image depends."""
+        return replace(self, white_balance=())
 
     def as_dict(self) -> dict[str, Any]:
         """Return what differs from `Recipe()`, as plain values; `recipe_from_dict` reads it back."""

@@ -71,8 +71,10 @@ def summary_rows(summary: Mapping[str, Any]) -> list[tuple[str, str]]:
         rows.append(("mesh", f"{summary['mesh_faces']:,} triangles with {look}"))
     for name, value in summary.get("truth", {}).items():
         rows.append((f"truth: {name.replace('_', ' ')}", f"{value:.4g}"))
-    stages = ", ".join(f"{name} {seconds:.0f} s" for name, seconds in summary["stages"].items())
-    return [*rows, ("time", f"{stages}: {sum(summary['stages'].values()):.0f} s")]
+    page = summary.get("page_seconds")
+    times = {**summary["stages"], **({} if page is None else {"page": page})}
+    stages = ", ".join(f"{name} {seconds:.0f} s" for name, seconds in times.items())
+    return [*rows, ("time", f"{stages}: {sum(times.values()):.0f} s")]
 
 
 def weights_in_words(weights: Sequence[float]) -> str:

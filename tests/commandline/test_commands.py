@@ -5,6 +5,7 @@ from __future__ import annotations
 import errno
 import json
 import os
+import re
 import shutil
 from pathlib import Path
 
@@ -88,7 +89,23 @@ def test_reconstruct_prints_its_summary(capsys: Captured, finished: Path) -> Non
     assert "8 of 8" in text
     assert str(finished / "workspace/sparse/0") in text
     assert str(finished / "workspace/dense/0/fused.ply") in text
-    assert str(finished / "workspace/dense/0/mesh.ply") in text
+    assert str(finished / "workspace/dense/0/mesh.glb") in text
+    assert str(finished / "report/index.html") in text
+    assert re.search(r"dense \d+ s, mesh \d+ s, page \d+ s: ", text)
+
+
+def test_the_page_of_an_earlier_run_is_not_named(capsys: Captured, finished: Path) -> None:
+    text = output_of(capsys, "reconstruct", finished, *SETTINGS, "--from", "fit", "--until", "convert")
+    assert "index.html" not in text
+    assert str(finished / "report/summary.json") in text
+
+
+def test_the_folder_of_photographs_is_not_taken_for_the_project(capsys: Captured, photos: Path) -> None:
+    images = photos.parent / "images"
+    photos.rename(images)
+    line = failure_of(capsys, "reconstruct", images)
+    assert f"{images}: is the folder of the photographs" in line and f"(name {images.parent})" in line
+    assert "images/images" not in line
 
 
 def test_status_as_table_and_json(capsys: Captured, finished: Path) -> None:
@@ -160,6 +177,7 @@ def test_doctor_says_what_is_there(capsys: Captured) -> None:
     assert result["memory_gb"] > 0.1
     assert {"python", "pycolmap", "numpy", "rawpy", "free_disk_gb"} <= result.keys()
     assert "dense_backend" in output_of(capsys, "doctor")
+    assert re.match(r"enough for photographs, at the most: [\d,]+ of 12 megapixels, ", result["verdict"])
 
 
 def test_doctor_says_what_dense_stereo_of_a_project_will_take(photos: Path, capsys: Captured) -> None:
@@ -169,6 +187,8 @@ def test_doctor_says_what_dense_stereo_of_a_project_will_take(photos: Path, caps
     assert result["dense_megapixels"] > 0
     assert result["dense_maps_at_once"] >= 1
     assert {"dense_memory_gb", "dense_disk_gb", "dense_minutes"} <= result.keys()
+    assert result["verdict"].startswith("enough: up to ")
+    assert re.search(r"of memory, .* on disk, about \d+ min$", result["dense_will_take"])
     smaller = json_of(capsys, *project, "--set", "dense.backend=sgm", "--set", "dense.max_image_size=64")
     assert smaller["dense_megapixels"] <= result["dense_megapixels"]
     assert main(["doctor", str(photos / "missing")]) == 1

@@ -62,6 +62,23 @@ def test_a_pipe_has_lines(capsys: Captured, quiet: bool, lines: list[str]) -> No
     assert text == [*lines, *([] if quiet else ["arch  begun"]), "arch  crashed: crashed in dense"]
 
 
+def only_unit(display: Display) -> None:
+    with display.stage("fit") as progress:
+        progress.start(1, "triplets")
+        progress.advance()
+
+
+def test_an_only_unit_is_not_counted(capsys: Captured, monkeypatch: pytest.MonkeyPatch) -> None:
+    only_unit(Display(Terminal()))
+    assert capsys.readouterr().err.split() == ["fit", "..."]
+    monkeypatch.setenv("FORCE_COLOR", "1")
+    monkeypatch.setenv("TERM", "xterm")
+    only_unit(Display(Terminal()))
+    last = re.sub("\x1b\\[[0-9;?]*[a-zA-Z]", "", capsys.readouterr().err).rpartition("fit ")[2]
+    assert "0:00:00" in last
+    assert "1/1" not in last and "triplets" not in last
+
+
 def test_a_program_has_events(capsys: Captured) -> None:
     display = Display(JsonLines())
     work(display)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shutil
+import struct
 import time
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
@@ -23,7 +24,8 @@ from colmap_ihe.dense import depth_maps
 from colmap_ihe.dense.depth_maps import DepthCounts, sgm_depth_maps, write_map
 from colmap_ihe.dense.fusion import fuse
 from colmap_ihe.dense.ply import COLOURS, columns, read_ply
-from colmap_ihe.dense.undistort import undistort
+from colmap_ihe.dense.sparse_points import sparse_points
+from colmap_ihe.dense.undistort import read_colour, undistort
 from colmap_ihe.errors import Cancelled, CapabilityError, OptionError, ProjectError
 
 NAMES = list(VIEWS)
@@ -58,6 +60,23 @@ def test_the_workspace_is_a_plain_one_in_colour_with_a_grey_twin(project: Path) 
     model = pycolmap.Reconstruction(project / "dense" / "sparse")
     assert model.num_reg_images() == len(NAMES)
     assert (project / "dense" / "stereo" / "fusion.cfg").read_text().split("\n")[: len(NAMES)]
+
+
+def test_the_folder_is_what_gaussian_splatting_reads(project: Path) -> None:
+    """`images/` in colour and `sparse/0` with pinhole cameras, as COLMAP's binary files: read by their layout."""
+    model = project / "dense" / "sparse" / "0"
+    cameras = (model / "cameras.bin").read_bytes()
+    (count,) = struct.unpack_from("<Q", cameras)
+    assert len(cameras) == 8 + count * (24 + 4 * 8)  # id, model, width, height; fx, fy, cx, cy
+    pinhole = 1
+    read = [struct.unpack_from("<iiQQ4d", cameras, 8 + n * 56) for n in range(count)]
+    assert {(kind, width, height) for _, kind, width, height, *_ in read} == {(pinhole, *SIZE)}
+    images = (model / "images.bin").read_bytes()
+    assert all(name.encode() + b"\0" in images for name in NAMES)
+    colours = [read_colour(project / "dense" / "images" / name) for name in NAMES]
+    assert all(np.ptp(picture, axis=2).max() > 20 for picture in colours)
+    for file in model.iterdir():
+        assert file.read_bytes() == (model.parent / file.name).read_bytes()
 
 
 def test_depth_maps_are_the_plane(project: Path, counts: DepthCounts) -> None:
@@ -113,8 +132,9 @@ def test_cancelled_depth_maps_leave_whole_files_only(project: Path, counts: Dept
     contents = {path: path.read_bytes() for path in folder.rglob("*.geometric.bin")}
     for path in contents:
         path.unlink()
+    after_one = StopsWhen(lambda done: done > 2 * len(NAMES))  # all are listed and planned before
     with pytest.raises(Cancelled), ThreadPoolExecutor(1) as executor:
-        sgm_depth_maps(project / "dense", executor=executor, progress=StopsWhen(lambda done: done))
+        sgm_depth_maps(project / "dense", executor=executor, progress=after_one)
     left = [path for path in folder.rglob("*") if path.is_file() and path.suffix != ".cfg"]
     assert 0 < len(left) < len(contents)
     assert all(path.read_bytes() == contents[path] for path in left)
@@ -229,6 +249,7 @@ def test_an_unknown_fusion_option_is_refused(project: Path) -> None:
 def test_a_photograph_with_two_observations_of_a_point_counts_once_as_a_source(tmp_path: Path) -> None:
     model = doubled_model(*[[1, 2]] * 30, *[[1, 1, 3, 3]] * 20, images=3)
     cameras = {image_id: depth_maps.camera_of(model, image_id) for image_id in (1, 2, 3)}
-    job, _ = depth_maps._plan(tmp_path, model, cameras, 1, 1)
+    names = {number: f"{number}.png" for number in cameras}
+    job, _ = depth_maps._plan(tmp_path, names, cameras, sparse_points(model), 1, 1)
     assert job.names == ("1.png", "2.png")
     assert len(job.points_world) == 50

@@ -31,11 +31,13 @@ def choose_sources(
     """
     points = points_world[seen_point]
     to_reference = _unit(cameras[reference].centre - points)
-    centres = {key: camera.centre for key, camera in cameras.items()}
-    to_other = _unit(np.array([centres[key] for key in seen_by]).reshape(-1, 3) - points)
+    keys, camera_of = np.unique(seen_by, return_inverse=True)
+    centres = np.array([cameras[key].centre for key in keys]).reshape(-1, 3)
+    to_other = _unit(centres[camera_of] - points)
     cosines = np.clip((to_reference * to_other).sum(axis=1), -1, 1)
     worth = np.interp(np.degrees(np.arccos(cosines)), ANGLES_DEG, WORTH)
-    scores = {int(key): float(worth[seen_by == key].sum()) for key in np.unique(seen_by) if key != reference}
+    sums = np.bincount(camera_of, worth, len(keys))
+    scores = {int(key): float(total) for key, total in zip(keys, sums, strict=True) if key != reference}
     chosen: list[int] = []
     left_out: dict[int, str] = {}
     for other in sorted((key for key in scores if scores[key] > 0), key=lambda key: (-scores[key], key)):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -9,6 +10,8 @@ import numpy as np
 import numpy.typing as npt
 
 from colmap_ihe.dense.camera import Bool, Float32, Float64, Int32, Int64, UInt8
+
+_SHORT = 1e-150  # its square is still a number
 
 
 @dataclass(frozen=True)
@@ -53,14 +56,32 @@ def face_normals(corners: Float32) -> Float64:
 
 
 def vertex_normals(mesh: Mesh) -> Float32:
-    """Return (V, 3) float32 of length one: the mean of the faces around each vertex, by area; zero without faces."""
+    """Return (V, 3) float32, each of length one: the mean of the faces around each vertex, by area. Where these have no
+    area or cancel out it is the mean of the neighbouring vertices, and where there is none either (0, 0, 1)."""
     normals = face_normals(mesh.corners())
+    unit = _unit(_summed(mesh, [normals] * 3))
+    corners = unit[mesh.faces]
+    around = corners.sum(axis=1, keepdims=True) - corners
+    lost = ~unit.any(axis=1)
+    unit[lost] = _unit(_summed(mesh, [around[:, k] for k in range(3)]))[lost]
+    unit[~unit.any(axis=1)] = (0, 0, 1)
+    return np.asarray(unit, np.float32)
+
+
+def _summed(mesh: Mesh, of_corners: Sequence[Float64]) -> Float64:
+    """Return (V, 3): the sums at each vertex of what its faces have at their first, second and third corner, (F, 3)
+    each."""
     total = np.zeros((len(mesh.vertices), 3))
-    for k in range(3):
+    for k, values in enumerate(of_corners):
         for axis in range(3):
-            total[:, axis] += np.bincount(mesh.faces[:, k], normals[:, axis], len(total))
-    length = np.linalg.norm(total, axis=1, keepdims=True)
-    return np.asarray(total / np.maximum(length, 1e-300), np.float32)
+            total[:, axis] += np.bincount(mesh.faces[:, k], values[:, axis], len(total))
+    return total
+
+
+def _unit(vectors: Float64) -> Float64:
+    """Return (N, 3) of length one, zero where they are too short to have a direction."""
+    length = np.linalg.norm(vectors, axis=1, keepdims=True)
+    return np.asarray(np.where(length > _SHORT, vectors / np.maximum(length, _SHORT), 0.0))
 
 
 def neighbours(faces: Int32) -> Int64:

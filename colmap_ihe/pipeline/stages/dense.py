@@ -22,8 +22,6 @@ from colmap_ihe.project.options import Options
 _ENOUGH = 0.4  # inliers for each feature: with fewer, photographs see so much less of each other
 _LIKELY_POINTS = 0.1  # for each pixel with depth
 POINTS_A_PIXEL = 0.15  # at the most
-_LAYOUT = 2
-"""Of the folder and of how sources are chosen: a higher number makes dense clouds of earlier versions anew."""
 
 
 class DenseRecord(StageRecord):
@@ -79,7 +77,6 @@ def _result_options(options: Options) -> dict[str, Any]:
     values = options.sections("dense")
     enabled = values["dense"].pop("enabled")
     values["dense"]["backend"] = pick_backend(options.dense.backend) if enabled else "none"
-    values["dense"]["layout"] = _LAYOUT
     return values
 
 
@@ -114,7 +111,7 @@ def _parts(options: Options, known: Known) -> list[Part]:
     if pick_backend(options.dense.backend) == "patchmatch":
         depth = Part("dense", "runs of PatchMatch", 3.0 * seen)
     else:
-        depth = Part("dense", "depth maps", 1.8 * seen * _overlap(known))
+        depth = Part("dense", "depth maps", 2.7 * seen * _overlap(known) + 0.05 * known.registered)
     undistortion = 0.1 * known.registered_megapixels + 0.2 * known.registered
     return [
         Part("dense", "undistorted sets", undistortion),

@@ -86,17 +86,17 @@ def _needs(options: Options, size: PhotoSetSize) -> StageNeeds:
 
 def _parts(options: Options, known: Known) -> list[Part]:
     images, megapixels, points = known.registered, known.registered_megapixels, likely_points(options, known)
-    surface = Part("mesh", "parts of the surface", 5.0 + 7.5e-6 * points)
+    surface = Part("mesh", "parts of the surface", 7.0 + 1.05e-5 * points)
     if options.mesh.texture is False:
         return [surface]
     return [
         surface,
-        Part("mesh", "photographs looked through", 0.14 * megapixels + 0.04 * images),
-        Part("mesh", "atlases", 0.5 + 6e-7 * points),
-        Part("mesh", "photographs compared at seams", 0.03 * megapixels + 0.02 * images),
-        Part("mesh", "seams", 1.5 + 3.5e-6 * points),
-        Part("mesh", "photographs on the texture", 0.045 * megapixels + 0.03 * images),
-        Part("mesh", "sets of files", 1.0),
+        Part("mesh", "photographs looked through", 0.2 * megapixels + 0.06 * images),
+        Part("mesh", "atlases", 0.7 + 8.4e-7 * points),
+        Part("mesh", "photographs compared at seams", 0.042 * megapixels + 0.028 * images),
+        Part("mesh", "seams", 2.1 + 4.9e-6 * points),
+        Part("mesh", "photographs on the texture", 0.063 * megapixels + 0.042 * images),
+        Part("mesh", "sets of files", 1.4),
     ]
 
 

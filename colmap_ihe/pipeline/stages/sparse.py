@@ -12,7 +12,7 @@ from colmap_ihe.colmap import mapping
 from colmap_ihe.errors import MappingError
 from colmap_ihe.machine.progress import Progress
 from colmap_ihe.machine.remaining_time import Part
-from colmap_ihe.pipeline.resource_needs import BASE_BYTES, PhotoSetSize, StageNeeds
+from colmap_ihe.pipeline.resource_needs import BASE_BYTES, Known, PhotoSetSize, StageNeeds
 from colmap_ihe.pipeline.stage import Count, Record, RunContext, Stage, StageRecord, StrictModel
 from colmap_ihe.pipeline.stages.features import FEWER_FEATURES, features_an_image
 from colmap_ihe.pipeline.warnings import model as model_warnings
@@ -43,7 +43,13 @@ def run(run: RunContext, progress: Progress) -> SparseRecord:
     images = run.records["features"]["images"]
     try:
         models = mapping.map_images(
-            project.database, project.grey, project.sparse, run.options.sparse, images, progress
+            project.database,
+            project.grey,
+            project.sparse,
+            run.options.sparse,
+            images,
+            progress,
+            colour=project.colour,
         )
     except MappingError as error:
         reason, hint = model_warnings.why_no_model(project.database, images)
@@ -72,6 +78,13 @@ def _needs(options: Options, size: PhotoSetSize) -> StageNeeds:
     return StageNeeds("sparse", memory, 0, disk, saves=FEWER_FEATURES)
 
 
+def _parts(options: Options, known: Known) -> list[Part]:
+    return [
+        Part("sparse", "images", 1e-4 * known.inliers),
+        Part("sparse", "coloured models", 0.02 * known.registered_megapixels),
+    ]
+
+
 STAGE = Stage(
     "sparse",
     run,
@@ -81,5 +94,5 @@ STAGE = Stage(
     made=lambda project: [project.sparse, *project.workspace.glob(".sparse.*")],
     check=_check,
     needs=_needs,
-    parts=lambda options, known: [Part("sparse", "images", 1e-4 * known.inliers)],
+    parts=_parts,
 )

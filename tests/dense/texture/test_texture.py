@@ -12,7 +12,14 @@ from colmap_ihe.dense.camera import PinholeCamera, UInt8
 from colmap_ihe.dense.texture.atlas import Patches, cut, pack
 from colmap_ihe.dense.texture.bake import bake, corner_colours, texels_of
 from colmap_ihe.dense.texture.level import seam_offsets
-from colmap_ihe.dense.texture.mesh import Mesh, components, face_normals, neighbours, without_small_parts
+from colmap_ihe.dense.texture.mesh import (
+    Mesh,
+    components,
+    face_normals,
+    neighbours,
+    vertex_normals,
+    without_small_parts,
+)
 from colmap_ihe.dense.texture.raster import covered, depth_picture
 from colmap_ihe.dense.texture.select import UNSEEN, Candidates, box_labels, choose, quality_in
 
@@ -213,6 +220,25 @@ def test_a_small_texture_is_of_smaller_scale() -> None:
     assert full.scale == 1.0
     assert max(small.size) <= 64
     assert 0.2 < small.scale < 0.5
+
+
+def test_normals_have_length_one_on_a_mesh_with_degenerate_faces() -> None:
+    flat = [[0, 0, 0], [1, 0, 0], [0, 1, 0]]
+    needle = [[5, 0, 0], [6, 0, 0], [7, 0, 0]]  # without area
+    spike = [[2, 0, 0]]  # on a face without area, beside the flat one
+    both = [[0, 0, 9], [1, 0, 9], [0, 1, 9]]  # seen from both sides: cancels out
+    alone = [[8, 8, 8]]  # of no face
+    vertices = np.array([*flat, *needle, *spike, *both, *alone], np.float32)
+    faces = np.array([[0, 1, 2], [3, 4, 5], [0, 1, 6], [7, 8, 9], [7, 9, 8]], np.int32)
+    normals = vertex_normals(Mesh(vertices, faces, np.zeros(vertices.shape, np.uint8)))
+    assert np.allclose(np.linalg.norm(normals, axis=1), 1, atol=1e-6)
+    assert np.allclose(
+        normals[[0, 1, 2, 6]], (0, 0, 1)
+    )  # of the flat face, and for the spike of its neighbours
+    tilted = Mesh(vertices[:, [2, 0, 1]], faces, np.zeros(vertices.shape, np.uint8))
+    assert np.allclose(vertex_normals(tilted)[[0, 1, 2, 6]], (1, 0, 0))
+    tiny = Mesh(vertices * np.float32(1e-18), faces, np.zeros(vertices.shape, np.uint8))
+    assert np.allclose(vertex_normals(tiny)[[0, 1, 2]], (0, 0, 1))
 
 
 def test_what_belongs_together() -> None:

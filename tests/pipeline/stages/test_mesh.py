@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+import struct
 from pathlib import Path
 from typing import Any
 
@@ -52,6 +54,20 @@ def test_it_leaves_a_mesh_with_colours_and_one_with_a_texture(
     assert not list(dense.glob("*.part*"))
     upright = trimesh.load_scene(dense / "mesh.glb").graph["mesh"][0]
     assert np.allclose(upright[:3, :3] @ upright[:3, :3].T, np.eye(3), atol=1e-5)
+
+
+def test_the_glb_is_not_lit_again_and_its_normals_have_length_one(finished: Path) -> None:
+    content = (finished / "workspace/dense/0/mesh.glb").read_bytes()
+    length, kind = struct.unpack_from("<I4s", content, 12)
+    assert kind == b"JSON"
+    tree = json.loads(content[20 : 20 + length])
+    assert tree["extensionsUsed"] == ["KHR_materials_unlit"]
+    assert [m["extensions"] for m in tree["materials"]] == [{"KHR_materials_unlit": {}}]
+    (primitive,) = tree["meshes"][0]["primitives"]
+    accessor = tree["accessors"][primitive["attributes"]["NORMAL"]]
+    start = 28 + length + tree["bufferViews"][accessor["bufferView"]].get("byteOffset", 0)
+    normals = np.frombuffer(content, "<f4", 3 * accessor["count"], start).reshape(-1, 3)
+    assert np.abs(np.linalg.norm(normals, axis=1) - 1).max() < 1e-5
 
 
 def test_it_may_be_left_out_and_its_options_are_checked_first(
