@@ -99,7 +99,7 @@ def describe(block: bytes, other: Metadata | None = None) -> Metadata:
         lens=_text(shot.get(Tag.LENS)),
         serial=_text(shot.get(Tag.SERIAL)),
         orientation=orientation if orientation in range(1, 9) else 1,
-        has_gps={2, 4, 6} <= set(directories.gps),  # COLMAP wants latitude, longitude and altitude
+        has_gps=blocks.has_fix(directories.gps),
     )
 
 

@@ -83,6 +83,16 @@ def match_warnings(found_again: float) -> list[str]:
     ]
 
 
+def gps_warnings(without_fix: Sequence[str], images: int) -> list[str]:
+    """Warn of photographs that spatial matching could say nothing of, of so many `images`."""
+    if not without_fix:
+        return []
+    return [
+        f"{len(without_fix)} of {images} photographs have no GPS fix of their own, or none near another's, and were"
+        f" compared with those that look like them: {named(without_fix)}"
+    ]
+
+
 def model_warnings(
     models: Sequence[ModelStatistics],
     folder: Path,
