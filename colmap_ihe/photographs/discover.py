@@ -49,11 +49,12 @@ _Member = tuple[str, Literal["raw", "coded"], tuple[str, ...], str]  # name, kin
 class Discovery:
     """Hold `captures` in the order of their names; `ignored`: files that are no photographs by their suffix, and with
     `/` at their end links to folders elsewhere; `refused`, by name: what is called like a photograph and cannot be
-    one, such as a link that leads elsewhere, each with the reason."""
+    one, such as a link that leads elsewhere, each with the reason; `notes`: sentences on how the files were taken."""
 
     captures: tuple[Capture, ...]
     ignored: tuple[str, ...]
     refused: Mapping[str, str] = field(default_factory=dict)
+    notes: tuple[str, ...] = ()
 
 
 def discover(folder: Path) -> Discovery:

@@ -18,8 +18,9 @@ from colmap_ihe.fit.weights_file import write_weights
 from colmap_ihe.grey.weights import Grey, Weights
 from colmap_ihe.machine.executor import local_executor
 from colmap_ihe.machine.progress import SILENT, RunProgress
-from colmap_ihe.photographs.discover import Capture, captures_of_files, discover
+from colmap_ihe.photographs.discover import Capture, captures_of_files
 from colmap_ihe.photographs.each import LeftOut, refused
+from colmap_ihe.photographs.readable import find_photographs, with_readable_halves
 from colmap_ihe.photographs.recipes import prepared_set
 from colmap_ihe.photographs.survey import Surveyed
 from colmap_ihe.pipeline.run_stages import warn_of
@@ -39,6 +40,7 @@ class _Source:
     calibration: Path | None
     ignored: tuple[str, ...] = ()
     refused: Mapping[str, str] = field(default_factory=dict)
+    notes: tuple[str, ...] = ()
 
 
 @dataclass
@@ -82,7 +84,8 @@ def fit_files(
             surveyed += prepared.surveyed
             unreadable |= prepared.left_out
         ignored = tuple(name for source in campaigns.sources for name in source.ignored)
-        warn_of(set_warnings.warnings_of(surveyed, ignored) if surveyed else (), progress)
+        notes = tuple(note for source in campaigns.sources for note in source.notes)
+        warn_of(set_warnings.warnings_of(surveyed, ignored, notes) if surveyed else (), progress)
         usable = [s.capture for s in surveyed]
         with progress.stage("fit") as stage_progress:
             fit = fit_captures(
@@ -117,7 +120,8 @@ def _campaigns_of(paths: Sequence[Path], develop: DevelopOptions, calibration: P
     campaigns = _Campaigns()
     photographs = [p for p in paths if not p.is_dir() and p.suffix.lower() != SUFFIX]
     if photographs:
-        campaigns.sources.append(_Source(captures_of_files(photographs), develop, calibration))
+        captures, notes = with_readable_halves(captures_of_files(photographs))
+        campaigns.sources.append(_Source(captures, develop, calibration, notes=tuple(notes)))
     for path in dict.fromkeys(paths):
         if path in photographs:
             continue
@@ -151,8 +155,10 @@ def _add_project(campaigns: _Campaigns, root: Path) -> None:
 
 
 def _source_of(folder: Path, develop: DevelopOptions, calibration: Path | None) -> _Source:
-    discovery = discover(folder)
-    return _Source(discovery.captures, develop, calibration, discovery.ignored, discovery.refused)
+    discovery = find_photographs(folder)
+    return _Source(
+        discovery.captures, develop, calibration, discovery.ignored, discovery.refused, discovery.notes
+    )
 
 
 def _require_suffix(file: Path | None, suffixes: Sequence[str], example: str) -> None:

@@ -31,6 +31,7 @@ from colmap_ihe.machine.files import (
 from colmap_ihe.machine.progress import RunProgress
 from colmap_ihe.photographs.discover import discover
 from colmap_ihe.photographs.each import LeftOut, refused
+from colmap_ihe.photographs.readable import find_photographs
 from colmap_ihe.photographs.recipes import prepared_set
 from colmap_ihe.photographs.survey import Surveyed
 from colmap_ihe.pipeline.run_stages import warn_of
@@ -188,7 +189,7 @@ def folder_run(
     `raw_only` other photographs are passed over. Raises `KnownError`s."""
     folders = [folder.resolve() for folder in folders]
     _require_apart(images.resolve(), folders)
-    discovery = discover(images.absolute())
+    discovery = (discover if raw_only else find_photographs)(images.absolute())
     left_out = refused(discovery.refused, strict)
     captures = [c for c in discovery.captures if c.kind == "raw" or not raw_only]
     others = len(discovery.captures) - len(captures)
@@ -202,7 +203,7 @@ def folder_run(
         how = (captures, develop, calibration, executor, progress)
         prepared = stack.enter_context(prepared_set(*how, strict=strict, cameras=cameras))
         left_out |= prepared.left_out
-        warn_of(set_warnings.warnings_of(prepared.surveyed, discovery.ignored), progress)
+        warn_of(set_warnings.warnings_of(prepared.surveyed, discovery.ignored, discovery.notes), progress)
         warn_of(
             set_warnings.camera_warnings(cameras or CamerasOptions(), prepared.surveyed, left_out), progress
         )

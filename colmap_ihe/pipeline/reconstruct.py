@@ -16,7 +16,7 @@ from colmap_ihe.machine.cluster.connect import workers_for
 from colmap_ihe.machine.files import guard_folder, room_on_disk, write_json
 from colmap_ihe.machine.progress import SILENT, RunProgress
 from colmap_ihe.machine.threads import limited
-from colmap_ihe.photographs.discover import discover
+from colmap_ihe.photographs.readable import find_photographs
 from colmap_ihe.pipeline import outputs
 from colmap_ihe.pipeline.estimates import needs_of, stage_parts
 from colmap_ihe.pipeline.fingerprints import fingerprints, inputs_of, why_stale
@@ -84,7 +84,7 @@ def reconstruct(
     options = options or Options()
     _check_range(start, until, options)
     folder = Project.at(Path(project), Path(images) if images else None)
-    discovery = discover(folder.images)
+    discovery = find_photographs(folder.images)
     for stage in STAGES:
         stage.check(options, len(discovery.captures))
     with ExitStack() as stack:

@@ -9,7 +9,8 @@ from typing import Any
 
 from colmap_ihe.machine.executor import local_executor
 from colmap_ihe.machine.progress import SILENT
-from colmap_ihe.photographs.discover import Discovery, discover
+from colmap_ihe.photographs.discover import Discovery
+from colmap_ihe.photographs.readable import find_photographs
 from colmap_ihe.pipeline.estimates import needs_of
 from colmap_ihe.pipeline.fingerprints import INPUT_CHANGED, fingerprints, inputs_of, versions_of, why_stale
 from colmap_ihe.pipeline.input_digests import digests_of
@@ -45,7 +46,7 @@ def status(
     """Return the state of each stage of a project, without changing anything. Raises `ProjectError`."""
     options = options or Options()
     folder = Project.at(Path(project), Path(images) if images else None)
-    discovery = discover(folder.images)
+    discovery = find_photographs(folder.images)
     with local_executor() as threads:
         inputs = inputs_of(folder, options, discovery, digests_of(folder, discovery, threads, SILENT))
     prints = fingerprints(options, inputs)

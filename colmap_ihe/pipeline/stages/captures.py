@@ -93,7 +93,7 @@ def run(run: RunContext, progress: Progress) -> CapturesRecord:
         warnings=[
             *set_warnings.copies(run.surveyed, run.contents),
             *set_warnings.odd_sizes(run.surveyed, sizes),
-            *set_warnings.warnings_of(run.surveyed, run.discovery.ignored),
+            *set_warnings.warnings_of(run.surveyed, run.discovery.ignored, run.discovery.notes),
             *prepared.warnings,
             *set_warnings.camera_warnings(cameras, run.surveyed, left_out),
         ],

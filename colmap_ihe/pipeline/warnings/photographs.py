@@ -118,9 +118,13 @@ def linked_folders(ignored: tuple[str, ...]) -> list[str]:
     ]
 
 
-def warnings_of(surveyed: Sequence[Surveyed], ignored: tuple[str, ...] = ()) -> list[str]:
-    """Warn of what headers say that the owner of the set should know, whatever is done with it."""
+def warnings_of(
+    surveyed: Sequence[Surveyed], ignored: tuple[str, ...] = (), notes: tuple[str, ...] = ()
+) -> list[str]:
+    """Warn of what headers say that the owner of the set should know, whatever is done with it. `ignored` and `notes`
+    as in `Discovery`."""
     return [
+        *notes,
         *exif_warnings(surveyed),
         *profile_warnings(surveyed),
         *page_warnings(surveyed),
