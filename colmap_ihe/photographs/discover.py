@@ -11,6 +11,7 @@ from pathlib import Path, PurePosixPath
 from typing import Literal
 
 from colmap_ihe.errors import ProjectError
+from colmap_ihe.machine.files import readable_name
 from colmap_ihe.project.recipe import Recipe
 
 RAW_SUFFIXES = frozenset(
@@ -20,6 +21,10 @@ RAW_SUFFIXES = frozenset(
     """.split()  # noqa: SIM905
 )
 CODED_SUFFIXES = frozenset([".jpg", ".jpeg", ".jpe", ".tif", ".tiff", ".png"])
+
+
+_FOLDER_ICON = "Icon\r"  # of macOS
+_ODD_NAME = "its name holds control characters, or is not UTF-8 text; rename it"
 
 
 @dataclass(frozen=True)
@@ -71,16 +76,14 @@ def discover(folder: Path) -> Discovery:
     refused: dict[str, str] = {}
     whole = folder.resolve()
     for name, is_folder in _found_below(folder):
-        if not name.isprintable() or name != name.encode("utf-8", "replace").decode():
-            raise ProjectError(
-                f"{folder}: the file name {name!a} is not readable text", hint="rename the file"
-            )
-        suffix = PurePosixPath(name).suffix.lower()
+        suffix, text = PurePosixPath(name).suffix.lower(), readable_name(name)
         if is_folder:
             if not (folder / name).resolve().is_relative_to(whole):
-                ignored.append(f"{name}/")
+                ignored.append(f"{text}/")
         elif suffix not in RAW_SUFFIXES and suffix not in CODED_SUFFIXES:
-            ignored.append(name)
+            ignored.append(text)
+        elif text != name:
+            refused[text] = f"{text}: {_ODD_NAME}"
         elif why := _why_refused(folder / name, whole):
             refused[name] = f"{name}: {why}"
         else:
@@ -161,5 +164,7 @@ def _found_below(folder: Path) -> Iterator[tuple[str, bool]]:
         folders[:] = sorted(f for f in folders if not f.startswith("."))
         below = Path(parent).relative_to(folder)
         names += [((below / f).as_posix(), True) for f in folders if (Path(parent) / f).is_symlink()]
-        names += [((below / f).as_posix(), False) for f in files if not f.startswith(".")]
+        names += [
+            ((below / f).as_posix(), False) for f in files if not f.startswith(".") and f != _FOLDER_ICON
+        ]
     yield from sorted(names)

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
 import pytest
 
-from colmap_ihe.errors import ProjectError
+from colmap_ihe.errors import PhotographError, ProjectError
+from colmap_ihe.machine.files import is_name_below
+from colmap_ihe.photographs.decode import read_size
 from colmap_ihe.photographs.discover import Capture, discover
 
 
@@ -58,6 +61,50 @@ def test_subfolders_spaces_and_non_ascii_names_are_kept(tmp_path: Path) -> None:
     for name, capture in found.items():
         assert capture.path == tmp_path / name
         assert capture.grey_stem == name.rpartition(".")[0]
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        "Screenshot 2024-01-01 at 10.00.00\u202fAM.png",  # as macOS writes it
+        "写真\u30001.jpg",
+        "a\u00a0b.jpg",
+        "می\u200cخواهم.jpg",
+        "क्\u200dष.jpg",
+        "👩\u200d🚀.jpg",
+        "co\u00adop.jpg",
+        "two  spaces.jpg",
+    ],
+    ids=[
+        "narrow space",
+        "ideographic space",
+        "no-break",
+        "non-joiner",
+        "joiner",
+        "emoji",
+        "soft hyphen",
+        "spaces",
+    ],
+)
+def test_names_of_every_script_are_photographs(tmp_path: Path, name: str) -> None:
+    touched(tmp_path, name)
+    found = discover(tmp_path)
+    assert [c.name for c in found.captures] == [name]
+    assert found.refused == {}
+    assert is_name_below(found.captures[0].grey_stem + ".png")
+    with pytest.raises(PhotographError) as raised:
+        read_size(found.captures[0])
+    assert str(raised.value).startswith(f"{name}: ")
+
+
+def test_names_that_are_no_text_leave_out_their_photograph_alone(tmp_path: Path) -> None:
+    touched(tmp_path, "a.jpg", "b\x07.jpg", "c\n/d.jpg", "note\r.txt", "Icon\r")
+    (tmp_path / os.fsdecode(b"e\xff.jpg")).touch()
+    found = discover(tmp_path)
+    assert [c.name for c in found.captures] == ["a.jpg"]
+    assert sorted(found.refused) == ["b\\x07.jpg", "c\\n/d.jpg", "e\\udcff.jpg"]
+    assert found.refused["b\\x07.jpg"].startswith("b\\x07.jpg: its name holds control characters")
+    assert found.ignored == ("note\\r.txt",)
 
 
 def test_a_name_kept_for_its_extension_does_not_collide_in_turn(tmp_path: Path) -> None:
