@@ -18,7 +18,7 @@ from colmap_ihe.fit.weights_file import write_weights
 from colmap_ihe.grey.weights import Grey, Weights
 from colmap_ihe.machine.executor import local_executor
 from colmap_ihe.machine.progress import SILENT, RunProgress
-from colmap_ihe.photographs.discover import Capture, captures_of_files
+from colmap_ihe.photographs.discover import Capture, captures_of_files, shot_notes
 from colmap_ihe.photographs.each import LeftOut, refused
 from colmap_ihe.photographs.readable import find_photographs, with_readable_halves
 from colmap_ihe.photographs.recipes import prepared_set
@@ -120,8 +120,9 @@ def _campaigns_of(paths: Sequence[Path], develop: DevelopOptions, calibration: P
     campaigns = _Campaigns()
     photographs = [p for p in paths if not p.is_dir() and p.suffix.lower() != SUFFIX]
     if photographs:
-        captures, notes = with_readable_halves(captures_of_files(photographs))
-        campaigns.sources.append(_Source(captures, develop, calibration, notes=tuple(notes)))
+        found = captures_of_files(photographs)
+        captures, notes = with_readable_halves(found)
+        campaigns.sources.append(_Source(captures, develop, calibration, notes=(*shot_notes(found), *notes)))
     for path in dict.fromkeys(paths):
         if path in photographs:
             continue

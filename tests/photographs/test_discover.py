@@ -36,7 +36,17 @@ def test_raw_and_jpeg_of_one_shot_count_once_and_raw_wins(tmp_path: Path) -> Non
 @pytest.mark.parametrize(
     ("names", "stems", "paired"),
     [
-        (["raw/a.nef", "jpeg/a.jpg"], {"jpeg/a.jpg": "jpeg/a", "raw/a.nef": "raw/a"}, ()),  # of two folders
+        (
+            ["raw/a.nef", "jpeg/a.jpg"],
+            {"raw/a.nef": "raw/a"},
+            ("jpeg/a.jpg",),
+        ),  # of folders called after kinds
+        (["1/RAW/a.nef", "1/JPG/a.jpg"], {"1/RAW/a.nef": "1/RAW/a"}, ("1/JPG/a.jpg",)),
+        (["a.nef", "JPG/a.jpg"], {"a.nef": "a"}, ("JPG/a.jpg",)),
+        (["1/RAW/a.nef", "2/JPG/a.jpg"], {"1/RAW/a.nef": "1/RAW/a", "2/JPG/a.jpg": "2/JPG/a"}, ()),
+        (["nef/a.jpg", "jpg/a.nef"], {"jpg/a.nef": "jpg/a", "nef/a.jpg": "nef/a"}, ()),  # of the wrong kinds
+        (["north/a.nef", "south/a.jpg"], {"north/a.nef": "north/a", "south/a.jpg": "south/a"}, ()),
+        (["jpg/a.jpg", "a.jpg"], {"a.jpg": "a", "jpg/a.jpg": "jpg/a"}, ()),
         (["a.nef", "a.jpg", "a.tif"], {"a.nef": "a.nef", "a.tif": "a.tif"}, ("a.jpg",)),  # but not a TIFF
         (["shot.01.jpg", "shot.02.jpg"], {"shot.01.jpg": "shot.01", "shot.02.jpg": "shot.02"}, ()),
         (["a.png", "a.tif", "other.jpg"], {"a.png": "a.png", "a.tif": "a.tif", "other.jpg": "other"}, ()),
@@ -124,6 +134,46 @@ def test_hidden_files_and_folders_are_passed_over(tmp_path: Path) -> None:
     found = discover(tmp_path)
     assert [c.name for c in found.captures] == ["a.jpg", "c/e.jpg"]
     assert found.ignored == ()
+
+
+RUBBISH = [
+    "@eaDir/a.jpg/SYNOPHOTO_THUMB_XL.jpg", "#recycle/a.jpg", "$RECYCLE.BIN/S-1/a.jpg", ".Trash-1000/files/a.jpg",
+    "lost+found/a.jpg", "__MACOSX/._a.jpg", ".thumbnails/normal/a.png", "north/@eadir/a.jpg", "._a.jpg",
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("name", RUBBISH)
+def test_what_systems_keep_in_folders_is_no_photograph_and_told(tmp_path: Path, name: str) -> None:
+    touched(tmp_path, "a.jpg", "north/b.jpg", name)
+    found = discover(tmp_path)
+    assert [c.name for c in found.captures] == ["a.jpg", "north/b.jpg"]
+    (note,) = found.notes
+    assert note.startswith("passed over, as no photographs of the set: ")
+    assert name.startswith(note.rpartition(": ")[2])
+
+
+def test_all_of_it_is_one_line(tmp_path: Path) -> None:
+    found = discover(touched(tmp_path, "a.jpg", *RUBBISH))
+    (note,) = found.notes
+    assert note.endswith(" and 4 more")
+
+
+def test_one_shot_in_two_folders_is_told(tmp_path: Path) -> None:
+    found = discover(touched(tmp_path, "RAW/a.nef", "JPG/a.jpg", "RAW/b.nef", "JPG/b.jpg"))
+    assert [c.name for c in found.captures] == ["RAW/a.nef", "RAW/b.nef"]
+    (note,) = found.notes
+    assert note.startswith(
+        "2 JPEG files in a folder beside the RAW files of the same names, as JPG/a.jpg of RAW/a.nef"
+    )
+
+
+def test_a_folder_of_the_system_that_nobody_may_read_is_no_obstacle(tmp_path: Path) -> None:
+    touched(tmp_path, "a.jpg", "lost+found/b.jpg")
+    (tmp_path / "lost+found").chmod(0)
+    try:
+        assert [c.name for c in discover(tmp_path).captures] == ["a.jpg"]
+    finally:
+        (tmp_path / "lost+found").chmod(0o700)
 
 
 def test_other_files_are_ignored_and_named(tmp_path: Path) -> None:

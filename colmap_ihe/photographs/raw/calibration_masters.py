@@ -19,7 +19,7 @@ from colmap_ihe.machine.files import digest_file, fingerprint_of, leads_out, wri
 from colmap_ihe.machine.libraries import library_versions
 from colmap_ihe.machine.progress import Progress
 from colmap_ihe.photographs.decode import refuse_too_large
-from colmap_ihe.photographs.discover import RAW_SUFFIXES
+from colmap_ihe.photographs.discover import RAW_SUFFIXES, is_foreign
 from colmap_ihe.photographs.exif.metadata import read_metadata
 from colmap_ihe.photographs.raw import calibration
 from colmap_ihe.photographs.raw.develop import bad_pixel_candidates, frames_of, read_header, read_mosaic
@@ -51,7 +51,7 @@ def masters_of(
     masters: list[calibration.Master] = []
     for kind in calibration.KINDS:
         files = [p for p in sorted((folder / kind).rglob("*")) if p.suffix.lower() in RAW_SUFFIXES]
-        files = [file for file in files if file.is_file()]
+        files = [file for file in files if file.is_file() and not is_foreign(file.relative_to(folder))]
         progress.start(len(files), f"frames in {folder.name}/{kind}")
         shots = []
         for file in files:

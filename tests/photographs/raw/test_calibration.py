@@ -216,6 +216,14 @@ def test_frames_undo_what_the_sensor_does(flawed: Callable[..., Path]) -> None:
     assert error_of(recipes(project)) > 0.05
 
 
+def test_what_a_system_keeps_beside_frames_is_none(flawed: Callable[..., Path]) -> None:
+    project = flawed()
+    for name in ("darks/._0.dng", "@eaDir/darks/0.dng", "darks/@eaDir/0.dng"):
+        (project / "calibration" / name).parent.mkdir(parents=True, exist_ok=True)
+        (project / "calibration" / name).write_bytes(b"\0\5\x16\7")
+    assert not recipes(project, strict=True).warnings
+
+
 def test_frames_are_averaged_once(flawed: Callable[..., Path], monkeypatch: pytest.MonkeyPatch) -> None:
     project = flawed()
     first = recipes(project)
