@@ -1,4 +1,4 @@
-"""JPEG, TIFF and PNG to 8-bit RGB as stored. What each kind of file becomes: docs/photographs.md."""
+"""JPEG, HEIC, TIFF and PNG to 8-bit RGB as stored. What each kind of file becomes: docs/photographs.md."""
 
 from __future__ import annotations
 
@@ -21,12 +21,13 @@ from PIL.TiffImagePlugin import TiffImageFile
 
 from colmap_ihe.errors import PhotographError
 from colmap_ihe.machine.decoder_wire import answer_array
+from colmap_ihe.photographs import heic
 from colmap_ihe.photographs.icc_profile import cmyk_to_srgb, rgb_profile
 
 MAX_PIXELS = 500_000_000
 """Of one photograph, checked before it is decoded: more is a damaged or a hostile header."""
 Image.MAX_IMAGE_PIXELS = MAX_PIXELS
-FORMATS = ("JPEG", "PNG", "TIFF")
+FORMATS = ("JPEG", "PNG", "TIFF", "HEIF")
 """Of Pillow's: for a file of some others, whatever its name, it would run a program, as Ghostscript for EPS."""
 
 _ORIENTATION, _BITS, _PHOTOMETRIC, _PLANES, _SAMPLE_FORMAT = 274, 258, 262, 284, 339  # tags of TIFF 6.0
@@ -58,7 +59,7 @@ def read_coded(path: Path, accept: Callable[[int, int], None]) -> tuple[NDArray[
     Raises OSError for a broken file, `PhotographError` for a kind that is not read.
     """
     with _opened(path) as (file, image):
-        width, height = _size_of(image)
+        width, height = _size_of(path, image)
         accept(width, height)
         pixels, profile = _read(path, file, image)
     if pixels.shape != (height, width, 3):
@@ -69,6 +70,7 @@ def read_coded(path: Path, accept: Callable[[int, int], None]) -> tuple[NDArray[
 
 @contextmanager
 def _opened(path: Path) -> Iterator[tuple[BinaryIO, ImageFile]]:
+    heic.register()
     try:
         with path.open("rb") as file, Image.open(file, formats=FORMATS) as image:
             yield file, image
@@ -84,7 +86,7 @@ def _read(path: Path, file: BinaryIO, image: ImageFile) -> tuple[NDArray[np.uint
     libraries."""
     # Of a PNG's depth Pillow tells only before it decodes: "RGB;16B" is the mode in the file.
     deep = image.format == "PNG" and any("16" in str(tile.args) for tile in image.tile)
-    turned = image.tag_v2.get(_ORIENTATION, 1) if isinstance(image, TiffImageFile) else 1
+    turned = _turn_of(path, image)
     if isinstance(image, TiffImageFile) and _is_deep(image):
         return _read_deep_tiff(path, image, turned)
     if image.format == "JPEG" and image.mode == "RGB":
@@ -96,7 +98,7 @@ def _read(path: Path, file: BinaryIO, image: ImageFile) -> tuple[NDArray[np.uint
     if deep:
         return _to_8_bit(_read_with_opencv(path)), profile
     rgb = cmyk_to_srgb(image, path.name) if image.mode == "CMYK" else image.convert("RGB")
-    if turned in _UNTURN:  # Pillow turns a TIFF upright as it loads it; COLMAP must see it as stored
+    if turned in _UNTURN:  # TIFF and HEIC come upright; COLMAP must see them as stored
         rgb = rgb.transpose(_UNTURN[turned])
     return np.asarray(rgb), profile
 
@@ -119,13 +121,21 @@ def stored_size(path: Path) -> tuple[int, int]:
     """Return width and height as stored, from the header: Pillow swaps those of a TIFF by its Orientation. Raises as
     `read_coded`."""
     with _opened(path) as (_, image):
-        return _size_of(image)
+        return _size_of(path, image)
 
 
-def _size_of(image: Image.Image) -> tuple[int, int]:
+def _size_of(path: Path, image: Image.Image) -> tuple[int, int]:
     if isinstance(image, TiffImageFile):
         return int(image.tag_v2[256]), int(image.tag_v2[257])
-    return image.size
+    swapped = image.format == "HEIF" and _turn_of(path, image) in (6, 8)
+    return image.size[::-1] if swapped else image.size
+
+
+def _turn_of(path: Path, image: Image.Image) -> int:
+    """Return the Orientation by which Pillow turns the pixels upright as it loads them."""
+    if isinstance(image, TiffImageFile):
+        return int(image.tag_v2.get(_ORIENTATION, 1))
+    return heic.orientation_of(image, path)
 
 
 def _raise_if_not_read(path: Path) -> None:

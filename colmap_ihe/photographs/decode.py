@@ -21,6 +21,7 @@ from colmap_ihe.photographs import developed_cache
 from colmap_ihe.photographs.adjust import prepared
 from colmap_ihe.photographs.coded import MAX_PIXELS, read_coded, stored_size
 from colmap_ihe.photographs.discover import Capture
+from colmap_ihe.photographs.file_kinds import advice_on, kind_by_content
 from colmap_ihe.photographs.raw.develop import develop, read_header
 from colmap_ihe.photographs.raw.undecoded import refuse_damaged
 
@@ -125,6 +126,13 @@ def refuse_too_large(name: str, width: int, height: int) -> None:
 
 
 def _unreadable(capture: Capture, error: BaseException) -> PhotographError:
-    unknown = isinstance(error, UnidentifiedImageError)
-    reason = "not a photograph of the kind its name says" if unknown else str(error) or type(error).__name__
-    return PhotographError(f"{capture.name}: cannot be read ({reason})", hint=BROKEN)
+    """Return the error of a file that is damaged, or of a kind that is not read, with what to do."""
+    if not isinstance(error, UnidentifiedImageError):
+        return PhotographError(
+            f"{capture.name}: cannot be read ({str(error) or type(error).__name__})", hint=BROKEN
+        )
+    if kind := kind_by_content(capture.path):
+        return PhotographError(f"{capture.name}: is a {kind}, whatever its name", hint=advice_on(kind))
+    return PhotographError(
+        f"{capture.name}: cannot be read (not a photograph of the kind its name says)", hint=BROKEN
+    )

@@ -14,6 +14,7 @@ from typing import Literal
 from colmap_ihe.errors import ProjectError
 from colmap_ihe.machine.files import readable_name
 from colmap_ihe.machine.words import counted, listed
+from colmap_ihe.photographs.file_kinds import unread_files
 from colmap_ihe.project.recipe import Recipe
 
 RAW_SUFFIXES = frozenset(
@@ -22,10 +23,11 @@ RAW_SUFFIXES = frozenset(
     .mrw .nef .nrw .orf .pef .ptx .raf .raw .rw2 .rwl .sr2 .srf .srw .x3f
     """.split()  # noqa: SIM905
 )
-JPEG_SUFFIXES = frozenset([".jpg", ".jpeg", ".jpe"])
+JPEG_SUFFIXES = frozenset([".jpg", ".jpeg", ".jpe", ".heic", ".heif", ".hif"])
+"""Of JPEG files, and of those that cameras and phones write in their place."""
 CODED_SUFFIXES = JPEG_SUFFIXES | {".tif", ".tiff", ".png"}
 _RAW_FOLDERS = frozenset({"raw", "raws", *(suffix[1:] for suffix in RAW_SUFFIXES)})
-_JPEG_FOLDERS = frozenset({"jpg", "jpgs", "jpeg", "jpegs"})
+_JPEG_FOLDERS = frozenset({"jpg", "jpgs", "jpeg", "jpegs", "heic", "heif", "hif"})
 _FOREIGN_FOLDER = re.compile(
     r"@eadir|@__thumb|@tmp|@recycle|#recycle|#snapshot|\$recycle\.bin|recycler|\.trash(es|-.*)?|lost\+found"
     r"|__macosx|\.?thumbnails|system volume information|network trash folder|temporary items|.*\.lrdata",
@@ -102,11 +104,11 @@ def discover(folder: Path) -> Discovery:
         else:
             shots[_shot_of(name)].append(name)
     if not shots:
-        others = f"it holds {len(ignored)} other files" if ignored else "it is empty"
-        content = "; ".join(list(refused.values())[:3]) or others
+        others = f"it holds {counted(len(ignored), 'other file')}" if ignored else "it is empty"
+        content = listed([*refused.values(), *unread_files(ignored, ())], 3, "; ") or others
         raise ProjectError(
             f"{folder}: no photograph found, {content}",
-            hint="expected RAW, JPEG, TIFF or PNG files, in subfolders or not",
+            hint="expected RAW, JPEG, HEIC, TIFF or PNG files, in subfolders or not",
         )
     members = [member for names in shots.values() for member in _captures_of(names)]
     greys = _grey_stems({name: stem for name, _, _, stem in members})
@@ -141,7 +143,7 @@ def captures_of_files(paths: Iterable[Path]) -> list[Capture]:
         suffix = path.suffix.lower()
         if not path.is_file() or (suffix not in RAW_SUFFIXES and suffix not in CODED_SUFFIXES):
             raise ProjectError(
-                f"{path}: no such photograph", hint="name folders, or RAW, JPEG, TIFF or PNG files"
+                f"{path}: no such photograph", hint="name folders, or RAW, JPEG, HEIC, TIFF or PNG files"
             )
         shots[_shot_of(path.as_posix())].append(path.as_posix())
     return [

@@ -197,7 +197,7 @@ def test_the_order_is_that_of_the_names(tmp_path: Path) -> None:
 def test_no_photograph_is_one_clear_line(tmp_path: Path) -> None:
     with pytest.raises(ProjectError, match=r"no photograph found, it is empty") as caught:
         discover(tmp_path)
-    assert "RAW, JPEG, TIFF or PNG" in caught.value.hint
+    assert "RAW, JPEG, HEIC, TIFF or PNG" in caught.value.hint
     touched(tmp_path, "a.txt", "b/c.pdf")
     with pytest.raises(ProjectError, match="it holds 2 other files"):
         discover(tmp_path)

@@ -17,6 +17,7 @@ from PIL import Image, UnidentifiedImageError
 
 from colmap_ihe.errors import PhotographError
 from colmap_ihe.machine.decoder_pool import in_decoder
+from colmap_ihe.photographs import heic
 from colmap_ihe.photographs.coded import FORMATS
 from colmap_ihe.photographs.exif import blocks, cr3
 from colmap_ihe.photographs.exif.blocks import UNREADABLE, Directories, Tag, number, put_together, take_apart
@@ -110,6 +111,7 @@ def sized(metadata: Metadata, width: int, height: int) -> Metadata:
 
 
 def _read_coded(source: Path | BytesIO) -> Metadata:
+    heic.register()
     with Image.open(source, formats=FORMATS) as image:
         try:
             block, directories = _block_of(image, source)
@@ -134,6 +136,9 @@ def _block_of(image: Image.Image, source: Path | BytesIO) -> tuple[bytes, Direct
         del block[: len(blocks.PREFIX)]
     if block:
         directories = take_apart(block)  # which mends it
+        if (turned := heic.orientation_of(image, source)) != 1:
+            blocks.set_orientation(block, turned)
+            directories.image[Tag.ORIENTATION] = turned
         return bytes(block), directories
     if not image.getexif():
         return b"", Directories()

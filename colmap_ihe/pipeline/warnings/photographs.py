@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections import Counter, defaultdict
 from collections.abc import Iterable, Mapping, Sequence
-from pathlib import Path
 
 from colmap_ihe.errors import MappingError, OptionError, PhotographError
 from colmap_ihe.grey.conversions import CONVERSIONS
@@ -14,13 +13,12 @@ from colmap_ihe.machine.threads import local_workers
 from colmap_ihe.photographs.decode import read_photograph
 from colmap_ihe.photographs.discover import Capture
 from colmap_ihe.photographs.each import LeftOut
+from colmap_ihe.photographs.file_kinds import unread_files
 from colmap_ihe.photographs.known_cameras import focal_px, pattern_of, unused_patterns
 from colmap_ihe.photographs.survey import Surveyed
 from colmap_ihe.pipeline.warnings.colmap_sensors import knows_sensor
 from colmap_ihe.pipeline.warnings.model import named
 from colmap_ihe.project.options import CamerasOptions
-
-_UNREAD = {".heic", ".heif", ".avif", ".webp", ".jp2", ".jxl", ".bmp", ".gif", ".exr", ".hdr", ".psd"}
 
 
 def shared_by(surveyed: list[Surveyed]) -> int:
@@ -99,14 +97,6 @@ def odd_sizes(surveyed: list[Surveyed], sizes: Counter[tuple[str, str, int, int]
     return warnings
 
 
-def unread_pictures(ignored: tuple[str, ...]) -> list[str]:
-    """Warn of pictures of kinds that are not read."""
-    names = [name for name in ignored if Path(name).suffix.lower() in _UNREAD]
-    if not names:
-        return []
-    return [f"{len(names)} pictures are of a kind that is not read, as {names[0]}: save them as JPEG or TIFF"]
-
-
 def linked_folders(ignored: tuple[str, ...]) -> list[str]:
     """Warn of links to folders elsewhere, which are not followed: their owner may count on what is behind them."""
     links = [name for name in ignored if name.endswith("/")]
@@ -128,7 +118,7 @@ def warnings_of(
         *exif_warnings(surveyed),
         *profile_warnings(surveyed),
         *page_warnings(surveyed),
-        *unread_pictures(ignored),
+        *unread_files(ignored, [s.capture.name for s in surveyed]),
         *linked_folders(ignored),
         *memory_warnings([s.capture for s in surveyed]),
     ]
