@@ -22,6 +22,7 @@ from PIL.TiffImagePlugin import TiffImageFile
 from colmap_ihe.errors import PhotographError
 from colmap_ihe.machine.decoder_wire import answer_array
 from colmap_ihe.photographs import heic
+from colmap_ihe.photographs.container import not_turned, without_text
 from colmap_ihe.photographs.icc_profile import cmyk_to_srgb, rgb_profile
 
 MAX_PIXELS = 500_000_000
@@ -72,7 +73,7 @@ def read_coded(path: Path, accept: Callable[[int, int], None]) -> tuple[NDArray[
 def _opened(path: Path) -> Iterator[tuple[BinaryIO, ImageFile]]:
     heic.register()
     try:
-        with path.open("rb") as file, Image.open(file, formats=FORMATS) as image:
+        with path.open("rb") as file, Image.open(without_text(file), formats=FORMATS) as image:
             yield file, image
     except UnidentifiedImageError:
         _raise_if_not_read(path)
@@ -88,7 +89,7 @@ def _read(path: Path, file: BinaryIO, image: ImageFile) -> tuple[NDArray[np.uint
     deep = image.format == "PNG" and any("16" in str(tile.args) for tile in image.tile)
     turned = _turn_of(path, image)
     if isinstance(image, TiffImageFile) and _is_deep(image):
-        return _read_deep_tiff(path, image, turned)
+        return _read_deep_tiff(path, image)
     if image.format == "JPEG" and image.mode == "RGB":
         pixels = _decode_jpeg(file, answer_array((image.height, image.width, 3), np.uint8))
         if pixels is not None:
@@ -143,9 +144,21 @@ def _raise_if_not_read(path: Path) -> None:
     point."""
     try:
         with tifffile.TiffFile(path) as tiff:
-            kind = tiff.pages.first.dtype
+            page = tiff.pages.first
+            kind, channels, odd_order = (
+                page.dtype,
+                page.samplesperpixel,
+                tiff.is_bigtiff and tiff.byteorder == ">",
+            )
     except Exception:  # noqa: BLE001  a broken file, of which the caller has its own words
         return
+    if odd_order:
+        raise PhotographError(f"{path.name}: is a big-endian BigTIFF", hint="save it as a plain TIFF")
+    if kind in (np.uint8, np.uint16):
+        raise PhotographError(
+            f"{path.name}: holds {channels} channels of {8 * kind.itemsize} bit; expected grey, RGB, RGBA or CMYK",
+            hint="export it without the additional channels",
+        )
     raise _not_read(path, f"{kind} pixels")
 
 
@@ -155,7 +168,7 @@ def _is_deep(image: TiffImageFile) -> bool:
     return max(bits if isinstance(bits, tuple) else (bits,)) > 8 or image.mode.startswith(("I", "F"))
 
 
-def _read_deep_tiff(path: Path, image: TiffImageFile, turned: int) -> tuple[NDArray[np.uint8], bytes]:
+def _read_deep_tiff(path: Path, image: TiffImageFile) -> tuple[NDArray[np.uint8], bytes]:
     """Read a TIFF of 16-bit integers, coded; refuse floating point, whose numbers have no level of their own."""
     tags = image.tag_v2
     bits, formats, photometric = set(tags[_BITS]), set(tags.get(_SAMPLE_FORMAT, ())), tags.get(_PHOTOMETRIC)
@@ -163,8 +176,8 @@ def _read_deep_tiff(path: Path, image: TiffImageFile, turned: int) -> tuple[NDAr
         raise _not_read(path, "floating-point pixels" if 3 in formats else "signed pixels")
     if bits != {16} or photometric not in (_WHITE_IS_ZERO, _BLACK_IS_ZERO, _RGB, _SEPARATED):
         raise _not_read(path, f"{max(bits)}-bit pixels of TIFF's colour kind {photometric}")
-    # OpenCV 5 fails on these orientations, whatever it is told, misreads separate planes and refuses CMYK.
-    if turned in (5, 6, 7, 8) or tags.get(_PLANES, 1) != 1 or photometric == _SEPARATED:
+    # OpenCV 5 misreads separate planes and refuses CMYK.
+    if tags.get(_PLANES, 1) != 1 or photometric == _SEPARATED:
         pixels = _to_8_bit(_read_with_tifffile(path))
     else:
         pixels = _to_8_bit(_read_with_opencv(path))
@@ -186,7 +199,7 @@ def _to_8_bit(pixels: NDArray[np.generic]) -> NDArray[np.uint8]:
 
 def _read_with_opencv(path: Path) -> NDArray[np.generic]:
     flags = cv2.IMREAD_ANYDEPTH | cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION
-    pixels = cv2.imread(str(path), flags)
+    pixels = cv2.imdecode(not_turned(path), flags)
     if pixels is None:
         raise OSError("OpenCV cannot decode it")
     return np.ascontiguousarray(np.asarray(pixels)[..., ::-1])
@@ -205,7 +218,7 @@ def _read_with_tifffile(path: Path) -> NDArray[np.generic]:
         raise
     except Exception as error:
         raise OSError(
-            f"{error}; a 16-bit TIFF that is turned, planar or CMYK can be read if it is not compressed"
+            f"{error}; a 16-bit TIFF that is planar or CMYK can be read if it is not compressed"
         ) from error
     if axes == "SYX":
         pixels = np.moveaxis(pixels, 0, 2)

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 from io import BytesIO
 from mmap import ACCESS_COPY, mmap
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 from PIL import Image, UnidentifiedImageError
 
@@ -19,6 +19,7 @@ from colmap_ihe.errors import PhotographError
 from colmap_ihe.machine.decoder_pool import in_decoder
 from colmap_ihe.photographs import heic
 from colmap_ihe.photographs.coded import FORMATS
+from colmap_ihe.photographs.container import without_text
 from colmap_ihe.photographs.exif import blocks, cr3
 from colmap_ihe.photographs.exif.blocks import UNREADABLE, Directories, Tag, number, put_together, take_apart
 from colmap_ihe.photographs.icc_profile import name_of_profile
@@ -32,6 +33,7 @@ _OF_THE_SHOT = frozenset(
     | {Tag.SERIAL, Tag.LENS_RANGE, Tag.LENS_MAKE, Tag.LENS}
 )
 _OF_DNG = {0xC62F: Tag.SERIAL, 0xC630: Tag.LENS_RANGE}  # DNG 1.4: CameraSerialNumber, LensInfo
+_TOO_MUCH_TEXT = "MAX_TEXT"  # in Pillow's words of a PNG
 _NO_EXIF = "no EXIF found"
 _TIFF, _BIG_TIFF = (b"II*\x00", b"MM\x00*"), (b"II+\x00", b"MM\x00+")
 
@@ -111,12 +113,25 @@ def sized(metadata: Metadata, width: int, height: int) -> Metadata:
 
 
 def _read_coded(source: Path | BytesIO) -> Metadata:
+    """Read what Pillow opens. Text of a PNG may hold its EXIF, and where Pillow has too much of it counts for none."""
     heic.register()
-    with Image.open(source, formats=FORMATS) as image:
+    try:
+        return _read_opened(source, source)
+    except ValueError as error:
+        if isinstance(source, BytesIO) or _TOO_MUCH_TEXT not in str(error):
+            raise
+        with source.open("rb") as file:
+            return replace(_read_opened(without_text(file), source), problem="its text is too long")
+
+
+def _read_opened(file: Path | BinaryIO, source: Path | BytesIO) -> Metadata:
+    with Image.open(file, formats=FORMATS) as image:
         try:
             block, directories = _block_of(image, source)
             problem = _problem(directories.lost)
         except UNREADABLE as error:
+            if _TOO_MUCH_TEXT in str(error):
+                raise
             block, directories, problem = b"", Directories(), _unreadable(error)
         profile = name_of_profile(image, directories.interoperability)
         return describe(block, Metadata(profile=profile, pages=_pages(image), problem=problem))
