@@ -26,6 +26,7 @@ from colmap_ihe.photographs.survey import Surveyed
 from colmap_ihe.pipeline.run_stages import warn_of
 from colmap_ihe.pipeline.status import status
 from colmap_ihe.pipeline.warnings import photographs as set_warnings
+from colmap_ihe.pipeline.warnings.files import depth_warnings
 from colmap_ihe.project.folder import Project
 from colmap_ihe.project.options import DevelopOptions, FitOptions
 from colmap_ihe.project.options_file import load_options
@@ -175,6 +176,7 @@ def _warnings_of(
     developments: Sequence[tuple[str, Mapping[str, Any]]],
 ) -> list[str]:
     warnings = _pooling_warnings(fit.gathered.values(), developments)
+    warnings += depth_warnings(usable, fit.gathered)
     if len(fit.weights) > 1:
         warnings.append(
             "the set mixes RAW and gamma-coded photographs: these are the weights of the larger part"

@@ -24,7 +24,9 @@ def test_text_is_taken_out_and_nothing_else() -> None:
     assert without_text(plain) is plain
 
 
-@pytest.mark.parametrize("content", [b"", b"\x89PNG\r\n\x1a\n", b"\x89PNG\r\n\x1a\n\xff\xff\xff\xfftEXt", b"II*\0"])
+@pytest.mark.parametrize(
+    "content", [b"", b"\x89PNG\r\n\x1a\n", b"\x89PNG\r\n\x1a\n\xff\xff\xff\xfftEXt", b"II*\0"]
+)
 def test_a_broken_file_stays_as_short_as_it_is(content: bytes) -> None:
     assert len(without_text(BytesIO(content)).read()) <= len(content)
 

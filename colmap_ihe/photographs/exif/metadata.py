@@ -6,6 +6,7 @@ photograph says has to arrive. Broken EXIF loses the tag, not the photograph.
 
 from __future__ import annotations
 
+import re
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from io import BytesIO
@@ -34,6 +35,8 @@ _OF_THE_SHOT = frozenset(
 )
 _OF_DNG = {0xC62F: Tag.SERIAL, 0xC630: Tag.LENS_RANGE}  # DNG 1.4: CameraSerialNumber, LensInfo
 _TOO_MUCH_TEXT = "MAX_TEXT"  # in Pillow's words of a PNG
+_GPANO = re.compile(rb"GPano:ProjectionType\s*(?:=\s*[\"']|>)\s*([A-Za-z]{1,40})")
+_CUSTOM_RENDERED, _APPLES_PANORAMA = 0xA401, 6
 _NO_EXIF = "no EXIF found"
 _TIFF, _BIG_TIFF = (b"II*\x00", b"MM\x00*"), (b"II+\x00", b"MM\x00+")
 
@@ -43,7 +46,7 @@ class Metadata:
     """Hold what a photograph says of itself. `exif` is a TIFF structure to write into another file, or empty; lengths
     are in millimetres, `exposure_s` in seconds, 0 where unknown; `pixels_per_mm` is the resolution on the sensor;
     `serial` is the camera's; `profile` names the colours of its RGB numbers; `problem` says in a few words what could
-    not be read."""
+    not be read; `projection` of a panorama, as "equirectangular", empty for a photograph through one lens."""
 
     exif: bytes = b""
     make: str = ""
@@ -61,6 +64,7 @@ class Metadata:
     profile: str = "sRGB"
     pages: int = 1
     problem: str = ""
+    projection: str = ""
 
 
 def read_metadata(path: Path, kind: str) -> Metadata:
@@ -84,13 +88,16 @@ def decode_metadata(path: Path, kind: str) -> Metadata:
 
 
 def describe(block: bytes, other: Metadata | None = None) -> Metadata:
-    """Return what a block of EXIF says; what is not of EXIF (profile, pages, problem) as in `other`."""
+    """Return what a block of EXIF says; what is not of EXIF (profile, pages, problem, projection) as in `other`."""
     directories = take_apart(bytearray(block)) if block else Directories()
     image, shot = directories.image, directories.shot
     orientation = image.get(Tag.ORIENTATION, 1)
+    other = other or Metadata()
+    stitched = shot.get(_CUSTOM_RENDERED) == _APPLES_PANORAMA and _text(image.get(Tag.MAKE)) == "Apple"
     return replace(
-        other or Metadata(),
+        other,
         exif=block,
+        projection=other.projection or ("cylindrical" if stitched else ""),
         make=_text(image.get(Tag.MAKE)),
         model=_text(image.get(Tag.MODEL)),
         focal_mm=number(shot.get(Tag.FOCAL_LENGTH)),
@@ -134,7 +141,15 @@ def _read_opened(file: Path | BinaryIO, source: Path | BytesIO) -> Metadata:
                 raise
             block, directories, problem = b"", Directories(), _unreadable(error)
         profile = name_of_profile(image, directories.interoperability)
-        return describe(block, Metadata(profile=profile, pages=_pages(image), problem=problem))
+        projection = _projection(image.info.get("xmp", b""))
+        read = Metadata(profile=profile, pages=_pages(image), problem=problem, projection=projection)
+        return describe(block, read)
+
+
+def _projection(xmp: bytes | str) -> str:
+    """Return the projection that XMP says, by Google's GPano, empty if none."""
+    found = _GPANO.search(xmp.encode("utf-8", "replace") if isinstance(xmp, str) else xmp)
+    return found[1].decode("ascii").lower() if found else ""
 
 
 def _block_of(image: Image.Image, source: Path | BytesIO) -> tuple[bytes, Directories]:

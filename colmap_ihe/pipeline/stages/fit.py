@@ -23,6 +23,7 @@ from colmap_ihe.pipeline.resource_needs import BASE_BYTES, PhotoSetSize, StageNe
 from colmap_ihe.pipeline.run_context import Inputs, Record, RunContext
 from colmap_ihe.pipeline.stage import Count, Stage, StageRecord, StrictModel, section_values
 from colmap_ihe.pipeline.time_estimate import Known
+from colmap_ihe.pipeline.warnings.files import depth_warnings
 from colmap_ihe.project.folder import Project
 from colmap_ihe.project.options import Options
 
@@ -80,7 +81,7 @@ def run(run: RunContext, progress: Progress) -> FitRecord:
     )
     develop = run.options.develop.model_dump(mode="json")
     write_stored(run.project.histogram_file, StoredCounts(fit.gathered, options.sample, develop))
-    warnings = []
+    warnings = depth_warnings(run.captures(), fit.gathered)
     if len(fit.weights) > 1:
         counts = " and ".join(f"{w.images} {encoding}" for encoding, w in fit.weights.items())
         warnings.append(

@@ -17,6 +17,7 @@ from colmap_ihe.photographs.file_kinds import unread_files
 from colmap_ihe.photographs.known_cameras import focal_px, pattern_of, unused_patterns
 from colmap_ihe.photographs.survey import Surveyed
 from colmap_ihe.pipeline.warnings.colmap_sensors import knows_sensor
+from colmap_ihe.pipeline.warnings.files import panorama_warnings
 from colmap_ihe.pipeline.warnings.model import named
 from colmap_ihe.project.options import CamerasOptions
 
@@ -118,6 +119,7 @@ def warnings_of(
         *exif_warnings(surveyed),
         *profile_warnings(surveyed),
         *page_warnings(surveyed),
+        *panorama_warnings(surveyed),
         *unread_files(ignored, [s.capture.name for s in surveyed]),
         *linked_folders(ignored),
         *memory_warnings([s.capture for s in surveyed]),
