@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+import errno
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -95,6 +96,7 @@ def decode_size(capture: Capture) -> tuple[int, int, str]:
     """Return what `read_size` does, in this process."""
     sensor = ""
     if capture.kind == "raw":
+        _require_readable(capture)
         header = read_header(capture.path)
         width, height, sensor = header.width, header.height, header.sensor
     else:
@@ -104,6 +106,17 @@ def decode_size(capture: Capture) -> tuple[int, int, str]:
             raise _unreadable(capture, error) from error
     check_size(capture.name, width, height)
     return width, height, sensor
+
+
+def _require_readable(capture: Capture) -> None:
+    """Raise `PhotographError` for a file that the system does not open, of which LibRaw has no cause."""
+    try:
+        with capture.path.open("rb") as file:
+            empty = not file.read(1)
+    except OSError as error:
+        raise _unreadable(capture, error) from error
+    if empty:
+        raise PhotographError(f"{capture.name}: cannot be read (it is empty)", hint=BROKEN)
 
 
 def check_size(name: str, width: int, height: int) -> None:
@@ -128,11 +141,21 @@ def refuse_too_large(name: str, width: int, height: int) -> None:
 def _unreadable(capture: Capture, error: BaseException) -> PhotographError:
     """Return the error of a file that is damaged, or of a kind that is not read, with what to do."""
     if not isinstance(error, UnidentifiedImageError):
-        return PhotographError(
-            f"{capture.name}: cannot be read ({str(error) or type(error).__name__})", hint=BROKEN
-        )
+        reason = (isinstance(error, OSError) and error.strerror) or str(error) or type(error).__name__
+        return PhotographError(f"{capture.name}: cannot be read ({reason})", hint=_hint_for(error))
+    if not capture.path.stat().st_size:
+        return PhotographError(f"{capture.name}: cannot be read (it is empty)", hint=BROKEN)
     if kind := kind_by_content(capture.path):
         return PhotographError(f"{capture.name}: is a {kind}, whatever its name", hint=advice_on(kind))
     return PhotographError(
         f"{capture.name}: cannot be read (not a photograph of the kind its name says)", hint=BROKEN
     )
+
+
+def _hint_for(error: BaseException) -> str:
+    number = error.errno if isinstance(error, OSError) else None
+    if number in (errno.EACCES, errno.EPERM):
+        return "give read permission"
+    if number in (errno.ENOENT, errno.ENOTDIR):
+        return "put it back, or go on without it: by the same command"
+    return BROKEN

@@ -76,12 +76,11 @@ def fit_files(
     warn_of(campaigns.notes, progress)
     surveyed: list[Surveyed] = []
     unreadable: LeftOut = {}
-    for source in campaigns.sources:
-        unreadable |= refused(source.refused, strict)
     with local_executor() as executor, ExitStack() as stack:
         for source in campaigns.sources:
             how = (source.captures, source.develop, source.calibration, executor, progress)
-            prepared = stack.enter_context(prepared_set(*how, strict=strict))
+            refused_files = refused(source.refused, strict)
+            prepared = stack.enter_context(prepared_set(*how, strict=strict, refused=refused_files))
             surveyed += prepared.surveyed
             unreadable |= prepared.left_out
         ignored = tuple(name for source in campaigns.sources for name in source.ignored)

@@ -7,7 +7,6 @@ a run ended. A file that we did not write, or that somebody changed since, is ne
 
 from __future__ import annotations
 
-import fcntl
 import os
 from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import Executor
@@ -28,6 +27,7 @@ from colmap_ihe.machine.files import (
     room_on_disk,
     write_json,
 )
+from colmap_ihe.machine.locks import lock_at_once
 from colmap_ihe.machine.progress import RunProgress
 from colmap_ihe.photographs.discover import discover
 from colmap_ihe.photographs.each import LeftOut, refused
@@ -143,12 +143,8 @@ def opened(folder: Path) -> Iterator[Ledger]:
         folder.mkdir(parents=True, exist_ok=True)
     handle = os.open(folder, os.O_RDONLY)
     try:
-        try:
-            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError as error:
-            raise ProjectError(
-                f"{folder}: another run is writing into it", hint="wait for it, or stop it"
-            ) from error
+        if not lock_at_once(handle, folder):
+            raise ProjectError(f"{folder}: another run is writing into it", hint="wait for it, or stop it")
         remove_unfinished(folder)
         yield Ledger(folder)
     finally:
@@ -190,7 +186,7 @@ def folder_run(
     folders = [folder.resolve() for folder in folders]
     _require_apart(images.resolve(), folders)
     discovery = (discover if raw_only else find_photographs)(images.absolute())
-    left_out = refused(discovery.refused, strict)
+    refused_files = refused(discovery.refused, strict)
     captures = [c for c in discovery.captures if c.kind == "raw" or not raw_only]
     others = len(discovery.captures) - len(captures)
     if not captures:
@@ -201,8 +197,10 @@ def folder_run(
     with ExitStack() as stack:
         executor = stack.enter_context(local_executor())
         how = (captures, develop, calibration, executor, progress)
-        prepared = stack.enter_context(prepared_set(*how, strict=strict, cameras=cameras))
-        left_out |= prepared.left_out
+        prepared = stack.enter_context(
+            prepared_set(*how, strict=strict, cameras=cameras, refused=refused_files)
+        )
+        left_out = dict(prepared.left_out)
         warn_of(set_warnings.warnings_of(prepared.surveyed, discovery.ignored, discovery.notes), progress)
         warn_of(
             set_warnings.camera_warnings(cameras or CamerasOptions(), prepared.surveyed, left_out), progress

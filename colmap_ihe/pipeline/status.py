@@ -9,6 +9,7 @@ from typing import Any
 
 from colmap_ihe.machine.executor import local_executor
 from colmap_ihe.machine.progress import SILENT
+from colmap_ihe.machine.words import listed
 from colmap_ihe.photographs.discover import Discovery
 from colmap_ihe.photographs.readable import find_photographs
 from colmap_ihe.pipeline.estimates import needs_of
@@ -150,5 +151,4 @@ def _shown(values: Mapping[str, Any], name: str) -> str:
 
 
 def _first(changes: list[str]) -> str:
-    more = len(changes) - _SHOWN
-    return ", ".join(changes[:_SHOWN]) + (f" and {more} more" if more > 0 else "")
+    return listed(changes, _SHOWN)

@@ -61,7 +61,12 @@ def run(run: RunContext, progress: Progress) -> CapturesRecord:
     cameras, project = run.options.cameras, run.project
     refused_files = refused(run.discovery.refused, run.strict)
     surveyed, left_out = survey(
-        run.discovery.captures, run.executor, progress, strict=run.strict, cameras=cameras
+        run.discovery.captures,
+        run.executor,
+        progress,
+        strict=run.strict,
+        cameras=cameras,
+        refused=refused_files,
     )
     prepared = with_recipes(
         surveyed,
@@ -72,7 +77,6 @@ def run(run: RunContext, progress: Progress) -> CapturesRecord:
         progress,
         strict=run.strict,
     )
-    left_out = refused_files | left_out
     run.surveyed = [replace(s, capture=run.kept(s.capture)) for s in prepared.surveyed]
     recipes = {name: dict(recipe) for name, recipe in recipe_notes(run.surveyed).items()}
     _remove_masters(project, recipes)

@@ -10,6 +10,7 @@ from colmap_ihe.colmap.checks.plausibility import FLAT, Shape, SolvedCamera, cam
 from colmap_ihe.colmap.checks.repeated_structure import Conflicts, conflicts_of
 from colmap_ihe.colmap.mapping import ModelStatistics
 from colmap_ihe.colmap.measures import putative_and_inliers
+from colmap_ihe.machine.words import listed
 
 FOCAL_FACTOR = 1.15
 """Between a focal length found and that of EXIF: 1.05 at most in the sound sets of docs/degenerate.md."""
@@ -21,7 +22,6 @@ TURNED_TO = 45.0
 """Degrees between the directions of two photographs of a wall, from which on it tells their focal length."""
 SAME_PLACE = 0.1
 """Degrees between rays to one point of two photographs of one view."""
-_SHOWN = 5
 _TO_BEGIN_WITH = 100  # verified matches, COLMAP's init_min_num_inliers
 
 Advice = tuple[str, str]
@@ -29,7 +29,7 @@ Advice = tuple[str, str]
 
 
 def named(names: Sequence[str]) -> str:
-    return ", ".join(names[:_SHOWN]) + (f" and {len(names) - _SHOWN} more" if len(names) > _SHOWN else "")
+    return listed(names)
 
 
 def why_no_match(database: Path, by_grey: Mapping[str, str], images: int) -> Advice:

@@ -10,6 +10,7 @@ from colmap_ihe.grey.conversions import CONVERSIONS
 from colmap_ihe.grey.weights import Grey, Weights
 from colmap_ihe.machine import memory
 from colmap_ihe.machine.threads import local_workers
+from colmap_ihe.machine.words import listed
 from colmap_ihe.photographs.decode import read_photograph
 from colmap_ihe.photographs.discover import Capture
 from colmap_ihe.photographs.each import LeftOut
@@ -43,10 +44,10 @@ def copies(surveyed: Sequence[Surveyed], contents: Mapping[str, str]) -> list[st
     for one in surveyed:
         if one.capture.name in contents:
             names[contents[one.capture.name]].append(one.capture.name)
-    twice = [f"{', '.join(some[1:])} of {some[0]}" for some in names.values() if len(some) > 1]
+    twice = [f"{listed(some[1:])} of {some[0]}" for some in names.values() if len(some) > 1]
     if not twice:
         return []
-    shown = "; ".join(twice[:5]) + (f"; and {len(twice) - 5} more" if len(twice) > 5 else "")
+    shown = listed(twice, separator="; ")
     return [f"some photographs are copies of others, which add no view and count twice: {shown}; remove them"]
 
 
@@ -60,7 +61,7 @@ def require_two(names: Sequence[str], contents: Mapping[str, str]) -> None:
     known = {contents.get(name, name) for name in names}
     if len(known) == 1:
         raise MappingError(
-            f"all {len(names)} photographs are copies of one file: {', '.join(names[:5])}",
+            f"all {len(names)} photographs are copies of one file: {listed(names)}",
             hint="a model needs two or more, from different places",
         )
 
@@ -139,12 +140,12 @@ def exif_warnings(surveyed: Sequence[Surveyed]) -> list[str]:
     warnings = []
     broken = [f"{s.capture.name} ({s.metadata.problem})" for s in surveyed if s.metadata.problem]
     if broken:
-        warnings.append(f"EXIF could not be read in full: {', '.join(broken[:5])}")
+        warnings.append(f"EXIF could not be read in full: {listed(broken)}")
     odd = [f"{s.capture.name} ({_focal_of(s):.2g})" for s in surveyed if not _is_plausible(s)]
     if odd:
         warnings.append(
             f"EXIF says a focal length that COLMAP refuses, less than a tenth or more than ten times the longer"
-            f" side: {', '.join(odd[:5])}; another program may have resized the photographs: see `cameras:` with"
+            f" side: {listed(odd)}; another program may have resized the photographs: see `cameras:` with"
             " override in docs/options.md"
         )
     return warnings
@@ -221,7 +222,7 @@ def page_warnings(surveyed: Sequence[Surveyed]) -> list[str]:
     several = [f"{s.capture.name} ({s.metadata.pages})" for s in surveyed if s.metadata.pages > 1]
     if not several:
         return []
-    return [f"of TIFF files with several pages the first one is used: {', '.join(several[:5])}"]
+    return [f"of TIFF files with several pages the first one is used: {listed(several)}"]
 
 
 def fit_warnings(captures: Sequence[Capture], weights: Iterable[Grey]) -> list[str]:
