@@ -93,7 +93,7 @@ def match_features(
     COLMAP does it in processes of one thread, ours or the workers of a cluster, with the same result: its matcher is
     not safe on several threads (docs/decisions/0014). On a GPU, where it is another, COLMAP has its threads. A
     vocabulary tree is built from the set's own features, in `scratch`: nothing is downloaded. Images without a
-    partner by GPS are compared with those that look like them. Raises `OptionError`,
+    partner by GPS are compared with all, in large sets with those that look like them. Raises `OptionError`,
     `NativeError`, `MappingError` if nothing matches, `ProjectError` for spatial without GPS, `Cancelled`.
     """
     forget_impossible_fixes(database)
@@ -110,7 +110,9 @@ def match_features(
     without_fix: list[str] = []
     if strategy == "spatial":
         without_fix = called(_without_partner, database, pairing, progress=progress, cancellable=False)
-    if without_fix:
+    if without_fix and images <= EXHAUSTIVE_UP_TO:
+        runs.append(("exhaustive", pycolmap.ExhaustivePairingOptions()))
+    elif without_fix:
         runs.append(("vocabtree", _look_alikes(database, scratch, without_fix, progress)))
     if on_gpu:
         settings: dict[str, Any] = {"matching_options": matching, "verification_options": verification}
@@ -120,7 +122,8 @@ def match_features(
     else:
         pairs: list[Pair] = []
         for name, own in runs:
-            pairs += called(_pairs, database, name, own, progress=progress, cancellable=False)
+            found = called(_pairs, database, name, own, progress=progress, cancellable=False)
+            pairs += found if name == strategy else _pairs_with(database, without_fix, found)
         progress.start(len(pairs), "pairs")
         task = BlockMatching(database, pairs, options, parts, progress)
         if shares_memory(executor):
@@ -153,6 +156,13 @@ def _without_partner(database: Path, pairing: pycolmap.SpatialPairingOptions) ->
     with pycolmap.Database.open(database) as opened:
         images = {int(image.image_id): str(image.name) for image in opened.read_all_images()}
     return [name for image_id, name in images.items() if not {image_id} <= paired & set(fixes)]
+
+
+def _pairs_with(database: Path, names: Sequence[str], pairs: Sequence[Pair]) -> list[Pair]:
+    """Return the pairs that hold an image of one of these names."""
+    with pycolmap.Database.open(database) as opened:
+        chosen = {int(image.image_id) for image in opened.read_all_images() if image.name in set(names)}
+    return [pair for pair in pairs if chosen & set(pair)]
 
 
 def _look_alikes(

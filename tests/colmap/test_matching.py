@@ -90,13 +90,30 @@ def test_one_fix_for_several_tells_them_not_apart(database: Path, tmp_path: Path
     assert compared[1] == {2, 3, 4, 5, 6, 7, 8}
 
 
-def test_a_name_that_a_list_cannot_hold(database: Path, tmp_path: Path) -> None:
+def test_in_a_large_set_it_is_compared_with_those_that_look_like_it(
+    database: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(matching, "EXHAUSTIVE_UP_TO", 7)
+    locate(database, {3: NOWHERE})
+    compared = partners(database, tmp_path)
+    assert compared[0] == {3}
+    assert len(compared[3]) >= 3
+    assert compared[7] - {3} == {5, 6, 8}
+    assert not (tmp_path / "vocabulary.bin").exists() and not (tmp_path / "chosen.txt").exists()
+
+
+def test_a_name_that_a_list_cannot_hold(
+    database: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     with pycolmap.Database.open(database) as opened:
         image = opened.read_image(3)
         image.name = f"#{image.name}"
         opened.update_image(image)
+    monkeypatch.setattr(matching, "EXHAUSTIVE_UP_TO", 7)
     locate(database, {3: NOWHERE})
-    assert partners(database, tmp_path)[3] == {1, 2, 4, 5, 6, 7, 8}
+    compared = partners(database, tmp_path)
+    assert len(compared[3]) >= 3
+    assert compared[7] - {3} == {5, 6, 8}  # no others of the tree's
 
 
 def test_on_a_gpu_too(database: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -9,6 +9,7 @@ from colmap_ihe.colmap.checks.camera_motion import Motion, motions_of
 from colmap_ihe.colmap.checks.plausibility import FLAT, Shape, SolvedCamera, cameras_of, shape_of
 from colmap_ihe.colmap.checks.repeated_structure import Conflicts, conflicts_of
 from colmap_ihe.colmap.mapping import ModelStatistics
+from colmap_ihe.colmap.matching import EXHAUSTIVE_UP_TO
 from colmap_ihe.colmap.measures import putative_and_inliers
 from colmap_ihe.machine.words import listed
 
@@ -87,9 +88,10 @@ def gps_warnings(without_fix: Sequence[str], images: int) -> list[str]:
     """Warn of photographs that spatial matching could say nothing of, of so many `images`."""
     if not without_fix:
         return []
+    others = "all others" if images <= EXHAUSTIVE_UP_TO else "those that look like them"
     return [
         f"{len(without_fix)} of {images} photographs have no GPS fix of their own, or none near another's, and were"
-        f" compared with those that look like them: {named(without_fix)}"
+        f" compared with {others}: {named(without_fix)}"
     ]
 
 
