@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
@@ -9,15 +10,24 @@ import pytest
 from heic import QUARTERS, SIZE, write_heic
 
 from colmap_ihe.errors import PhotographError
-from colmap_ihe.photographs.decode import read_photograph, read_size
+from colmap_ihe.machine.progress import SILENT
+from colmap_ihe.photographs.decode import read_photograph
 from colmap_ihe.photographs.discover import Capture, discover
 from colmap_ihe.photographs.exif.metadata import read_metadata
 from colmap_ihe.photographs.preview import small_picture
+from colmap_ihe.photographs.survey import survey
 
 
 def capture(folder: Path) -> Capture:
     (found,) = discover(folder).captures
     return found
+
+
+def size_of(folder: Path) -> tuple[int, int]:
+    """Return width and height by the header."""
+    with ThreadPoolExecutor(1) as threads:
+        (surveyed,), _ = survey([capture(folder)], threads, SILENT, strict=True)
+    return surveyed.width, surveyed.height
 
 
 def quarters(rgb: np.ndarray) -> dict[str, tuple[int, ...]]:
@@ -29,7 +39,7 @@ def quarters(rgb: np.ndarray) -> dict[str, tuple[int, ...]]:
 def test_pixels_lie_as_the_sensor_had_them_and_the_tag_says_how_to_turn_them(tmp_path: Path) -> None:
     write_heic(tmp_path / "IMG_0001.HEIC")
     photograph = read_photograph(capture(tmp_path))
-    assert read_size(capture(tmp_path))[:2] == SIZE
+    assert size_of(tmp_path) == SIZE
     assert photograph.rgb.shape == (SIZE[1], SIZE[0], 3)
     assert photograph.encoding == "coded"
     for name, colour in quarters(photograph.rgb).items():
@@ -50,7 +60,7 @@ def test_where_box_and_tag_differ_the_box_counts(tmp_path: Path, turned: bool, t
     """The format's own box decides how a photograph is seen; the pixels are upright then, and the tag is 1."""
     write_heic(tmp_path / "a.heic", turned=turned, tag=tag)
     upright = SIZE[::-1] if turned else SIZE
-    assert read_size(capture(tmp_path))[:2] == upright
+    assert size_of(tmp_path) == upright
     assert read_photograph(capture(tmp_path)).rgb.shape == (upright[1], upright[0], 3)
     assert read_metadata(tmp_path / "a.heic", "coded").orientation == 1
 
