@@ -55,7 +55,7 @@ def by_ours(database: Path, options: MatchesOptions) -> None:
     with pycolmap.Database.open(database) as opened:
         images = opened.num_images()
     with local_executor() as executor, tempfile.TemporaryDirectory() as scratch:
-        match_features(database, Path(scratch), options, images, images, executor, SILENT)
+        match_features(database, Path(scratch), options, images, executor, SILENT)
 
 
 def matched(database: Path) -> Matched:

@@ -166,7 +166,7 @@ def solved(greys: dict[str, NDArray[np.uint8]]) -> tuple[str, ...]:
             executor,
             SILENT,
         )
-        counts = match_features(database, root, MatchesOptions(), len(files), 0, executor, SILENT)
+        counts = match_features(database, root, MatchesOptions(), len(files), executor, SILENT)
         for seed in SEEDS:
             shutil.rmtree(root / "sparse", ignore_errors=True)
             models = map_images(

@@ -11,6 +11,7 @@ from pathlib import Path
 from colmap_ihe.errors import ProjectError
 from colmap_ihe.machine import locks
 from colmap_ihe.machine.files import fingerprint_of, leads_out, room_on_disk
+from colmap_ihe.photographs.discover import is_foreign
 from colmap_ihe.project.folder import Project
 
 _NAME = "batch"
@@ -63,8 +64,9 @@ class BatchFolder:
                 locks.make(self.folder)
 
     def projects(self, warn: Callable[[str], None]) -> list[Path]:
-        """Return every folder below that has a folder `images`, sorted. Links are followed, each folder once; not
-        looked into are projects, hidden folders, and what we made. `warn` is told of folders that cannot be read."""
+        """Return every folder below that has a folder `images`, sorted. Links are followed, each folder once; nothing
+        is looked for inside a project, in hidden folders, in those of a system or a NAS box, or in what we made.
+        `warn` is told of folders that cannot be read."""
         projects: list[Path] = []
         seen: set[tuple[int, int]] = set()
 
@@ -84,7 +86,7 @@ class BatchFolder:
                 seen.add((about.st_dev, about.st_ino))
             if is_project:
                 projects.append(folder)
-            folders[:] = [] if skipped or is_project else [f for f in folders if not f.startswith(".")]
+            folders[:] = [] if skipped or is_project else [f for f in folders if not is_foreign(Path(f))]
         return sorted(projects)
 
     def name_of(self, project: Path) -> str:

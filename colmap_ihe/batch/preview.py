@@ -12,8 +12,9 @@ from colmap_ihe.errors import KnownError, PhotographError
 from colmap_ihe.machine.executor import local_executor
 from colmap_ihe.machine.progress import SILENT
 from colmap_ihe.machine.threads import local_workers
-from colmap_ihe.photographs.discover import Capture, discover
+from colmap_ihe.photographs.discover import Capture
 from colmap_ihe.photographs.preview import small_picture
+from colmap_ihe.photographs.readable import find_photographs
 from colmap_ihe.photographs.survey import Surveyed, survey
 from colmap_ihe.pipeline.estimates import needs_of
 from colmap_ihe.pipeline.records import read_record
@@ -48,7 +49,7 @@ def preview_project(root: Path, assignments: Sequence[str]) -> ProjectPreview:
     thumbnail = None
     try:
         project, options = Project.at(root), project_options(root, list(assignments))
-        captures = discover(project.images).captures
+        captures = find_photographs(project.images).captures
         thumbnail = _thumbnail(captures)
         if _is_up_to_date(project, options):
             record = read_record(project, "captures") or {}

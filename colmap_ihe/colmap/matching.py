@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import shutil
+from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,10 +14,13 @@ import numpy as np
 
 from colmap_ihe.colmap import matching_in_blocks
 from colmap_ihe.colmap.database import counting_rows
+from colmap_ihe.colmap.gps_fixes import forget_impossible_fixes, useful_fixes
 from colmap_ihe.colmap.matching_in_blocks import BlockMatching, match_in_blocks, match_in_processes
 from colmap_ihe.colmap.native import apply_options, called, cuda_devices, pycolmap
+from colmap_ihe.colmap.part_databases import Pair
 from colmap_ihe.errors import MappingError, ProjectError
 from colmap_ihe.machine.executor import shares_memory
+from colmap_ihe.machine.files import write_bytes
 from colmap_ihe.machine.progress import Progress
 from colmap_ihe.project.options import MatchesOptions
 
@@ -25,6 +29,7 @@ EXHAUSTIVE_UP_TO = 200
 VOCABULARY = "vocabulary.bin"
 _VOCABULARY_FEATURES = 200_000
 _VOCABULARY_IMAGES = 2000  # of which there are features in a vocabulary, spread over the set
+_CHOSEN = "chosen.txt"
 _GPS_SHARE = 0.9
 _WORDS_PER_FEATURE = 1 / 40  # its clustering wants 39 features a word
 # Of clustering: COLMAP's 100 and 3 find no more of the pairs that match (benchmarks/vocabulary.md).
@@ -38,20 +43,23 @@ _CLASSES = {name.lower(): f"{name}Pair" for name in ("Exhaustive", "Sequential",
 @dataclass(frozen=True)
 class MatchCounts:
     """Count the pairs of a set. `found_again`: the share of an image's features with a verified match in the image most
-    like it, in the median over the images that match any."""
+    like it, in the median over the images that match any. `without_fix`: names of the grey images that spatial matching
+    could say nothing of, and that were compared with others all the same."""
 
     strategy: str
     pairs_matched: int
     pairs_verified: int
     inliers: int
     found_again: float
+    without_fix: tuple[str, ...] = ()
 
 
 def choose_strategy(requested: str, images: int, with_gps: int) -> str:
-    """Return the strategy for `auto`; another is used as requested. Raises `ProjectError` for spatial without GPS."""
+    """Return the strategy for `auto`; another is used as requested. `with_gps`: images whose fix tells them apart.
+    Raises `ProjectError` for spatial without any."""
     if requested == "spatial" and not with_gps:
         raise ProjectError(
-            "matches.strategy is spatial, and no photograph has GPS latitude, longitude and altitude",
+            "matches.strategy is spatial, and no photograph has GPS latitude, longitude and altitude of its own",
             hint="use exhaustive or vocabtree",
         )
     if requested != "auto":
@@ -77,7 +85,6 @@ def match_features(
     scratch: Path,
     options: MatchesOptions,
     images: int,
-    with_gps: int,
     executor: Executor,
     progress: Progress,
 ) -> MatchCounts:
@@ -85,29 +92,38 @@ def match_features(
 
     COLMAP does it in processes of one thread, ours or the workers of a cluster, with the same result: its matcher is
     not safe on several threads (docs/decisions/0014). On a GPU, where it is another, COLMAP has its threads. A
-    vocabulary tree is built from the set's own features, in `scratch`: nothing is downloaded. Raises `OptionError`,
-    `NativeError`, `MappingError` if nothing matches, `Cancelled`.
+    vocabulary tree is built from the set's own features, in `scratch`: nothing is downloaded. Images without a
+    partner by GPS are compared with all, in large sets with those that look like them. Raises `OptionError`,
+    `NativeError`, `MappingError` if nothing matches, `ProjectError` for spatial without GPS, `Cancelled`.
     """
-    strategy = choose_strategy(options.strategy, images, with_gps)
+    forget_impossible_fixes(database)
+    strategy = choose_strategy(options.strategy, images, len(useful_fixes(database)))
     matching, pairing, verification = native_options(options, strategy)
     shutil.rmtree(parts := scratch / "parts", ignore_errors=True)  # of a run that was interrupted
+    on_gpu = bool(matching.use_gpu and cuda_devices() and shares_memory(executor))
+    if hasattr(pairing, "num_threads") and not on_gpu:
+        pairing.num_threads = 1
     needs_tree = strategy == "vocabtree" or options.pairing.get("loop_detection")
     if needs_tree and "vocab_tree_path" not in options.pairing:
-        tree = scratch / VOCABULARY
-        build_vocabulary(database, tree, progress)
-        pairing.vocab_tree_path = tree
-    if matching.use_gpu and cuda_devices() and shares_memory(executor):
-        expected = pairs_of(strategy, images)
-        settings: dict[str, Any] = {"matching_options": matching, "pairing_options": pairing}
-        settings["verification_options"] = verification
-        progress.start(expected, "pairs")
-        with counting_rows(database, "two_view_geometries") as rows:
-            match = getattr(pycolmap, f"match_{strategy}")
-            called(match, database, progress=progress, units_done=lambda: min(expected, rows()), **settings)
+        pairing.vocab_tree_path = _vocabulary(database, scratch, progress)
+    runs = [(strategy, pairing)]
+    without_fix: list[str] = []
+    if strategy == "spatial":
+        without_fix = called(_without_partner, database, pairing, progress=progress, cancellable=False)
+    if without_fix and images <= EXHAUSTIVE_UP_TO:
+        runs.append(("exhaustive", pycolmap.ExhaustivePairingOptions()))
+    elif without_fix:
+        runs.append(("vocabtree", _look_alikes(database, scratch, without_fix, progress)))
+    if on_gpu:
+        settings: dict[str, Any] = {"matching_options": matching, "verification_options": verification}
+        for name, own in runs:
+            expected = min(pairs_of(name, images), math.comb(images, 2))
+            _match_on_gpu(database, name, {"pairing_options": own, **settings}, expected, progress)
     else:
-        if hasattr(pairing, "num_threads"):
-            pairing.num_threads = 1
-        pairs = called(_pairs, database, strategy, pairing, progress=progress, cancellable=False)
+        pairs: list[Pair] = []
+        for name, own in runs:
+            found = called(_pairs, database, name, own, progress=progress, cancellable=False)
+            pairs += found if name == strategy else _pairs_with(database, without_fix, found)
         progress.start(len(pairs), "pairs")
         task = BlockMatching(database, pairs, options, parts, progress)
         if shares_memory(executor):
@@ -115,18 +131,66 @@ def match_features(
         else:
             match_in_blocks(task, executor)
     (scratch / VOCABULARY).unlink(missing_ok=True)
-    counts = _counts(database, strategy)
+    (scratch / _CHOSEN).unlink(missing_ok=True)
+    counts = _counts(database, strategy, without_fix)
     if not counts.pairs_verified:
         raise MappingError(f"no two of the {images} photographs match")
     return counts
 
 
-def _counts(database: Path, strategy: str) -> MatchCounts:
+def _match_on_gpu(
+    database: Path, strategy: str, settings: Mapping[str, Any], expected: int, progress: Progress
+) -> None:
+    """Have COLMAP choose and match about `expected` pairs, on threads of its own."""
+    progress.start(expected, "pairs")
+    with counting_rows(database, "two_view_geometries") as rows:
+        match = getattr(pycolmap, f"match_{strategy}")
+        called(match, database, progress=progress, units_done=lambda: min(expected, rows()), **settings)
+
+
+def _without_partner(database: Path, pairing: pycolmap.SpatialPairingOptions) -> list[str]:
+    """Return the names of the images of which spatial matching says nothing: without a fix of their own, or with no
+    other within reach of it."""
+    fixes = useful_fixes(database, pairing.max_num_neighbors)
+    paired = {image_id for pair in _pairs(database, "spatial", pairing) for image_id in pair}
+    with pycolmap.Database.open(database) as opened:
+        images = {int(image.image_id): str(image.name) for image in opened.read_all_images()}
+    return [name for image_id, name in images.items() if not {image_id} <= paired & set(fixes)]
+
+
+def _pairs_with(database: Path, names: Sequence[str], pairs: Sequence[Pair]) -> list[Pair]:
+    """Return the pairs that hold an image of one of these names."""
+    with pycolmap.Database.open(database) as opened:
+        chosen = {int(image.image_id) for image in opened.read_all_images() if image.name in set(names)}
+    return [pair for pair in pairs if chosen & set(pair)]
+
+
+def _look_alikes(
+    database: Path, scratch: Path, names: Sequence[str], progress: Progress
+) -> pycolmap.VocabTreePairingOptions:
+    """Return options that pair the images of these names with those of the set that look most like them."""
+    options = apply_options(pycolmap.VocabTreePairingOptions(), {}, "the vocabulary")
+    options.vocab_tree_path = _vocabulary(database, scratch, progress)
+    options.num_threads = 1
+    if not any(name != name.strip() or name.startswith("#") for name in names):  # else all are asked for
+        options.match_list_path = scratch / _CHOSEN
+        write_bytes(options.match_list_path, "".join(f"{name}\n" for name in names).encode())
+    return options
+
+
+def _vocabulary(database: Path, scratch: Path, progress: Progress) -> Path:
+    """Return the path of a vocabulary tree of the set."""
+    build_vocabulary(database, scratch / VOCABULARY, progress)
+    return scratch / VOCABULARY
+
+
+def _counts(database: Path, strategy: str, without_fix: Sequence[str]) -> MatchCounts:
     with pycolmap.Database.open(database) as opened:
         # COLMAP keeps a row for a pair without an inlier too, and counts it as verified.
         inliers = np.array(opened.read_two_view_geometry_num_inliers()[1], np.int64)
         verified, again = int(np.count_nonzero(inliers)), found_again(opened)
-        return MatchCounts(strategy, opened.num_matched_image_pairs(), verified, int(inliers.sum()), again)
+        matched = opened.num_matched_image_pairs()
+        return MatchCounts(strategy, matched, verified, int(inliers.sum()), again, tuple(without_fix))
 
 
 def found_again(opened: pycolmap.Database) -> float:

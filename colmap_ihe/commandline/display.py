@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import threading
 import time
+import unicodedata
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from typing import Protocol
@@ -13,11 +14,18 @@ from colmap_ihe.errors import Cancelled
 from colmap_ihe.machine.progress import Progress
 from colmap_ihe.machine.remaining_time import Forecast, Part
 
+_JOINERS = "\u200c\u200d"
+
 
 def printable(text: str) -> str:
     """Return text without the characters that would steer a terminal, which a photograph or a file may hold."""
     text = text.translate(dict.fromkeys(map(ord, "\t\n\r"), " "))
-    return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)
+    return "".join(c if _is_plain(c) else c.encode("unicode_escape").decode() for c in text)
+
+
+def _is_plain(character: str) -> bool:
+    """Tell a character that shows, a space of any script, or one that joins letters or keeps them apart."""
+    return character.isprintable() or unicodedata.category(character) == "Zs" or character in _JOINERS
 
 
 def failure_line(message: str, hint: str) -> str:

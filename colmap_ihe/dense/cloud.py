@@ -18,6 +18,7 @@ from colmap_ihe.machine import memory
 from colmap_ihe.machine.executor import shares_memory, width_of
 from colmap_ihe.machine.progress import Progress
 from colmap_ihe.machine.threads import local_workers
+from colmap_ihe.machine.words import listed
 from colmap_ihe.project.options import DenseOptions
 
 logger = logging.getLogger(__name__)
@@ -60,7 +61,7 @@ def dense_cloud(
         for name in ("pixels", "pixels_with_depth", "pairs_used", "pairs_left_out"):
             record[name] = getattr(counts, name)
         if counts.empty:
-            record["warnings"].append(f"no depth could be found for {', '.join(sorted(counts.empty)[:5])}")
+            record["warnings"].append(f"no depth could be found for {listed(sorted(counts.empty))}")
     else:
         patchmatch_depth_maps(dense_dir, options=options.patchmatch, progress=progress)
     most = record["fusion_bytes"] = fusion_share(free)

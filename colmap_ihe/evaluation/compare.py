@@ -42,7 +42,7 @@ from colmap_ihe.machine.files import (
 from colmap_ihe.machine.libraries import library_versions
 from colmap_ihe.machine.progress import SILENT, RunProgress
 from colmap_ihe.machine.threads import limited
-from colmap_ihe.photographs.discover import discover
+from colmap_ihe.photographs.readable import find_photographs
 from colmap_ihe.pipeline.reconstruct import Reconstruction, reconstruct
 from colmap_ihe.project.folder import Project
 from colmap_ihe.project.options import ClusterOptions, Options
@@ -70,7 +70,11 @@ def compare(
     _check_names(methods)
     compared = Project.at(Path(project), Path(images) if images else None)
     truth = truth_of(compared)
-    chosen = read_pairs(Path(pairs), [c.name for c in discover(compared.images).captures]) if pairs else None
+    chosen = (
+        read_pairs(Path(pairs), [c.name for c in find_photographs(compared.images).captures])
+        if pairs
+        else None
+    )
     common = Project.at(compared.comparison, compared.images)
     developed = common.root / "developed"  # RAW photographs, developed once for all methods
     results: list[MethodResult] = []

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Collection
 from pathlib import Path
 from typing import Any
@@ -16,6 +17,7 @@ from colmap_ihe.pipeline.records import read_record
 from colmap_ihe.project.folder import Project
 
 _AUC_DEG = 5.0
+_LINE_END = re.compile("\r\n|\r|\n")  # and not the separators of lines that a name may hold
 _MOST_BYTES = 100_000_000  # of a list of pairs
 _LONGEST = 10_000  # characters of a line: of names that a file can have, two are shorter
 
@@ -33,7 +35,7 @@ def read_pairs(file: Path, names: Collection[str]) -> set[frozenset[str]]:
     lines and those that begin with # do not count. Raises `OptionError`, which names the line."""
     hint = "two names of photographs a line, as below images/, with a space between"
     try:
-        lines = read_at_most(file, _MOST_BYTES).decode("utf-8").splitlines()
+        lines = _LINE_END.split(read_at_most(file, _MOST_BYTES).decode("utf-8"))
     except (OSError, UnicodeDecodeError) as error:
         reason = error.strerror if isinstance(error, OSError) else "not UTF-8 text"
         raise OptionError(f"{file}: cannot be read ({reason})", hint=hint) from error

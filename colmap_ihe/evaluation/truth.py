@@ -17,7 +17,7 @@ import numpy.typing as npt
 from PIL import Image
 
 from colmap_ihe.errors import ProjectError
-from colmap_ihe.machine.files import open_file, read_at_most
+from colmap_ihe.machine.files import is_readable_name, open_file, read_at_most
 
 F32 = npt.NDArray[np.float32]
 F64 = npt.NDArray[np.float64]
@@ -126,7 +126,7 @@ def _positive(value: object) -> float:
 def _beside(file: Path, name: str) -> Path:
     """Return the file of that name in the folder of `file`. Raises ValueError for a name that leads elsewhere."""
     path = file.parent / name
-    plain = name and Path(name).name == name and name.isprintable()
+    plain = name and Path(name).name == name and is_readable_name(name)
     if not plain or not path.resolve().is_relative_to(file.parent.resolve()):
         raise ValueError(f"{name!r:.80} is not a file beside {file.name}")
     return path

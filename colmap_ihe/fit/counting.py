@@ -182,7 +182,7 @@ def gather(
             gathered[encoding].add(counts)
             contrasts |= counts.contrasts
     if not gathered:
-        raise none_usable(captures, left_out)
+        raise none_usable(left_out)
     for encoding, counts_of_kind in gathered.items():
         members = [c.name for c in captures if encoding_of(c) == encoding]
         counts_of_kind.keys = sorted(keys[name] for name in members if name not in left_out)

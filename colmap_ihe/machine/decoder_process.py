@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import re
 import select
 import socket
 import time
@@ -28,6 +29,7 @@ _HEADER_MEMORY = 1 << 30  # bytes; a header needs a few
 _SHARE_OF_MEMORY = 0.9
 _TICK_MS = 100  # how long a cancelled read may go on
 BROKEN = "copy it from the card again, or take it out of the folder"
+_LINE_ENDS = re.compile(r"[\x00-\x1f\x7f-\x9f]+")  # and not the spaces of other scripts, which names hold
 _NONSENSE = (TypeError, ValueError, LookupError, AttributeError, OverflowError, RecursionError)
 _KNOWN = {kind.__name__: kind for kind in (PhotographError, CapabilityError)}
 _Result = TypeVar("_Result")
@@ -91,7 +93,7 @@ class Decoder:
             if answer.get("traceback"):
                 logger.debug("%s: %s", name, answer["traceback"])
             error = _KNOWN.get(str(answer["error"]), PhotographError)
-            raise error(" ".join(str(answer.get("message")).split()), hint=str(answer.get("hint") or ""))
+            raise error(_LINE_ENDS.sub(" ", str(answer.get("message"))), hint=str(answer.get("hint") or ""))
         try:
             result: _Result = wire.from_plain(answer["value"], _kind_of_result(function), arrays)
         except _NONSENSE as error:

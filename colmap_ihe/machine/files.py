@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 from colmap_ihe.errors import DiskFullError, ProjectError
 
 _UNFINISHED = re.compile(r"\.[0-9a-f]{24}\.[0-9a-f]+\.tmp")  # of `write_bytes`, when it was killed
+_UNREADABLE = re.compile("[\\x00-\\x1f\\x7f-\\x9f\\ud800-\\udfff]")
 _GONE = (errno.EIO, errno.ENODEV, errno.ENXIO, errno.ENOTCONN, errno.ETIMEDOUT, errno.EHOSTDOWN)
 _NO_ANSWER = {*_GONE, *(getattr(errno, name) for name in ("ESTALE", "EREMOTEIO") if hasattr(errno, name))}
 _MOST_JSON = 1 << 28  # bytes: digests of a million photographs
@@ -51,10 +52,21 @@ def read_at_most(path: Path, most: int) -> bytes:
     return content
 
 
+def is_readable_name(name: str) -> bool:
+    """Tell whether a name of a file is text without control characters; spaces, joiners and hyphens of every script
+    are text. Names that are not UTF-8 come with surrogates in the place of their bytes."""
+    return _UNREADABLE.search(name) is None
+
+
+def readable_name(name: str) -> str:
+    """Return a name with its control characters and surrogates written out, as "a\\x07.jpg"."""
+    return _UNREADABLE.sub(lambda found: ascii(found[0])[1:-1], name)
+
+
 def is_name_below(name: str) -> bool:
     """Tell whether a file system could have a file of that name somewhere below a folder, and nowhere else."""
     path = PurePosixPath(name)
-    if not path.parts or path.is_absolute() or ".." in path.parts or not name.isprintable():
+    if not path.parts or path.is_absolute() or ".." in path.parts or not is_readable_name(name):
         return False
     longest = max(len(part.encode("utf-8", "replace")) for part in path.parts)
     return longest <= _LONGEST_NAME and len(name.encode("utf-8", "replace")) <= _LONGEST_PATH

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import fcntl
 import os
 from pathlib import Path
@@ -9,6 +10,7 @@ from typing import IO
 
 from colmap_ihe.errors import ProjectError
 
+_WITHOUT_LOCKS = (errno.ENOLCK, errno.ENOSYS, errno.ENOTSUP, errno.EOPNOTSUPP)
 MARK = ".made-by-colmap-ihe"
 
 
@@ -30,19 +32,20 @@ def make(folder: Path) -> None:
 
 def acquire_lock(file: Path) -> IO[str] | None:
     """Return the lock that goes with `file`, held until what is returned is closed or the process ends, however that
-    happens; None if somebody else has it. Raises OSError."""
+    happens; None if somebody else has it. Raises `ProjectError` for a disk without locks, OSError."""
     file.parent.mkdir(parents=True, exist_ok=True)
     # not to wait for the other end, were it a pipe
     opened = os.open(file, os.O_RDWR | os.O_APPEND | os.O_CREAT | os.O_CLOEXEC | os.O_NONBLOCK, 0o666)
     handle = os.fdopen(opened, "a")
     try:
-        if has_lock(opened):
-            return handle
+        locked = lock_at_once(opened, file.parent)
     except BaseException:
         handle.close()
         raise
-    handle.close()
-    return None
+    if not locked:
+        handle.close()
+        return None
+    return handle
 
 
 def has_lock(descriptor: int, kind: int = fcntl.LOCK_EX) -> bool:
@@ -52,3 +55,18 @@ def has_lock(descriptor: int, kind: int = fcntl.LOCK_EX) -> bool:
     except BlockingIOError:
         return False
     return True
+
+
+def lock_at_once(descriptor: int, folder: Path) -> bool:
+    """Take the lock on an open file in `folder`, or on the folder itself; return False if somebody else has it. Raises
+    `ProjectError` for a disk without locks, OSError."""
+    try:
+        return has_lock(descriptor)
+    except OSError as error:
+        if error.errno not in _WITHOUT_LOCKS:
+            raise
+        raise ProjectError(
+            f"{folder}: its disk has no locks ({error.strerror}), and without them two runs would spoil each other's"
+            " files, and COLMAP its database",
+            hint="work in a folder on a disk of this machine; the photographs may stay where they are (--images DIR)",
+        ) from error

@@ -1,4 +1,4 @@
-"""JPEG, TIFF and PNG to 8-bit RGB as stored. What each kind of file becomes: docs/photographs.md."""
+"""JPEG, HEIC, TIFF and PNG to 8-bit RGB as stored. What each kind of file becomes: docs/photographs.md."""
 
 from __future__ import annotations
 
@@ -21,13 +21,15 @@ from PIL.TiffImagePlugin import TiffImageFile
 
 from colmap_ihe.errors import PhotographError
 from colmap_ihe.machine.decoder_wire import answer_array
+from colmap_ihe.photographs import heic
+from colmap_ihe.photographs.container import not_turned, without_text
 from colmap_ihe.photographs.icc_profile import cmyk_to_srgb, rgb_profile
 from colmap_ihe.photographs.linear_tiff import SensorColours, sensor_colours
 
 MAX_PIXELS = 500_000_000
 """Of one photograph, checked before it is decoded: more is a damaged or a hostile header."""
 Image.MAX_IMAGE_PIXELS = MAX_PIXELS
-FORMATS = ("JPEG", "PNG", "TIFF")
+FORMATS = ("JPEG", "PNG", "TIFF", "HEIF")
 """Of Pillow's: for a file of some others, whatever its name, it would run a program, as Ghostscript for EPS."""
 
 _ORIENTATION, _BITS, _PHOTOMETRIC, _PLANES, _SAMPLE_FORMAT = 274, 258, 262, 284, 339  # tags of TIFF 6.0
@@ -59,7 +61,7 @@ def read_coded(path: Path, accept: Callable[[int, int], None]) -> tuple[NDArray[
     Raises OSError for a broken file, `PhotographError` for a kind that is not read.
     """
     with _opened(path) as (file, image):
-        width, height = _size_of(image)
+        width, height = _size_of(path, image)
         accept(width, height)
         pixels, profile = _read(path, file, image)
     if pixels.shape != (height, width, 3):
@@ -70,8 +72,9 @@ def read_coded(path: Path, accept: Callable[[int, int], None]) -> tuple[NDArray[
 
 @contextmanager
 def _opened(path: Path) -> Iterator[tuple[BinaryIO, ImageFile]]:
+    heic.register()
     try:
-        with path.open("rb") as file, Image.open(file, formats=FORMATS) as image:
+        with path.open("rb") as file, Image.open(without_text(file), formats=FORMATS) as image:
             yield file, image
     except UnidentifiedImageError:
         _raise_if_not_read(path)
@@ -85,7 +88,7 @@ def _read(path: Path, file: BinaryIO, image: ImageFile) -> tuple[NDArray[np.uint
     libraries."""
     # Of a PNG's depth Pillow tells only before it decodes: "RGB;16B" is the mode in the file.
     deep = image.format == "PNG" and any("16" in str(tile.args) for tile in image.tile)
-    turned = image.tag_v2.get(_ORIENTATION, 1) if isinstance(image, TiffImageFile) else 1
+    turned = _turn_of(path, image)
     if isinstance(image, TiffImageFile) and _is_deep(image):
         return _read_deep_tiff(path, image)
     if image.format == "JPEG" and image.mode == "RGB":
@@ -97,7 +100,7 @@ def _read(path: Path, file: BinaryIO, image: ImageFile) -> tuple[NDArray[np.uint
     if deep:
         return _to_8_bit(_read_with_opencv(path)), profile
     rgb = cmyk_to_srgb(image, path.name) if image.mode == "CMYK" else image.convert("RGB")
-    if turned in _UNTURN:  # Pillow turns a TIFF upright as it loads it; COLMAP must see it as stored
+    if turned in _UNTURN:  # TIFF and HEIC come upright; COLMAP must see them as stored
         rgb = rgb.transpose(_UNTURN[turned])
     return np.asarray(rgb), profile
 
@@ -120,7 +123,7 @@ def read_linear(path: Path, accept: Callable[[int, int], None]) -> tuple[NDArray
     """Return the pixels (H, W, 3) uint16 of a TIFF that holds the linear colours of a sensor, as stored, and what they
     are. Raises as `read_coded`, OSError for another kind of file."""
     with _opened(path) as (_, image):
-        accept(*_size_of(image))
+        accept(*_size_of(path, image))
         colours = _colours_of(image)
         if colours is None or not isinstance(image, TiffImageFile):
             raise OSError("does not say that its colours are linear, as it did before")
@@ -134,7 +137,7 @@ def stored_header(path: Path) -> tuple[int, int, SensorColours | None]:
     """Return width and height as stored, from the header (Pillow swaps those of a TIFF by its Orientation), and what
     linear colours are, None for others. Raises as `read_coded`."""
     with _opened(path) as (_, image):
-        return *_size_of(image), _colours_of(image)
+        return *_size_of(path, image), _colours_of(image)
 
 
 def _colours_of(image: Image.Image) -> SensorColours | None:
@@ -144,10 +147,18 @@ def _colours_of(image: Image.Image) -> SensorColours | None:
     return sensor_colours(image.tag_v2) if is_rgb else None
 
 
-def _size_of(image: Image.Image) -> tuple[int, int]:
+def _size_of(path: Path, image: Image.Image) -> tuple[int, int]:
     if isinstance(image, TiffImageFile):
         return int(image.tag_v2[256]), int(image.tag_v2[257])
-    return image.size
+    swapped = image.format == "HEIF" and _turn_of(path, image) in (6, 8)
+    return image.size[::-1] if swapped else image.size
+
+
+def _turn_of(path: Path, image: Image.Image) -> int:
+    """Return the Orientation by which Pillow turns the pixels upright as it loads them."""
+    if isinstance(image, TiffImageFile):
+        return int(image.tag_v2.get(_ORIENTATION, 1))
+    return heic.orientation_of(image, path)
 
 
 def _raise_if_not_read(path: Path) -> None:
@@ -155,9 +166,21 @@ def _raise_if_not_read(path: Path) -> None:
     point."""
     try:
         with tifffile.TiffFile(path) as tiff:
-            kind = tiff.pages.first.dtype
+            page = tiff.pages.first
+            kind, channels, odd_order = (
+                page.dtype,
+                page.samplesperpixel,
+                tiff.is_bigtiff and tiff.byteorder == ">",
+            )
     except Exception:  # noqa: BLE001  a broken file, of which the caller has its own words
         return
+    if odd_order:
+        raise PhotographError(f"{path.name}: is a big-endian BigTIFF", hint="save it as a plain TIFF")
+    if kind in (np.uint8, np.uint16):
+        raise PhotographError(
+            f"{path.name}: holds {channels} channels of {8 * kind.itemsize} bit; expected grey, RGB, RGBA or CMYK",
+            hint="export it without the additional channels",
+        )
     raise _not_read(path, f"{kind} pixels")
 
 
@@ -188,9 +211,8 @@ def _read_deep_tiff(path: Path, image: TiffImageFile) -> tuple[NDArray[np.uint8]
 def _deep_pixels(path: Path, image: TiffImageFile) -> NDArray[np.generic]:
     """Return the pixels of a TIFF of 16 bits, (H, W, channels), as stored."""
     tags = image.tag_v2
-    # OpenCV 5 fails on these orientations, whatever it is told, misreads separate planes and refuses CMYK.
-    by_tifffile = tags.get(_ORIENTATION, 1) in (5, 6, 7, 8) or tags.get(_PLANES, 1) != 1
-    if by_tifffile or tags.get(_PHOTOMETRIC) == _SEPARATED:
+    # OpenCV 5 misreads separate planes and refuses CMYK.
+    if tags.get(_PLANES, 1) != 1 or tags.get(_PHOTOMETRIC) == _SEPARATED:
         return _read_with_tifffile(path)
     return _read_with_opencv(path)
 
@@ -204,7 +226,7 @@ def _to_8_bit(pixels: NDArray[np.generic]) -> NDArray[np.uint8]:
 
 def _read_with_opencv(path: Path) -> NDArray[np.generic]:
     flags = cv2.IMREAD_ANYDEPTH | cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION
-    pixels = cv2.imread(str(path), flags)
+    pixels = cv2.imdecode(not_turned(path), flags)
     if pixels is None:
         raise OSError("OpenCV cannot decode it")
     return np.ascontiguousarray(np.asarray(pixels)[..., ::-1])
@@ -223,7 +245,7 @@ def _read_with_tifffile(path: Path) -> NDArray[np.generic]:
         raise
     except Exception as error:
         raise OSError(
-            f"{error}; a 16-bit TIFF that is turned, planar or CMYK can be read if it is not compressed"
+            f"{error}; a 16-bit TIFF that is planar or CMYK can be read if it is not compressed"
         ) from error
     if axes == "SYX":
         pixels = np.moveaxis(pixels, 0, 2)

@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+import errno
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -21,6 +22,7 @@ from colmap_ihe.photographs import developed_cache
 from colmap_ihe.photographs.adjust import prepared
 from colmap_ihe.photographs.coded import MAX_PIXELS, read_coded, read_linear, stored_header
 from colmap_ihe.photographs.discover import Capture
+from colmap_ihe.photographs.file_kinds import advice_on, kind_by_content
 from colmap_ihe.photographs.icc_profile import to_srgb
 from colmap_ihe.photographs.raw.develop import develop, read_header
 from colmap_ihe.photographs.raw.undecoded import refuse_damaged
@@ -123,6 +125,7 @@ def read_size(capture: Capture) -> PhotographHeader:
 def decode_size(capture: Capture) -> PhotographHeader:
     """Return what `read_size` does, in this process."""
     if capture.kind == "raw":
+        _require_readable(capture)
         raw = read_header(capture.path)
         header = PhotographHeader(raw.width, raw.height, raw.sensor, raw.white_balance)
     else:
@@ -133,6 +136,17 @@ def decode_size(capture: Capture) -> PhotographHeader:
         header = PhotographHeader(width, height, "", colours.white_balance if colours else ())
     check_size(capture.name, header.width, header.height)
     return header
+
+
+def _require_readable(capture: Capture) -> None:
+    """Raise `PhotographError` for a file that the system does not open, of which LibRaw has no cause."""
+    try:
+        with capture.path.open("rb") as file:
+            empty = not file.read(1)
+    except OSError as error:
+        raise _unreadable(capture, error) from error
+    if empty:
+        raise PhotographError(f"{capture.name}: cannot be read (it is empty)", hint=BROKEN)
 
 
 def check_size(name: str, width: int, height: int) -> None:
@@ -155,6 +169,23 @@ def refuse_too_large(name: str, width: int, height: int) -> None:
 
 
 def _unreadable(capture: Capture, error: BaseException) -> PhotographError:
-    unknown = isinstance(error, UnidentifiedImageError)
-    reason = "not a photograph of the kind its name says" if unknown else str(error) or type(error).__name__
-    return PhotographError(f"{capture.name}: cannot be read ({reason})", hint=BROKEN)
+    """Return the error of a file that is damaged, or of a kind that is not read, with what to do."""
+    if not isinstance(error, UnidentifiedImageError):
+        reason = (isinstance(error, OSError) and error.strerror) or str(error) or type(error).__name__
+        return PhotographError(f"{capture.name}: cannot be read ({reason})", hint=_hint_for(error))
+    if not capture.path.stat().st_size:
+        return PhotographError(f"{capture.name}: cannot be read (it is empty)", hint=BROKEN)
+    if kind := kind_by_content(capture.path):
+        return PhotographError(f"{capture.name}: is a {kind}, whatever its name", hint=advice_on(kind))
+    return PhotographError(
+        f"{capture.name}: cannot be read (not a photograph of the kind its name says)", hint=BROKEN
+    )
+
+
+def _hint_for(error: BaseException) -> str:
+    number = error.errno if isinstance(error, OSError) else None
+    if number in (errno.EACCES, errno.EPERM):
+        return "give read permission"
+    if number in (errno.ENOENT, errno.ENOTDIR):
+        return "put it back, or go on without it: by the same command"
+    return BROKEN

@@ -13,6 +13,7 @@ from colmap_ihe.machine import memory
 from colmap_ihe.machine.executor import in_order, shares_memory
 from colmap_ihe.machine.progress import Progress
 from colmap_ihe.machine.threads import local_workers
+from colmap_ihe.machine.words import listed
 from colmap_ihe.photographs.discover import Capture
 
 logger = logging.getLogger(__name__)
@@ -58,7 +59,7 @@ def each_usable(
         usable += 1
         yield result
     if not usable:
-        raise none_usable(captures, left_out)
+        raise none_usable(left_out)
 
 
 def at_once(captures: Sequence[Capture], executor: Executor) -> int | None:
@@ -83,9 +84,21 @@ def leave_out(capture: Capture, error: PhotographError, strict: bool, left_out: 
             f"{capture.path}: was there when the run began, and is not any more ({gone.strerror})",
             hint="connect its disk again, or if it was taken out go on without it: by the same command",
         ) from error
+    error = _by_whole_name(capture, error)
     if strict:
         raise error
-    left_out[capture.name] = f"{error}; {error.hint}" if error.hint else str(error)
+    hint = error.hint
+    if hint and capture.paired:
+        hint = f"{hint}; without it {capture.paired[0]} is used"
+    left_out[capture.name] = f"{error}; {hint}" if hint else str(error)
+
+
+def _by_whole_name(capture: Capture, error: PhotographError) -> PhotographError:
+    """Return the error with the photograph's folder: a card has the same names in several."""
+    file, words = capture.path.name, str(error)
+    if file == capture.name or not words.startswith(f"{file}: "):
+        return error
+    return PhotographError(f"{capture.name}{words.removeprefix(file)}", hint=error.hint)
 
 
 def refused(reasons: Mapping[str, str], strict: bool) -> LeftOut:
@@ -96,9 +109,14 @@ def refused(reasons: Mapping[str, str], strict: bool) -> LeftOut:
     return dict(reasons)
 
 
-def none_usable(captures: Sequence[Capture], left_out: LeftOut) -> ProjectError:
-    message = f"none of the {len(captures)} photographs can be used: {'; '.join(list(left_out.values())[:3])}"
-    return ProjectError(message, hint="copy them from the card again")
+def none_usable(left_out: LeftOut) -> ProjectError:
+    """Return the error of a set of which every photograph is left out, with the reasons and what to do about each."""
+    words = [reason.partition("; ") for reason in left_out.values()]
+    hints = dict.fromkeys(hint for _, _, hint in words if hint)
+    reasons = listed([reason for reason, _, _ in words], 3, "; ")
+    which = "the only photograph" if len(left_out) == 1 else f"none of the {len(left_out)} photographs"
+    cannot = "cannot" if len(left_out) == 1 else "can"
+    return ProjectError(f"{which} {cannot} be used: {reasons}", hint=listed(hints, 3, "; or "))
 
 
 def _guarded(function: Callable[[_One], _Result], item: _One) -> _Result | PhotographError:

@@ -16,6 +16,7 @@ from colmap_ihe.errors import ProjectError
 from colmap_ihe.machine.executor import threads_of
 from colmap_ihe.machine.progress import Progress, RunProgress
 from colmap_ihe.machine.scratch import scratch_folder
+from colmap_ihe.machine.words import listed
 from colmap_ihe.photographs.colour_balance import balance_gains
 from colmap_ihe.photographs.discover import Capture
 from colmap_ihe.photographs.each import LeftOut
@@ -172,8 +173,7 @@ def _steps_of(recipe: Recipe, sensor: str) -> Iterator[str]:
 
 
 def _some(names: Sequence[str]) -> str:
-    shown = [n for n in names if n][:5]
-    return ", ".join(shown) + (f" and {len(names) - len(shown)} more" if len(names) > len(shown) else "")
+    return listed([name for name in names if name])
 
 
 @contextmanager
@@ -186,6 +186,7 @@ def prepared_set(
     *,
     strict: bool,
     cameras: CamerasOptions | None = None,
+    refused: LeftOut | None = None,
 ) -> Iterator[Recipes]:
     """Give photographs surveyed and with their recipes, for work outside of a project: the means of calibration frames
     last as long as the context. Raises as `with_recipes`, and `ProjectError` for a `calibration` that is no folder."""
@@ -196,7 +197,9 @@ def prepared_set(
         )
     with scratch_folder() as store:
         with progress.stage("captures") as stage_progress:
-            surveyed, left_out = survey(captures, executor, stage_progress, strict=strict, cameras=cameras)
+            surveyed, left_out = survey(
+                captures, executor, stage_progress, strict=strict, cameras=cameras, refused=refused
+            )
             how = (options or DevelopOptions(), calibration, store, executor, stage_progress)
             recipes = with_recipes(surveyed, *how, strict=strict)
         for text in recipes.warnings:

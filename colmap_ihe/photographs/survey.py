@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 from functools import partial
@@ -36,10 +36,11 @@ def survey(
     *,
     strict: bool,
     cameras: CamerasOptions | None = None,
+    refused: Mapping[str, str] | None = None,
 ) -> tuple[list[Surveyed], LeftOut]:
-    """Return sizes and EXIF of all captures, with what is known of their cameras. Raises `PhotographError` if strict,
-    `ProjectError` if none is usable."""
-    left_out: LeftOut = {}
+    """Return sizes and EXIF of all captures, with what is known of their cameras, and what is left out, by name:
+    what was `refused` before among it. Raises `PhotographError` if strict, `ProjectError` if none is usable."""
+    left_out: LeftOut = dict(refused or {})
     look = partial(_survey_one, cameras or CamerasOptions())
     return list(each_usable(look, captures, executor, progress, strict, left_out)), left_out
 

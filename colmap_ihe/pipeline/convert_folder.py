@@ -23,6 +23,7 @@ from colmap_ihe.pipeline.output_folder import FolderRun, Ledger, folder_run
 from colmap_ihe.pipeline.run_stages import warn_of
 from colmap_ihe.pipeline.stages.convert import ImageWriter, convert_captures, grey_name, weights_for
 from colmap_ihe.pipeline.warnings import photographs as set_warnings
+from colmap_ihe.pipeline.warnings.files import depth_warnings
 from colmap_ihe.project.options import CamerasOptions, ConvertOptions, DevelopOptions, FitOptions
 
 _OF_THE_FIT = ("score", "tones", "images", "pixels")  # which tell of the fit, and no pixel depends on
@@ -145,6 +146,7 @@ def _fitted(run: FolderRun, options: FitOptions, ledger: Ledger, tone: Tone) -> 
         return kept
     with run.progress.stage("fit") as stage_progress:
         fit = fit_captures(captures, options, run.executor, stage_progress, strict=run.strict, trial=trial)
+    warn_of(depth_warnings(captures, fit.gathered), run.progress)
     ledger.notes["fit"] = {
         "fingerprint": key,
         "weights": [w.as_dict() for w in fit.weights.values()],

@@ -18,7 +18,7 @@ from colmap_ihe.machine.executor import local_executor
 from colmap_ihe.machine.libraries import __version__
 from colmap_ihe.machine.progress import SILENT
 from colmap_ihe.machine.threads import local_workers
-from colmap_ihe.photographs.discover import discover
+from colmap_ihe.photographs.readable import find_photographs
 from colmap_ihe.photographs.survey import survey
 from colmap_ihe.pipeline.estimates import disk_left, in_words, most_bytes, needs_of
 from colmap_ihe.pipeline.resource_needs import PhotoSetSize
@@ -57,7 +57,7 @@ def _nearest(folder: Path) -> Path:
 
 def _needs(project: Path, assignments: Sequence[str], images: Path | None) -> dict[str, Any]:
     folder, options = Project.at(project, images), project_options(project, list(assignments))
-    captures = discover(folder.images).captures
+    captures = find_photographs(folder.images).captures
     with local_executor() as executor:
         surveyed, _ = survey(captures, executor, SILENT, strict=False)
     sizes = [(s.width, s.height) for s in surveyed]

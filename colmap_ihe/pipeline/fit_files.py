@@ -17,13 +17,15 @@ from colmap_ihe.fit.weights_file import warnings_of, write_weights
 from colmap_ihe.grey.weights import Grey, Weights
 from colmap_ihe.machine.executor import local_executor
 from colmap_ihe.machine.progress import SILENT, RunProgress
-from colmap_ihe.photographs.discover import Capture, captures_of_files, discover
+from colmap_ihe.photographs.discover import Capture, captures_of_files, shot_notes
 from colmap_ihe.photographs.each import LeftOut, refused
+from colmap_ihe.photographs.readable import find_photographs, with_readable_halves
 from colmap_ihe.photographs.recipes import prepared_set
 from colmap_ihe.photographs.survey import Surveyed
 from colmap_ihe.pipeline.run_stages import warn_of
 from colmap_ihe.pipeline.status import status
 from colmap_ihe.pipeline.warnings import photographs as set_warnings
+from colmap_ihe.pipeline.warnings.files import depth_warnings
 from colmap_ihe.project.folder import Project
 from colmap_ihe.project.options import DevelopOptions, FitOptions
 from colmap_ihe.project.options_file import load_options
@@ -38,6 +40,7 @@ class _Source:
     calibration: Path | None
     ignored: tuple[str, ...] = ()
     refused: Mapping[str, str] = field(default_factory=dict)
+    notes: tuple[str, ...] = ()
 
 
 @dataclass
@@ -82,16 +85,16 @@ def fit_files(
     warn_of(campaigns.notes, progress)
     surveyed: list[Surveyed] = []
     unreadable: LeftOut = {}
-    for source in campaigns.sources:
-        unreadable |= refused(source.refused, strict)
     with local_executor() as executor, ExitStack() as stack:
         for source in campaigns.sources:
             how = (source.captures, source.develop, source.calibration, executor, progress)
-            prepared = stack.enter_context(prepared_set(*how, strict=strict))
+            refused_files = refused(source.refused, strict)
+            prepared = stack.enter_context(prepared_set(*how, strict=strict, refused=refused_files))
             surveyed += prepared.surveyed
             unreadable |= prepared.left_out
         ignored = tuple(name for source in campaigns.sources for name in source.ignored)
-        warn_of(set_warnings.warnings_of(surveyed, ignored) if surveyed else (), progress)
+        notes = tuple(note for source in campaigns.sources for note in source.notes)
+        warn_of(set_warnings.warnings_of(surveyed, ignored, notes) if surveyed else (), progress)
         usable = [s.capture for s in surveyed]
         with progress.stage("fit") as stage_progress:
             fit = fit_captures(
@@ -126,7 +129,9 @@ def _campaigns_of(paths: Sequence[Path], develop: DevelopOptions, calibration: P
     campaigns = _Campaigns()
     photographs = [p for p in paths if not p.is_dir() and p.suffix.lower() != SUFFIX]
     if photographs:
-        campaigns.sources.append(_Source(captures_of_files(photographs), develop, calibration))
+        found = captures_of_files(photographs)
+        captures, notes = with_readable_halves(found)
+        campaigns.sources.append(_Source(captures, develop, calibration, notes=(*shot_notes(found), *notes)))
     for path in dict.fromkeys(paths):
         if path in photographs:
             continue
@@ -160,8 +165,10 @@ def _add_project(campaigns: _Campaigns, root: Path) -> None:
 
 
 def _source_of(folder: Path, develop: DevelopOptions, calibration: Path | None) -> _Source:
-    discovery = discover(folder)
-    return _Source(discovery.captures, develop, calibration, discovery.ignored, discovery.refused)
+    discovery = find_photographs(folder)
+    return _Source(
+        discovery.captures, develop, calibration, discovery.ignored, discovery.refused, discovery.notes
+    )
 
 
 def _require_suffix(file: Path | None, suffixes: Sequence[str], example: str) -> None:
@@ -177,6 +184,7 @@ def _warnings_of(
     developments: Sequence[tuple[str, Mapping[str, Any]]],
 ) -> list[str]:
     warnings = _pooling_warnings(fit.gathered.values(), developments)
+    warnings += depth_warnings(usable, fit.gathered)
     if len(fit.weights) > 1:
         warnings.append(
             "the set mixes RAW and gamma-coded photographs: these are the weights of the larger part"

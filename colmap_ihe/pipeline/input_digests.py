@@ -15,7 +15,7 @@ from colmap_ihe.errors import ProjectError
 from colmap_ihe.machine.executor import in_order
 from colmap_ihe.machine.files import digest_file, read_json
 from colmap_ihe.machine.progress import Progress
-from colmap_ihe.photographs.discover import Discovery
+from colmap_ihe.photographs.discover import Discovery, is_foreign
 from colmap_ihe.project.folder import Project
 
 _HIDING_NS = 3 * 10**9
@@ -28,8 +28,9 @@ MASK_SUFFIXES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp")
 
 def mask_files(folder: Path) -> list[str]:
     """Return the names of all pictures below a folder, sorted; none if there is no such folder."""
-    files = [p for p in folder.rglob("*") if p.suffix.lower() in MASK_SUFFIXES and not p.name.startswith(".")]
-    return sorted(p.relative_to(folder).as_posix() for p in files if p.is_file())
+    files = [p for p in folder.rglob("*") if p.suffix.lower() in MASK_SUFFIXES and p.is_file()]
+    names = (p.relative_to(folder) for p in files)
+    return sorted(name.as_posix() for name in names if not is_foreign(name))
 
 
 def masks_in(folder: Path) -> dict[str, str]:

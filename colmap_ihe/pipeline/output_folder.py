@@ -27,10 +27,11 @@ from colmap_ihe.machine.files import (
     room_on_disk,
     write_json,
 )
-from colmap_ihe.machine.locks import has_lock
+from colmap_ihe.machine.locks import lock_at_once
 from colmap_ihe.machine.progress import RunProgress
 from colmap_ihe.photographs.discover import discover
 from colmap_ihe.photographs.each import LeftOut, refused
+from colmap_ihe.photographs.readable import find_photographs
 from colmap_ihe.photographs.recipes import prepared_set
 from colmap_ihe.photographs.survey import Surveyed
 from colmap_ihe.pipeline.run_stages import warn_of
@@ -141,7 +142,7 @@ def opened(folder: Path) -> Iterator[Ledger]:
         folder.mkdir(parents=True, exist_ok=True)
     handle = os.open(folder, os.O_RDONLY)
     try:
-        if not has_lock(handle):
+        if not lock_at_once(handle, folder):
             raise ProjectError(f"{folder}: another run is writing into it", hint="wait for it, or stop it")
         remove_unfinished(folder)
         yield Ledger(folder)
@@ -182,8 +183,8 @@ def folder_run(
     `raw_only` other photographs are passed over. Raises `KnownError`s."""
     folders = [folder.resolve() for folder in folders]
     _require_apart(images.resolve(), folders)
-    discovery = discover(images.absolute())
-    left_out = refused(discovery.refused, strict)
+    discovery = (discover if raw_only else find_photographs)(images.absolute())
+    refused_files = refused(discovery.refused, strict)
     captures = [c for c in discovery.captures if c.kind == "raw" or not raw_only]
     others = len(discovery.captures) - len(captures)
     if not captures:
@@ -194,9 +195,11 @@ def folder_run(
     with ExitStack() as stack:
         executor = stack.enter_context(local_executor())
         how = (captures, develop, calibration, executor, progress)
-        prepared = stack.enter_context(prepared_set(*how, strict=strict, cameras=cameras))
-        left_out |= prepared.left_out
-        warn_of(set_warnings.warnings_of(prepared.surveyed, discovery.ignored), progress)
+        prepared = stack.enter_context(
+            prepared_set(*how, strict=strict, cameras=cameras, refused=refused_files)
+        )
+        left_out = dict(prepared.left_out)
+        warn_of(set_warnings.warnings_of(prepared.surveyed, discovery.ignored, discovery.notes), progress)
         warn_of(
             set_warnings.camera_warnings(cameras or CamerasOptions(), prepared.surveyed, left_out), progress
         )

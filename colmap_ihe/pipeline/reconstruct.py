@@ -16,7 +16,7 @@ from colmap_ihe.machine.cluster.connect import workers_for
 from colmap_ihe.machine.files import guard_folder, room_on_disk, write_json
 from colmap_ihe.machine.progress import SILENT, RunProgress
 from colmap_ihe.machine.threads import limited
-from colmap_ihe.photographs.discover import discover
+from colmap_ihe.photographs.readable import find_photographs
 from colmap_ihe.pipeline import outputs
 from colmap_ihe.pipeline.estimates import disk_warnings, needs_of, stage_parts
 from colmap_ihe.pipeline.input_digests import digests_of
@@ -88,7 +88,7 @@ def reconstruct(
     options = options or Options()
     _check_range(start, until, options)
     folder = Project.at(Path(project), Path(images) if images else None)
-    discovery = discover(folder.images)
+    discovery = find_photographs(folder.images)
     for stage in STAGES:
         stage.check(options, len(discovery.captures))
     with ExitStack() as stack:

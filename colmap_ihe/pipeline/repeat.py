@@ -18,13 +18,13 @@ from colmap_ihe.machine import threads
 from colmap_ihe.machine.files import digest_file, read_json, write_json
 from colmap_ihe.machine.libraries import __version__, code_digest, library_versions, package_version
 from colmap_ihe.machine.threads import local_workers
+from colmap_ihe.machine.words import listed
 from colmap_ihe.pipeline.input_digests import masks_in
 from colmap_ihe.project.folder import Project
 from colmap_ihe.project.options import Options
 from colmap_ihe.project.options_file import options_of
 
 _HINT = "name a project that `reconstruct` ran on, or its records/run.json"
-_SHOWN = 5
 _MACHINE = ("system", "libc", "instructions", "linear algebra", "cuda devices")  # what may change numbers
 _PACKAGES = (
     *("numpy", "opencv-python-headless", "pillow", "simplejpeg", "isal", "tifffile", "threadpoolctl"),
@@ -150,8 +150,7 @@ def _other_files(kind: str, noted: Mapping[str, str], present: Mapping[str, str]
         (other, "have another content than in the record"),
     ):
         if names:
-            first = ", ".join(names[:_SHOWN]) + (" ..." if len(names) > _SHOWN else "")
-            differences.append(f"{len(names)} {kind} {words}: {first}")
+            differences.append(f"{len(names)} {kind} {words}: {listed(names)}")
     return differences
 
 

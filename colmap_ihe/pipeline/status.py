@@ -9,7 +9,9 @@ from typing import Any
 
 from colmap_ihe.machine.executor import local_executor
 from colmap_ihe.machine.progress import SILENT
-from colmap_ihe.photographs.discover import Discovery, discover
+from colmap_ihe.machine.words import listed
+from colmap_ihe.photographs.discover import Discovery
+from colmap_ihe.photographs.readable import find_photographs
 from colmap_ihe.pipeline import records
 from colmap_ihe.pipeline.estimates import in_words, needs_of
 from colmap_ihe.pipeline.input_digests import digests_of
@@ -42,7 +44,7 @@ def status(
     """Return the state of each stage of a project, without changing anything. Raises `ProjectError`."""
     options = options or Options()
     folder = Project.at(Path(project), Path(images) if images else None)
-    discovery = discover(folder.images)
+    discovery = find_photographs(folder.images)
     with local_executor() as threads:
         inputs = records.inputs_of(folder, options, discovery, digests_of(folder, discovery, threads, SILENT))
     prints = records.fingerprints(options, inputs)
@@ -145,5 +147,4 @@ def _shown(values: Mapping[str, Any], name: str) -> str:
 
 
 def _first(changes: list[str]) -> str:
-    more = len(changes) - _SHOWN
-    return ", ".join(changes[:_SHOWN]) + (f" and {more} more" if more > 0 else "")
+    return listed(changes, _SHOWN)

@@ -10,7 +10,7 @@ from colmap_ihe.errors import ProjectError
 from colmap_ihe.machine.executor import local_executor
 from colmap_ihe.machine.files import read_json
 from colmap_ihe.machine.progress import SILENT, RunProgress
-from colmap_ihe.photographs.discover import discover
+from colmap_ihe.photographs.readable import find_photographs
 from colmap_ihe.pipeline.page import write_page
 from colmap_ihe.pipeline.records import read_record
 from colmap_ihe.pipeline.stage import Record, RunContext
@@ -92,5 +92,5 @@ def report(
     if isinstance(truth, dict) and all(type(value) in (int, float) for value in truth.values()):
         summary["truth"] = truth
     with folder.locked(), local_executor() as executor, progress.stage("page") as stage_progress:
-        run = RunContext(folder, options, discover(folder.images), executor, records=records)
+        run = RunContext(folder, options, find_photographs(folder.images), executor, records=records)
         return write_page(run, summary, stage_progress)

@@ -18,7 +18,7 @@ from colmap_ihe.project.folder import Project
 
 def test_projects_are_found_at_any_depth_and_not_in_what_was_made(tmp_path: Path) -> None:
     made = ("b/images/inner", "e/workspace", "made/dense")
-    root = projects(tmp_path / "root", "b", "a/deep/c", ".hidden/d", *made)
+    root = projects(tmp_path / "root", "b", "a/deep/c", ".hidden/d", "#recycle/h", "a/@eaDir/i", *made)
     locks.make(root / "e/workspace")
     locks.make(root / "made")
     (root / "f").mkdir()

@@ -26,5 +26,5 @@ def test_what_is_wrong_with_a_project_is_in_its_preview(
     def broken(*_: object) -> None:
         raise TypeError("odd")
 
-    monkeypatch.setattr(preview, "discover", broken)
+    monkeypatch.setattr(preview, "find_photographs", broken)
     assert "TypeError: odd" in preview_project(small_demo, []).reason

@@ -106,7 +106,7 @@ def test_as_colmap_does_with_one_thread(
 ) -> None:
     options = MatchesOptions.model_validate({"strategy": strategy, "pairing": PAIRINGS[strategy]})
     other = Path(shutil.copy(database, tmp_path / "other.db"))
-    found = match_features(database, tmp_path, options, 8, 8, anyone, SILENT)
+    found = match_features(database, tmp_path, options, 8, anyone, SILENT)
     pairs = set(matched(database))
     alone, pairing, verification = native_options(options, strategy)
     alone.num_threads = 1
@@ -135,13 +135,13 @@ def test_as_colmap_does_with_one_thread(
 
 
 def test_goes_on_where_it_was_interrupted(database: Path, tmp_path: Path, anyone: Executor) -> None:
-    match_features(database, tmp_path, MatchesOptions(), 8, 0, anyone, SILENT)
+    match_features(database, tmp_path, MatchesOptions(), 8, anyone, SILENT)
     before = matched(database)
     with pycolmap.Database.open(database) as opened:
         for pair in list(before)[::3]:
             opened.delete_matches(*pair)
             opened.delete_two_view_geometry(*pair)
-    match_features(database, tmp_path, MatchesOptions(), 8, 0, anyone, SILENT)
+    match_features(database, tmp_path, MatchesOptions(), 8, anyone, SILENT)
     assert matched(database) == before
 
 
@@ -156,10 +156,10 @@ def test_a_pair_without_a_match_is_done_too(
             count = opened.num_keypoints_for_image(image.image_id)
             noise.data = np.random.default_rng(image.image_id % 7).integers(0, 60, (count, 128), np.uint8)
             opened.write_descriptors(image.image_id, noise)
-    found = match_features(database, tmp_path, MatchesOptions(), 8, 0, executor, SILENT)
+    found = match_features(database, tmp_path, MatchesOptions(), 8, executor, SILENT)
     assert (found.pairs_matched, len(matched(database))) == (28, 1)  # images 1 and 8 have the same noise
     monkeypatch.setattr(match_blocks, "match_block", None)  # nothing is matched again
-    assert match_features(database, tmp_path, MatchesOptions(), 8, 0, executor, SILENT) == found
+    assert match_features(database, tmp_path, MatchesOptions(), 8, executor, SILENT) == found
 
 
 def test_what_was_matched_is_kept_when_it_is_stopped(
@@ -169,12 +169,12 @@ def test_what_was_matched_is_kept_when_it_is_stopped(
     monkeypatch.setattr(match_blocks, "batch_of", lambda _features: 1)
     with ThreadPoolExecutor(2) as here:
         with pytest.raises(Cancelled):
-            match_features(database, tmp_path, SLOW, 8, 0, here, StopsWhen(lambda done: done >= 1))
+            match_features(database, tmp_path, SLOW, 8, here, StopsWhen(lambda done: done >= 1))
         kept = matched(database)
         assert 0 < len(kept) < 22  # of blocks of 16 and of 6 that were begun
         assert not (tmp_path / "parts").exists()
         progress = StopsWhen(lambda done: done >= 29)
-        match_features(database, tmp_path, MatchesOptions(), 8, 0, here, progress)
+        match_features(database, tmp_path, MatchesOptions(), 8, here, progress)
     assert (progress.done, progress.total) == (28, 28)
     assert kept.items() <= matched(database).items()
 
@@ -186,4 +186,4 @@ def test_on_a_gpu_colmap_has_its_threads(
     monkeypatch.setattr(matching, "match_in_processes", None)
     options = MatchesOptions(colmap={"use_gpu": True, "num_threads": 1})  # which it has not here
     with ThreadPoolExecutor(2) as here:
-        assert match_features(database, tmp_path, options, 8, 0, here, SILENT).pairs_matched == 28
+        assert match_features(database, tmp_path, options, 8, here, SILENT).pairs_matched == 28

@@ -12,7 +12,7 @@ from small_demo import SETTINGS, Make
 from colmap_ihe.batch.state import BatchState, Phase, ProjectState, State
 from colmap_ihe.cli import main
 from colmap_ihe.commandline.bars import Terminal, batch_picture, left_in_words, print_table
-from colmap_ihe.commandline.display import Display
+from colmap_ihe.commandline.display import Display, printable
 from colmap_ihe.commandline.json_lines import JsonLines
 from colmap_ihe.errors import Cancelled
 from colmap_ihe.pipeline.stages import STAGE_NAMES
@@ -29,6 +29,12 @@ def work(display: Display) -> None:
 def batch_of(state: State, phase: Phase = "running") -> BatchState:
     project = ProjectState("arch", state, reason="crashed in dense" if state == "crashed" else "")
     return BatchState("root", phase, [project], "2026-01-01T00:00:00+00:00")
+
+
+def test_names_show_as_they_are_and_steer_nothing() -> None:
+    name = "10.00\u202fAM 写真\u30001 می\u200cخواهم.jpg"
+    assert printable(name) == name
+    assert printable("a\x1b[31m\u202eb\udcff\n") == "a\\x1b[31m\\u202eb\\udcff "
 
 
 def test_a_terminal_has_bars(capsys: Captured, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -18,6 +18,12 @@ def test_names_may_hold_spaces(tmp_path: Path) -> None:
     assert read_pairs(file, NAMES) == {frozenset(("a.jpg", "north wall/b 1.jpg")), frozenset(("c d", "d"))}
 
 
+def test_names_may_hold_spaces_of_other_scripts(tmp_path: Path) -> None:
+    names = ["x\u2028y.jpg", "10.00\u202fAM.png"]
+    (tmp_path / "pairs.txt").write_text(f"{names[0]} {names[1]}\r\n", encoding="utf-8", newline="")
+    assert read_pairs(tmp_path / "pairs.txt", names) == {frozenset(names)}
+
+
 @pytest.mark.parametrize(
     ("content", "reason"),
     [

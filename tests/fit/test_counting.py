@@ -160,7 +160,7 @@ def test_strict_stops_at_the_first_that_cannot_be_used(tmp_path: Path) -> None:
     with ThreadPoolExecutor(2) as threads:
         with pytest.raises(PhotographError, match=r"1crash\.jpg: the decoder crashed"):
             gather(captures, counting(strict=True), threads, SILENT, {})
-        with pytest.raises(ProjectError, match="none of the 1 photographs"):
+        with pytest.raises(ProjectError, match="the only photograph cannot be used: 1crash"):
             gather([captures[1]], counting(), threads, SILENT, {})
 
 

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import struct
+import zlib
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
+import cv2
 import numpy as np
 import pytest
 import tifffile
@@ -252,6 +255,61 @@ def test_the_png_writer_against_pillow(tmp_path: Path, shape: tuple[int, ...], c
 def test_the_png_writer_refuses_what_it_cannot_write(pixels: NDArray[Any]) -> None:
     with pytest.raises(ValueError, match=r"expected \(H, W\), .* or \(H, W, 4\) uint8"):
         encode_png(pixels)
+
+
+@pytest.mark.parametrize("orientation", range(1, 9))
+def test_a_compressed_16_bit_tiff_is_read_as_stored_however_it_is_turned(
+    tmp_path: Path, orientation: int
+) -> None:
+    """Compressed by LZW, as photo editors do."""
+    file = tmp_path / "a.tif"
+    cv2.imwrite(str(file), deep()[..., ::-1], [cv2.IMWRITE_TIFF_COMPRESSION, 5])
+    with tifffile.TiffFile(file) as tiff:
+        assert tiff.pages.first.compression == 5
+        (place,) = (
+            t.offset for t in tiff.pages.first.tags if t.code == 284
+        )  # of planes, which are 1 by default
+    data = bytearray(file.read_bytes())
+    data[place : place + 12] = struct.pack("<HHLHH", 274, 3, 1, orientation, 0)
+    file.write_bytes(data)
+    np.testing.assert_array_equal(read(file), ROUNDED)
+
+
+@pytest.mark.parametrize("byteorder", ["<", ">"])
+@pytest.mark.parametrize("bigtiff", [False, True])
+def test_16_bit_tiffs_of_each_order_and_size(
+    tmp_path: Path, byteorder: Literal["<", ">"], bigtiff: bool
+) -> None:
+    tags = [(274, 3, 1, 6, True)]
+    file = tmp_path / "a.tif"
+    tifffile.imwrite(file, deep(), photometric="rgb", byteorder=byteorder, bigtiff=bigtiff, extratags=tags)
+    if bigtiff and byteorder == ">":
+        assert refused(file) == "a.tif: is a big-endian BigTIFF"
+    else:
+        np.testing.assert_array_equal(read(file), ROUNDED)
+
+
+def test_additional_channels_are_named(tmp_path: Path) -> None:
+    channels = np.dstack([deep(), deep()[..., :2]])
+    tifffile.imwrite(tmp_path / "a.tif", channels, photometric="rgb", extrasamples=[0, 0])
+    assert refused(tmp_path / "a.tif").startswith(
+        "a.tif: holds 5 channels of 16 bit; expected grey, RGB, RGBA"
+    )
+
+
+@pytest.mark.parametrize("behind", [False, True])
+def test_text_costs_a_png_neither_pixels_nor_exif(tmp_path: Path, behind: bool) -> None:
+    exif = Image.Exif()
+    exif[0x0110] = "A camera"
+    file = tmp_path / "a.png"
+    Image.fromarray(smooth()).save(file, exif=exif.tobytes())
+    text = b"x\0\0" + zlib.compress(b"y" * 2_000_000)
+    chunk = len(text).to_bytes(4, "big") + b"zTXt" + text + zlib.crc32(b"zTXt" + text).to_bytes(4, "big")
+    whole = file.read_bytes()
+    at = whole.index(b"IEND") - 4 if behind else 33
+    file.write_bytes(whole[:at] + chunk + whole[at:])
+    np.testing.assert_array_equal(read(file), smooth())
+    assert read_metadata(file, "coded").model == "A camera"
 
 
 @pytest.mark.parametrize("planes", [2, 0])

@@ -132,9 +132,9 @@ def test_pictures_of_kinds_that_are_not_read_are_named(
     capsys: Captured, photos: Path, commands: Commands
 ) -> None:
     colour(photos / "a.png")
-    (photos / "b.heic").touch()
+    (photos / "b.webp").touch()
     for command in commands:
-        assert "1 pictures are of a kind that is not read, as b.heic" in run(capsys, *command)[1]
+        assert "1 WebP picture cannot be used, b.webp: save it as JPEG" in run(capsys, *command)[1]
 
 
 def test_a_project_of_unusual_photographs(capsys: Captured, tmp_path: Path) -> None:

@@ -54,6 +54,7 @@ UNREADABLE = (
 """What Pillow raises for EXIF that it cannot read or write; SyntaxError is its word for a malformed file."""
 
 _MM_PER_UNIT = {2: 25.4, 3: 10.0, 4: 1.0, 5: 0.001}  # 2, 3: Exif 2.32; 4, 5: TIFF/EP, which COLMAP reads too
+_FIX = (2, 4, 6)  # of the directory of GPS: latitude, longitude, altitude
 _SAME = 0.03  # of a side: a RAW file has a few rows and columns more than the camera's own picture
 
 
@@ -89,6 +90,16 @@ def take_apart(block: bytearray | mmap) -> Directories:
     exif = Image.Exif()
     exif.load_from_fp(BytesIO(block) if isinstance(block, bytearray) else block)  # type: ignore[arg-type]
     return contents(exif, lost)
+
+
+def set_orientation(block: bytearray, orientation: int) -> None:
+    """Write the Orientation tag of a sound block in place, where it has one: nothing else moves."""
+    order = "<" if block.startswith(b"II") else ">"
+    (first,) = struct.unpack_from(f"{order}L", block, 4)
+    (count,) = struct.unpack_from(f"{order}H", block, first)
+    for entry in range(first + 2, first + 2 + 12 * count, 12):
+        if struct.unpack_from(f"{order}HH", block, entry) == (Tag.ORIENTATION, 3):
+            struct.pack_into(f"{order}H", block, entry + 8, orientation)
 
 
 def contents(exif: Image.Exif, lost: int = 0) -> Directories:
@@ -236,6 +247,24 @@ def pixels_per_mm(shot: Mapping[int, Any]) -> float:
     unit = shot.get(Tag.PLANE_UNIT)
     mm = _MM_PER_UNIT.get(unit, 0.0) if isinstance(unit, int) else 0.0
     return number(shot.get(Tag.PLANE_X)) / mm if mm else 0.0
+
+
+def has_fix(gps: Mapping[int, Any]) -> bool:
+    """Tell whether a directory of GPS names a place, by latitude, longitude and altitude, of which COLMAP wants all:
+    finite, none beyond a pole, and not 0 degrees both north and east, as a receiver without satellites writes."""
+    latitude, longitude, altitude = (_finite(gps.get(tag)) for tag in _FIX)
+    if not (latitude and longitude and altitude) or not any(latitude + longitude):
+        return False
+    return abs(latitude[0]) <= 90 and abs(longitude[0]) <= 180
+
+
+def _finite(value: Any) -> list[float]:
+    """Return the numbers of a tag, empty if one of them is none."""
+    try:
+        numbers = [float(part) for part in (value if isinstance(value, tuple) else (value,))]
+    except (TypeError, ValueError, ZeroDivisionError, OverflowError):
+        return []
+    return numbers if all(map(math.isfinite, numbers)) else []
 
 
 def plane_tags(pixels_per_mm: float) -> Tags:

@@ -6,18 +6,21 @@ photograph says has to arrive. Broken EXIF loses the tag, not the photograph.
 
 from __future__ import annotations
 
+import re
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from io import BytesIO
 from mmap import ACCESS_COPY, mmap
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 from PIL import Image, UnidentifiedImageError
 
 from colmap_ihe.errors import PhotographError
 from colmap_ihe.machine.decoder_pool import in_decoder
+from colmap_ihe.photographs import heic
 from colmap_ihe.photographs.coded import FORMATS
+from colmap_ihe.photographs.container import without_text
 from colmap_ihe.photographs.exif import blocks, cr3
 from colmap_ihe.photographs.exif.blocks import UNREADABLE, Directories, Tag, number, put_together, take_apart
 from colmap_ihe.photographs.icc_profile import name_of_profile
@@ -31,6 +34,9 @@ _OF_THE_SHOT = frozenset(
     | {Tag.SERIAL, Tag.LENS_RANGE, Tag.LENS_MAKE, Tag.LENS}
 )
 _OF_DNG = {0xC62F: Tag.SERIAL, 0xC630: Tag.LENS_RANGE}  # DNG 1.4: CameraSerialNumber, LensInfo
+_TOO_MUCH_TEXT = "MAX_TEXT"  # in Pillow's words of a PNG
+_GPANO = re.compile(rb"GPano:ProjectionType\s*(?:=\s*[\"']|>)\s*([A-Za-z]{1,40})")
+_CUSTOM_RENDERED, _APPLES_PANORAMA = 0xA401, 6
 _NO_EXIF = "no EXIF found"
 _TIFF, _BIG_TIFF = (b"II*\x00", b"MM\x00*"), (b"II+\x00", b"MM\x00+")
 
@@ -40,7 +46,7 @@ class Metadata:
     """Hold what a photograph says of itself. `exif` is a TIFF structure to write into another file, or empty; lengths
     are in millimetres, `exposure_s` in seconds, 0 where unknown; `pixels_per_mm` is the resolution on the sensor;
     `serial` is the camera's; `profile` names the colours of its RGB numbers; `problem` says in a few words what could
-    not be read."""
+    not be read; `projection` of a panorama, as "equirectangular", empty for a photograph through one lens."""
 
     exif: bytes = b""
     make: str = ""
@@ -58,6 +64,7 @@ class Metadata:
     profile: str = "sRGB"
     pages: int = 1
     problem: str = ""
+    projection: str = ""
 
 
 def read_metadata(path: Path, kind: str) -> Metadata:
@@ -81,13 +88,16 @@ def decode_metadata(path: Path, kind: str) -> Metadata:
 
 
 def describe(block: bytes, other: Metadata | None = None) -> Metadata:
-    """Return what a block of EXIF says; what is not of EXIF (profile, pages, problem) as in `other`."""
+    """Return what a block of EXIF says; what is not of EXIF (profile, pages, problem, projection) as in `other`."""
     directories = take_apart(bytearray(block)) if block else Directories()
     image, shot = directories.image, directories.shot
     orientation = image.get(Tag.ORIENTATION, 1)
+    other = other or Metadata()
+    stitched = shot.get(_CUSTOM_RENDERED) == _APPLES_PANORAMA and _text(image.get(Tag.MAKE)) == "Apple"
     return replace(
-        other or Metadata(),
+        other,
         exif=block,
+        projection=other.projection or ("cylindrical" if stitched else ""),
         make=_text(image.get(Tag.MAKE)),
         model=_text(image.get(Tag.MODEL)),
         focal_mm=number(shot.get(Tag.FOCAL_LENGTH)),
@@ -99,7 +109,7 @@ def describe(block: bytes, other: Metadata | None = None) -> Metadata:
         lens=_text(shot.get(Tag.LENS)),
         serial=_text(shot.get(Tag.SERIAL)),
         orientation=orientation if orientation in range(1, 9) else 1,
-        has_gps={2, 4, 6} <= set(directories.gps),  # COLMAP wants latitude, longitude and altitude
+        has_gps=blocks.has_fix(directories.gps),
     )
 
 
@@ -110,14 +120,36 @@ def sized(metadata: Metadata, width: int, height: int) -> Metadata:
 
 
 def _read_coded(source: Path | BytesIO) -> Metadata:
-    with Image.open(source, formats=FORMATS) as image:
+    """Read what Pillow opens. Text of a PNG may hold its EXIF, and where Pillow has too much of it counts for none."""
+    heic.register()
+    try:
+        return _read_opened(source, source)
+    except ValueError as error:
+        if isinstance(source, BytesIO) or _TOO_MUCH_TEXT not in str(error):
+            raise
+        with source.open("rb") as file:
+            return replace(_read_opened(without_text(file), source), problem="its text is too long")
+
+
+def _read_opened(file: Path | BinaryIO, source: Path | BytesIO) -> Metadata:
+    with Image.open(file, formats=FORMATS) as image:
         try:
             block, directories = _block_of(image, source)
             problem = _problem(directories.lost)
         except UNREADABLE as error:
+            if _TOO_MUCH_TEXT in str(error):
+                raise
             block, directories, problem = b"", Directories(), _unreadable(error)
         profile = name_of_profile(image, directories.interoperability)
-        return describe(block, Metadata(profile=profile, pages=_pages(image), problem=problem))
+        projection = _projection(image.info.get("xmp", b""))
+        read = Metadata(profile=profile, pages=_pages(image), problem=problem, projection=projection)
+        return describe(block, read)
+
+
+def _projection(xmp: bytes | str) -> str:
+    """Return the projection that XMP says, by Google's GPano, empty if none."""
+    found = _GPANO.search(xmp.encode("utf-8", "replace") if isinstance(xmp, str) else xmp)
+    return found[1].decode("ascii").lower() if found else ""
 
 
 def _block_of(image: Image.Image, source: Path | BytesIO) -> tuple[bytes, Directories]:
@@ -134,6 +166,9 @@ def _block_of(image: Image.Image, source: Path | BytesIO) -> tuple[bytes, Direct
         del block[: len(blocks.PREFIX)]
     if block:
         directories = take_apart(block)  # which mends it
+        if (turned := heic.orientation_of(image, source)) != 1:
+            blocks.set_orientation(block, turned)
+            directories.image[Tag.ORIENTATION] = turned
         return bytes(block), directories
     if not image.getexif():
         return b"", Directories()

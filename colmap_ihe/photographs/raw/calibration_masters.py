@@ -19,7 +19,7 @@ from colmap_ihe.machine.files import digest_file, fingerprint_of, leads_out, wri
 from colmap_ihe.machine.libraries import library_versions
 from colmap_ihe.machine.progress import Progress
 from colmap_ihe.photographs.decode import refuse_too_large
-from colmap_ihe.photographs.discover import RAW_SUFFIXES
+from colmap_ihe.photographs.discover import RAW_SUFFIXES, is_foreign
 from colmap_ihe.photographs.exif.metadata import read_metadata
 from colmap_ihe.photographs.raw import calibration
 from colmap_ihe.photographs.raw.develop import bad_pixel_candidates, frames_of, read_header, read_mosaic
@@ -83,7 +83,7 @@ def masters_of(
 
 def _unused_in(folder: Path) -> Iterator[str]:
     """Yield what lies in the folder and is neither a folder with frames nor the list of bad pixels."""
-    for entry in sorted(e for e in folder.iterdir() if not e.name.startswith(".")):
+    for entry in sorted(e for e in folder.iterdir() if not is_foreign(e.relative_to(folder))):
         if entry.is_file():
             if entry.name != calibration.BAD_PIXELS:
                 yield f"{folder.name}/{entry.name}"
@@ -97,7 +97,9 @@ def _frames_of(folder: Path, kind: calibration.Kind) -> list[tuple[Path, Path]]:
     """Return the RAW files in the folders of this kind, sorted, each with the folder that it lies in."""
     folders = [f for f in folder.iterdir() if f.is_dir() and calibration.kind_of_folder(f.name) == kind]
     files = ((file, f) for f in folders for file in f.rglob("*") if file.suffix.lower() in RAW_SUFFIXES)
-    return sorted((file, f) for file, f in files if file.is_file())
+    return sorted(
+        (file, f) for file, f in files if file.is_file() and not is_foreign(file.relative_to(folder))
+    )
 
 
 def _shot(file: Path, folder: Path) -> calibration.Shot:

@@ -5,6 +5,7 @@ No white balance, no colour matrix, no gamma, no denoising, no sharpening, and t
 
 from __future__ import annotations
 
+import re
 import warnings
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -22,12 +23,20 @@ with warnings.catch_warnings():  # of scikit-image missing, which it does not ne
     from rawpy.enhance import find_bad_pixels
 
 from colmap_ihe.errors import PhotographError
+from colmap_ihe.machine.decoder_process import BROKEN
 from colmap_ihe.photographs.raw.cut_short import refuse_cut_short
 from colmap_ihe.photographs.raw.dng_black import black_plane
 from colmap_ihe.photographs.raw.mosaic import FULL, Frames, Mosaic, calibrated
 from colmap_ihe.photographs.raw.undecoded import refuse_damaged, unpack
 from colmap_ihe.project.recipe import Demosaic, Recipe
 
+_UNKNOWN = (rawpy.LibRawFileUnsupportedError, rawpy.LibRawNotImplementedError)
+_CONVERT = (
+    "if other files of this camera can be read, copy it from the card again; else convert it to DNG or TIFF with the"
+    " maker's program, or take it out: a JPEG of the same name is then used"
+)
+_HEADS = re.compile(rb"II|MM|....ftyp|FUJIFILM|FOVb|\0MRM|NOKIARAW|ARRI|YZ|\xff\xd8", re.DOTALL)
+"""Of RAW files: those of TIFF's kind, of MP4's, and those of makers' own."""
 Sensor = Literal["bayer", "x-trans", "mosaic", "monochrome", "demosaiced"]
 """`mosaic`: of another pattern. `demosaiced`: sRAW, linear DNG, and sensors with three layers."""
 
@@ -154,6 +163,19 @@ def libraw_metadata(path: Path) -> LibrawMetadata:
         )
 
 
+def unknown_format(path: Path) -> str:
+    """Return LibRaw's words for a file of a format that it does not know, or has no decoder for; empty for others,
+    also damaged ones."""
+    try:
+        with rawpy.imread(str(path)) as raw:
+            raw.unpack()
+    except _UNKNOWN as error:
+        return _words_of(error)
+    except (rawpy.LibRawError, RuntimeError):
+        return ""
+    return ""
+
+
 @contextmanager
 def _opened(path: Path) -> Iterator[rawpy.RawPy]:
     try:
@@ -166,11 +188,19 @@ def _opened(path: Path) -> Iterator[rawpy.RawPy]:
                 )
             yield raw
     except (rawpy.LibRawError, RuntimeError, NotImplementedError, cv2.error) as error:
-        reason = str(error.args[0].decode() if error.args and isinstance(error.args[0], bytes) else error)
         raise PhotographError(
-            f"{path.name}: LibRaw cannot read this RAW file ({reason})",
-            hint="copy it from the card again, or convert it to DNG or TIFF",
+            f"{path.name}: LibRaw cannot read this RAW file ({_words_of(error)})",
+            hint=_CONVERT if isinstance(error, _UNKNOWN) and _has_raw_head(path) else BROKEN,
         ) from error
+
+
+def _has_raw_head(path: Path) -> bool:
+    with path.open("rb") as handle:
+        return _HEADS.match(handle.read(16)) is not None
+
+
+def _words_of(error: Exception) -> str:
+    return str(error.args[0].decode() if error.args and isinstance(error.args[0], bytes) else error)
 
 
 def _sensor(raw: rawpy.RawPy) -> Sensor:

@@ -60,7 +60,12 @@ def run(run: RunContext, progress: Progress) -> CapturesRecord:
     cameras, project = run.options.cameras, run.project
     refused_files = refused(run.discovery.refused, run.strict)
     surveyed, left_out = survey(
-        run.discovery.captures, run.executor, progress, strict=run.strict, cameras=cameras
+        run.discovery.captures,
+        run.executor,
+        progress,
+        strict=run.strict,
+        cameras=cameras,
+        refused=refused_files,
     )
     prepared = with_recipes(
         surveyed,
@@ -71,7 +76,6 @@ def run(run: RunContext, progress: Progress) -> CapturesRecord:
         progress,
         strict=run.strict,
     )
-    left_out = refused_files | left_out
     run.surveyed = [replace(s, capture=run.kept(s.capture)) for s in prepared.surveyed]
     recipes = {name: dict(recipe) for name, recipe in recipe_notes(run.surveyed).items()}
     _remove_masters(project, recipes)
@@ -92,7 +96,7 @@ def run(run: RunContext, progress: Progress) -> CapturesRecord:
         warnings=[
             *set_warnings.copies(run.surveyed, run.contents),
             *set_warnings.odd_sizes(run.surveyed, sizes),
-            *set_warnings.warnings_of(run.surveyed, run.discovery.ignored),
+            *set_warnings.warnings_of(run.surveyed, run.discovery.ignored, run.discovery.notes),
             *prepared.warnings,
             *set_warnings.camera_warnings(cameras, run.surveyed, left_out),
         ],

@@ -10,6 +10,7 @@ from colmap_ihe.dense import backend, fusion
 from colmap_ihe.dense.backend import pick_backend
 from colmap_ihe.dense.cloud import dense_cloud
 from colmap_ihe.dense.cost import ASPECT, dense_cost, pixels_within
+from colmap_ihe.errors import OptionError
 from colmap_ihe.machine.files import require_room
 from colmap_ihe.machine.progress import Progress
 from colmap_ihe.machine.remaining_time import Part
@@ -87,6 +88,11 @@ def _made(project: Project) -> list[Path]:
 
 def _check(options: Options, images: int) -> None:
     if options.dense.enabled:
+        if options.camera.model == "EQUIRECTANGULAR":
+            raise OptionError(
+                "camera.model is EQUIRECTANGULAR, of which dense stereo can make no flat images",
+                hint="add --no-dense for a sparse model, or cut the panoramas into flat views",
+            )
         pick_backend(options.dense.backend)
         fusion.fusion_options(options.dense.colmap)
         backend.patchmatch_options(options.dense.patchmatch)

@@ -21,6 +21,7 @@ from colmap_ihe.machine.remaining_time import Part
 from colmap_ihe.photographs.discover import Discovery
 from colmap_ihe.pipeline.resource_needs import BASE_BYTES, Known, PhotoSetSize, StageNeeds
 from colmap_ihe.pipeline.stage import Count, Inputs, Record, RunContext, Stage, StageRecord, StrictModel
+from colmap_ihe.pipeline.warnings.files import depth_warnings
 from colmap_ihe.project.folder import Project
 from colmap_ihe.project.options import Options
 
@@ -78,7 +79,7 @@ def run(run: RunContext, progress: Progress) -> FitRecord:
     )
     develop = run.options.develop.model_dump(mode="json")
     write_stored(run.project.histogram_file, StoredCounts(fit.gathered, options.sample, develop))
-    warnings = []
+    warnings = depth_warnings(run.captures(), fit.gathered)
     if len(fit.weights) > 1:
         counts = " and ".join(f"{w.images} {encoding}" for encoding, w in fit.weights.items())
         warnings.append(

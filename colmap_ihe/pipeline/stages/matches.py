@@ -39,14 +39,15 @@ def run(run: RunContext, progress: Progress) -> MatchesRecord:
             project.workspace,
             run.options.matches,
             images,
-            run.records["captures"]["with_gps"],
             run.executor,
             progress,
         )
     except MappingError as error:
         reason, hint = model_warnings.why_no_match(project.database, run.photographs_by_grey(), images)
         raise MappingError(reason, hint) from error
-    return MatchesRecord(**asdict(counts), warnings=[])
+    by_grey = run.photographs_by_grey()
+    warnings = model_warnings.gps_warnings([by_grey[name] for name in counts.without_fix], images)
+    return MatchesRecord(**asdict(counts), warnings=warnings)
 
 
 def _remove(project: Project) -> None:

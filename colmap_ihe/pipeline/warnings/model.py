@@ -9,7 +9,9 @@ from colmap_ihe.colmap.checks.camera_motion import Motion, motions_of
 from colmap_ihe.colmap.checks.plausibility import FLAT, Shape, SolvedCamera, cameras_of, shape_of
 from colmap_ihe.colmap.checks.repeated_structure import Conflicts, conflicts_of
 from colmap_ihe.colmap.mapping import ModelStatistics
+from colmap_ihe.colmap.matching import EXHAUSTIVE_UP_TO
 from colmap_ihe.colmap.measures import putative_and_inliers
+from colmap_ihe.machine.words import listed
 
 FOCAL_FACTOR = 1.15
 """Between a focal length found and that of EXIF: 1.05 at most in the sound sets of docs/degenerate.md."""
@@ -21,7 +23,6 @@ TURNED_TO = 45.0
 """Degrees between the directions of two photographs of a wall, from which on it tells their focal length."""
 SAME_PLACE = 0.1
 """Degrees between rays to one point of two photographs of one view."""
-_SHOWN = 5
 _TO_BEGIN_WITH = 100  # verified matches, COLMAP's init_min_num_inliers
 
 Advice = tuple[str, str]
@@ -29,7 +30,7 @@ Advice = tuple[str, str]
 
 
 def named(names: Sequence[str]) -> str:
-    return ", ".join(names[:_SHOWN]) + (f" and {len(names) - _SHOWN} more" if len(names) > _SHOWN else "")
+    return listed(names)
 
 
 def why_no_match(database: Path, by_grey: Mapping[str, str], images: int) -> Advice:
@@ -71,6 +72,17 @@ def why_no_model(database: Path, images: int) -> Advice:
             " by, `--set sparse.colmap.mapper.init_min_num_inliers=50`",
         )
     return said, "photographs need overlap and the camera must move sideways between them, not only turn"
+
+
+def gps_warnings(without_fix: Sequence[str], images: int) -> list[str]:
+    """Warn of photographs that spatial matching could say nothing of, of so many `images`."""
+    if not without_fix:
+        return []
+    others = "all others" if images <= EXHAUSTIVE_UP_TO else "those that look like them"
+    return [
+        f"{len(without_fix)} of {images} photographs have no GPS fix of their own, or none near another's, and were"
+        f" compared with {others}: {named(without_fix)}"
+    ]
 
 
 def model_warnings(

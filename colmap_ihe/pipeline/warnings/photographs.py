@@ -4,25 +4,25 @@ from __future__ import annotations
 
 from collections import Counter, defaultdict
 from collections.abc import Iterable, Mapping, Sequence
-from pathlib import Path
 
 from colmap_ihe.errors import MappingError, OptionError, PhotographError
 from colmap_ihe.grey.conversions import CONVERSIONS
 from colmap_ihe.grey.weights import Grey, Weights
 from colmap_ihe.machine import memory
 from colmap_ihe.machine.threads import local_workers
+from colmap_ihe.machine.words import listed
 from colmap_ihe.photographs.decode import read_photograph
 from colmap_ihe.photographs.discover import Capture
 from colmap_ihe.photographs.each import LeftOut
+from colmap_ihe.photographs.file_kinds import unread_files
 from colmap_ihe.photographs.icc_profile import UNREADABLE_PROFILE
 from colmap_ihe.photographs.known_cameras import focal_px, pattern_of, unused_patterns
 from colmap_ihe.photographs.survey import Surveyed
 from colmap_ihe.pipeline.warnings.colmap_sensors import knows_sensor
+from colmap_ihe.pipeline.warnings.files import panorama_warnings
 from colmap_ihe.pipeline.warnings.linear import linear_warnings
 from colmap_ihe.pipeline.warnings.model import named
 from colmap_ihe.project.options import CamerasOptions
-
-_UNREAD = {".heic", ".heif", ".avif", ".webp", ".jp2", ".jxl", ".bmp", ".gif", ".exr", ".hdr", ".psd"}
 
 
 def shared_by(surveyed: list[Surveyed]) -> int:
@@ -46,10 +46,10 @@ def copies(surveyed: Sequence[Surveyed], contents: Mapping[str, str]) -> list[st
     for one in surveyed:
         if one.capture.name in contents:
             names[contents[one.capture.name]].append(one.capture.name)
-    twice = [f"{', '.join(some[1:])} of {some[0]}" for some in names.values() if len(some) > 1]
+    twice = [f"{listed(some[1:])} of {some[0]}" for some in names.values() if len(some) > 1]
     if not twice:
         return []
-    shown = "; ".join(twice[:5]) + (f"; and {len(twice) - 5} more" if len(twice) > 5 else "")
+    shown = listed(twice, separator="; ")
     return [f"some photographs are copies of others, which add no view and count twice: {shown}; remove them"]
 
 
@@ -63,7 +63,7 @@ def require_two(names: Sequence[str], contents: Mapping[str, str]) -> None:
     known = {contents.get(name, name) for name in names}
     if len(known) == 1:
         raise MappingError(
-            f"all {len(names)} photographs are copies of one file: {', '.join(names[:5])}",
+            f"all {len(names)} photographs are copies of one file: {listed(names)}",
             hint="a model needs two or more, from different places",
         )
 
@@ -101,14 +101,6 @@ def odd_sizes(surveyed: list[Surveyed], sizes: Counter[tuple[str, str, int, int]
     return warnings
 
 
-def unread_pictures(ignored: tuple[str, ...]) -> list[str]:
-    """Warn of pictures of kinds that are not read."""
-    names = [name for name in ignored if Path(name).suffix.lower() in _UNREAD]
-    if not names:
-        return []
-    return [f"{len(names)} pictures are of a kind that is not read, as {names[0]}: save them as JPEG or TIFF"]
-
-
 def linked_folders(ignored: tuple[str, ...]) -> list[str]:
     """Warn of links to folders elsewhere, which are not followed: their owner may count on what is behind them."""
     links = [name for name in ignored if name.endswith("/")]
@@ -120,14 +112,19 @@ def linked_folders(ignored: tuple[str, ...]) -> list[str]:
     ]
 
 
-def warnings_of(surveyed: Sequence[Surveyed], ignored: tuple[str, ...] = ()) -> list[str]:
-    """Warn of what headers say that the owner of the set should know, whatever is done with it."""
+def warnings_of(
+    surveyed: Sequence[Surveyed], ignored: tuple[str, ...] = (), notes: tuple[str, ...] = ()
+) -> list[str]:
+    """Warn of what headers say that the owner of the set should know, whatever is done with it. `ignored` and `notes`
+    as in `Discovery`."""
     return [
+        *notes,
         *exif_warnings(surveyed),
         *profile_warnings(surveyed),
         *page_warnings(surveyed),
         *linear_warnings(surveyed),
-        *unread_pictures(ignored),
+        *panorama_warnings(surveyed),
+        *unread_files(ignored, [s.capture.name for s in surveyed]),
         *linked_folders(ignored),
         *memory_warnings([s.capture for s in surveyed]),
     ]
@@ -146,12 +143,12 @@ def exif_warnings(surveyed: Sequence[Surveyed]) -> list[str]:
     warnings = []
     broken = [f"{s.capture.name} ({s.metadata.problem})" for s in surveyed if s.metadata.problem]
     if broken:
-        warnings.append(f"EXIF could not be read in full: {', '.join(broken[:5])}")
+        warnings.append(f"EXIF could not be read in full: {listed(broken)}")
     odd = [f"{s.capture.name} ({_focal_of(s):.2g})" for s in surveyed if not _is_plausible(s)]
     if odd:
         warnings.append(
             f"EXIF says a focal length that COLMAP refuses, less than a tenth or more than ten times the longer"
-            f" side: {', '.join(odd[:5])}; another program may have resized the photographs: see `cameras:` with"
+            f" side: {listed(odd)}; another program may have resized the photographs: see `cameras:` with"
             " override in docs/options.md"
         )
     return warnings
@@ -233,7 +230,7 @@ def page_warnings(surveyed: Sequence[Surveyed]) -> list[str]:
     several = [f"{s.capture.name} ({s.metadata.pages})" for s in surveyed if s.metadata.pages > 1]
     if not several:
         return []
-    return [f"of TIFF files with several pages the first one is used: {', '.join(several[:5])}"]
+    return [f"of TIFF files with several pages the first one is used: {listed(several)}"]
 
 
 def fit_warnings(captures: Sequence[Capture], weights: Iterable[Grey]) -> list[str]:

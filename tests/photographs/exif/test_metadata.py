@@ -10,6 +10,7 @@ from typing import Any, get_args
 import numpy as np
 import pytest
 from PIL import ExifTags, Image
+from PIL.TiffImagePlugin import IFDRational as R
 
 from colmap_ihe.colmap.native import pycolmap
 from colmap_ihe.evaluation.demo.exif import PhotoExif, jpeg_exif
@@ -91,6 +92,24 @@ def test_gps_counts_only_with_an_altitude(tmp_path: Path) -> None:
     assert read_metadata(photograph(tmp_path, gps=GPS), "coded").has_gps
     assert not read_metadata(photograph(tmp_path, "b.jpg", gps=without), "coded").has_gps
     assert not read_metadata(photograph(tmp_path, "c.jpg"), "coded").has_gps
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {2: (R(0, 0), R(0, 0), R(0, 0))},
+        {6: R(0, 0)},
+        {2: (R(0), R(0), R(0)), 4: (R(0), R(0), R(0))},
+        {2: (R(480), R(0), R(0))},
+    ],
+    ids=["latitude 0/0", "altitude 0/0", "0 north and east", "beyond the pole"],
+)
+def test_a_fix_that_no_place_has_is_none(tmp_path: Path, changes: dict[int, Any]) -> None:
+    assert not read_metadata(photograph(tmp_path, gps=GPS | changes), "coded").has_gps
+
+
+def test_a_fix_on_the_equator_is_one(tmp_path: Path) -> None:
+    assert read_metadata(photograph(tmp_path, gps=GPS | {2: (R(0), R(0), R(0))}), "coded").has_gps
 
 
 @pytest.mark.parametrize("file_format", FORMATS)

@@ -230,6 +230,14 @@ def test_folders_of_frames_may_have_other_names(flawed: Callable[..., Path]) -> 
     assert warning.startswith("not used: calibration/Grey card/, calibration/flats/ (no RAW file in it),")
 
 
+def test_what_a_system_keeps_beside_frames_is_none(flawed: Callable[..., Path]) -> None:
+    project = flawed()
+    for name in ("darks/._0.dng", "@eaDir/darks/0.dng", "darks/@eaDir/0.dng"):
+        (project / "calibration" / name).parent.mkdir(parents=True, exist_ok=True)
+        (project / "calibration" / name).write_bytes(b"\0\5\x16\7")
+    assert not recipes(project, strict=True).warnings
+
+
 def test_frames_are_averaged_once(flawed: Callable[..., Path], monkeypatch: pytest.MonkeyPatch) -> None:
     project = flawed()
     first = recipes(project)
