@@ -24,7 +24,7 @@ from colmap_ihe.evaluation.tables import sentences, tables_of
 from colmap_ihe.fit.weights_file import read_weights
 from colmap_ihe.grey.weights import Weights
 from colmap_ihe.machine.cluster.connect import connected
-from colmap_ihe.pipeline.convert_folder import convert_folder
+from colmap_ihe.pipeline.convert_folder import convert_folder, tried_in
 from colmap_ihe.pipeline.develop_folder import develop_folder
 from colmap_ihe.pipeline.doctor import doctor
 from colmap_ihe.pipeline.fit_files import fit_files
@@ -163,9 +163,13 @@ def _convert(parsed: argparse.Namespace, display: Display) -> None:
         strict=parsed.strict,
         progress=display,
     )
-    if not _printed_as_json(parsed, display, {**weights.as_dict(), "grey": grey, "left_out": left_out}):
+    tried = tried_in(parsed.out, weights.encoding) if parsed.method == "auto" and not parsed.weights else None
+    result = {**weights.as_dict(), "tried": tried, "grey": grey, "left_out": left_out}
+    if not _printed_as_json(parsed, display, result):
         words = f": {weights_in_words(weights.triplet)}" if isinstance(weights, Weights) else ""
         print(f"{len(grey)} grey images in {parsed.out} ({weights.method}{words})")
+        if tried:
+            print(f"measured  {tried['chosen']}: {tried['in_words']}")
 
 
 def _status(parsed: argparse.Namespace, display: Display) -> None:

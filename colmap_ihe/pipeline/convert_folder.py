@@ -12,14 +12,14 @@ from colmap_ihe.errors import KnownError, WeightsError
 from colmap_ihe.fit.fit_set import Fit, fit_captures
 from colmap_ihe.fit.trial_bench import Trial
 from colmap_ihe.grey.convert import Tone, check_tone
-from colmap_ihe.grey.weights import Grey, grey_from_dict
-from colmap_ihe.machine.files import fingerprint_of
+from colmap_ihe.grey.weights import Encoding, Grey, grey_from_dict
+from colmap_ihe.machine.files import fingerprint_of, read_json
 from colmap_ihe.machine.libraries import __version__, library_versions
 from colmap_ihe.machine.progress import SILENT, RunProgress
 from colmap_ihe.photographs.decode import encoding_of
 from colmap_ihe.photographs.each import LeftOut
 from colmap_ihe.photographs.survey import Surveyed
-from colmap_ihe.pipeline.output_folder import FolderRun, Ledger, folder_run
+from colmap_ihe.pipeline.output_folder import RECORD, FolderRun, Ledger, folder_run
 from colmap_ihe.pipeline.run_stages import warn_of
 from colmap_ihe.pipeline.stages.convert import ImageWriter, convert_captures, grey_name, weights_for
 from colmap_ihe.pipeline.warnings import photographs as set_warnings
@@ -66,6 +66,16 @@ def convert_folder(
         names, failed = _convert(run, set_fit, options)
         run.left_out |= failed
     return set_fit.main, names, run.left_out
+
+
+def tried_in(out: Path, encoding: Encoding) -> dict[str, Any] | None:
+    """Return what the fit of a folder of grey images tried on pairs of photographs of this encoding, as its record
+    says; None where it tried nothing."""
+    notes = (read_json(out / RECORD) or {}).get("notes")
+    fit = notes.get("fit") if isinstance(notes, dict) else None
+    tried = fit.get("tried") if isinstance(fit, dict) else None
+    found = tried.get(encoding) if isinstance(tried, dict) else None
+    return found if isinstance(found, dict) else None
 
 
 def _convert(run: FolderRun, fit: Fit, options: ConvertOptions) -> tuple[dict[str, str], LeftOut]:
@@ -152,6 +162,7 @@ def _fitted(run: FolderRun, options: FitOptions, ledger: Ledger, tone: Tone) -> 
         "weights": [w.as_dict() for w in fit.weights.values()],
         "colour_white": fit.colour_white,
         "left_out": fit.left_out,
+        "tried": {encoding: tried.as_dict() for encoding, tried in fit.tried.items()},
     }
     return replace(fit, gathered={})  # which takes memory
 

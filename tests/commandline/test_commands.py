@@ -40,6 +40,8 @@ def test_fit_of_files_and_folders_is_the_same_set(capsys: Captured, photos: Path
 
 
 def test_fit_by_trial_says_what_was_tried(capsys: Captured, small_demo: Path, tmp_path: Path) -> None:
+    tmp_path = tmp_path / "photos"
+    tmp_path.mkdir()
     for name in ("portico_04.jpg", "portico_05.jpg"):
         shutil.copy(small_demo / "images" / name, tmp_path)
     result = json_of(capsys, "fit", tmp_path, "--step", "0.1", "--method", "auto")
@@ -49,6 +51,14 @@ def test_fit_by_trial_says_what_was_tried(capsys: Captured, small_demo: Path, tm
     assert tried["chosen"] in tried["candidates"] and "verified matches" in tried["in_words"]
     assert tried["in_words"][:30] in output_of(capsys, "fit", tmp_path, "--step", "0.1", "--method", "auto")
     assert json_of(capsys, "fit", tmp_path, "--step", "0.1")["tried"] is None
+    convert = ("convert", tmp_path, tmp_path.parent / "out", "--method", "auto")
+    first, again = json_of(capsys, *convert), json_of(capsys, *convert)
+    assert first["tried"] == again["tried"]
+    assert first["tried"]["pairs"] == tried["pairs"]
+    assert f"measured  {first['tried']['chosen']}: " in output_of(capsys, *convert)
+    assert (
+        json_of(capsys, "convert", tmp_path, tmp_path.parent / "other", "--method", "green")["tried"] is None
+    )
 
 
 def test_the_curve_of_raw_is_in_the_file_alone(capsys: Captured, small_demo: Path, tmp_path: Path) -> None:
