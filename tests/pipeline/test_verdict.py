@@ -26,7 +26,7 @@ def machine(monkeypatch: pytest.MonkeyPatch) -> Machine:
     def of(memory_gb: float, disk_gb: float, cores: int = 2) -> None:
         monkeypatch.setattr(memory, "available", lambda: round(memory_gb * GB))
         monkeypatch.setattr(verdict, "local_workers", lambda: cores)
-        monkeypatch.setattr("colmap_ihe.pipeline.resource_check.local_workers", lambda: cores)
+        monkeypatch.setattr("colmap_ihe.pipeline.estimates.local_workers", lambda: cores)
         monkeypatch.setattr(
             "colmap_ihe.pipeline.verdict.shutil.disk_usage", lambda _: Usage(round(disk_gb * GB))
         )
