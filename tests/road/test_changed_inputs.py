@@ -19,7 +19,7 @@ from PIL import Image
 import colmap_ihe.machine.libraries as versions
 from colmap_ihe.photographs.png import encode_png
 from colmap_ihe.pipeline import reconstruct as pipeline
-from colmap_ihe.pipeline import records
+from colmap_ihe.pipeline import records, run_stages
 from colmap_ihe.pipeline.reconstruct import reconstruct
 from colmap_ihe.pipeline.records import read_record
 from colmap_ihe.pipeline.stage import RunContext, Stage, StageRecord
@@ -73,7 +73,8 @@ def _quicken(whole: Project, monkeypatch: pytest.MonkeyPatch) -> None:
         return run_stage
 
     stages = tuple(replace(stage, run=as_before(stage)) for stage in STAGES)
-    monkeypatch.setattr(pipeline, "STAGES", stages)
+    for module in (pipeline, run_stages):
+        monkeypatch.setattr(module, "STAGES", stages)
     monkeypatch.setattr(pipeline, "page_of", lambda *_: None)
 
 

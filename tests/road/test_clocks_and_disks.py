@@ -150,7 +150,8 @@ def _after(monkeypatch: pytest.MonkeyPatch, stage: str, do: Callable[[RunContext
         return whole(run, progress)
 
     stages = tuple(replace(one, run=and_then) if one.name == stage else one for one in STAGES)
-    monkeypatch.setattr("colmap_ihe.pipeline.reconstruct.STAGES", stages)
+    for module in ("reconstruct", "run_stages"):
+        monkeypatch.setattr(f"colmap_ihe.pipeline.{module}.STAGES", stages)
 
 
 def test_a_project_that_goes_in_the_middle(
