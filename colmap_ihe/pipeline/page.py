@@ -165,6 +165,7 @@ def _photographs(
     looks: Mapping[str, _Look],
     model: model_view.ModelView | None,
 ) -> list[PhotographEntry]:
+    left_out = {name: why.removeprefix(f"{name}: ") for name, why in summary["left_out"].items()}
     found = []
     in_model = set(model.names) if model else set()
     for name in sorted(grey_of):
@@ -173,10 +174,10 @@ def _photographs(
             seen = model.seen(grey_of[name])
             found.append(PhotographEntry(name, thumbnail, seen.points, seen.error_px, seen.coverage))
         else:
-            why = summary["left_out"].get(name) or ("it is not registered" if model else "")
+            why = left_out.get(name) or ("it is not registered" if model else "")
             found.append(PhotographEntry(name, thumbnail, left_out=why))
-    others = sorted(set(summary["left_out"]) - set(grey_of))
-    return [*found, *(PhotographEntry(name, None, left_out=summary["left_out"][name]) for name in others)]
+    others = sorted(set(left_out) - set(grey_of))
+    return [*found, *(PhotographEntry(name, None, left_out=left_out[name]) for name in others)]
 
 
 def _cloud(project: Project, records: _Records, model: model_view.ModelView) -> contents.Cloud:
