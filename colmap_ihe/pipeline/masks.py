@@ -17,9 +17,9 @@ from PIL import Image
 
 from colmap_ihe.errors import ProjectError
 from colmap_ihe.machine.files import leads_out, open_file, write_bytes
+from colmap_ihe.machine.words import listed
 from colmap_ihe.photographs.png import encode_png
 from colmap_ihe.pipeline.input_digests import MASK_SUFFIXES, mask_files
-from colmap_ihe.pipeline.warnings.model import named
 from colmap_ihe.project.folder import Project
 
 MASKS = ("PNG", "JPEG", "TIFF", "BMP")
@@ -54,13 +54,13 @@ def _warnings(masks: Path, kept: Mapping[str, float]) -> Iterator[str]:
     unused = [name for name in mask_files(masks) if name not in kept]
     if unused:
         yield (
-            f"{masks.name}/: {len(unused)} masks belong to no photograph and are not used: {named(unused)};"
+            f"{masks.name}/: {len(unused)} masks belong to no photograph and are not used: {listed(unused)};"
             f" the mask of IMG_1.JPG is {masks.name}/IMG_1.JPG.png or {masks.name}/IMG_1_mask.png"
         )
     if empty := [name for name, share in kept.items() if share == 0]:
-        yield f"{masks.name}/: {len(empty)} masks are black all over, so nothing is kept: {named(empty)}"
+        yield f"{masks.name}/: {len(empty)} masks are black all over, so nothing is kept: {listed(empty)}"
     if full := [name for name, share in kept.items() if share == 1]:
-        yield f"{masks.name}/: {len(full)} masks are white all over, and hide nothing: {named(full)}"
+        yield f"{masks.name}/: {len(full)} masks are white all over, and hide nothing: {listed(full)}"
 
 
 def write_masks(

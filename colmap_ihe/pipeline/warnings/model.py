@@ -29,10 +29,6 @@ Advice = tuple[str, str]
 """What was seen, and what to do."""
 
 
-def named(names: Sequence[str]) -> str:
-    return listed(names)
-
-
 def why_no_match(database: Path, by_grey: Mapping[str, str], images: int) -> Advice:
     """Say why no pair was verified, and what to do. `by_grey`: photographs by the names of their grey images."""
     best = max(((n, *pair) for pair, (n, _) in putative_and_inliers(database).items()), default=None)
@@ -81,7 +77,7 @@ def gps_warnings(without_fix: Sequence[str], images: int) -> list[str]:
     others = "all others" if images <= EXHAUSTIVE_UP_TO else "those that look like them"
     return [
         f"{len(without_fix)} of {images} photographs have no GPS fix of their own, or none near another's, and were"
-        f" compared with {others}: {named(without_fix)}"
+        f" compared with {others}: {listed(without_fix)}"
     ]
 
 
@@ -114,7 +110,7 @@ def _split(models: Sequence[ModelStatistics], by_grey: Mapping[str, str]) -> lis
     parts = []
     for i, model in enumerate(models[1:], start=1):
         new = sorted(by_grey[n] for n in model.image_names if n not in placed)
-        parts.append(f"workspace/sparse/{i} has {model.registered_images} images, {named(new)} among them")
+        parts.append(f"workspace/sparse/{i} has {model.registered_images} images, {listed(new)} among them")
     return [
         f"the photographs fell into {len(models)} models; the largest, of {models[0].registered_images} images, goes"
         f" on; {'; '.join(parts)}: more photographs between the parts would join them"
@@ -139,13 +135,13 @@ def _without_a_place(
     weak = [n for n in lost if n in best and not best[n].only_turned]
     reasons = []
     if alone:
-        reasons.append(f"{named(alone)}: no verified matches with any that has one")
+        reasons.append(f"{listed(alone)}: no verified matches with any that has one")
     if turned:
-        reasons.append(f"{named(turned)}: the camera only turned, and did not move sideways")
+        reasons.append(f"{listed(turned)}: the camera only turned, and did not move sideways")
     if weak:
         least, most = (f(best[n].matches for n in weak) for f in (min, max))
         count = f"at most {most}" if least == most else f"at most {least} to {most}"
-        reasons.append(f"{named(weak)}: {count} verified matches with any that has one, or none that agree")
+        reasons.append(f"{listed(weak)}: {count} verified matches with any that has one, or none that agree")
     return [f"{len(lost)} of {len(by_grey)} photographs are not registered. {'; '.join(reasons)}"]
 
 
@@ -192,7 +188,7 @@ def camera_warnings(cameras: Sequence[SolvedCamera], by_grey: Mapping[str, str])
     """Warn where a model has cameras that cannot be, or others than the photographs say."""
     warnings = []
     for camera in cameras:
-        who = f"{len(camera.images)} photographs ({named([by_grey[n] for n in camera.images])})"
+        who = f"{len(camera.images)} photographs ({listed([by_grey[n] for n in camera.images])})"
         if max(camera.aspect, 1 / camera.aspect) > ASPECT_FACTOR:
             warnings.append(
                 f"the camera of {who} came out with focal lengths that differ by a factor of"

@@ -21,7 +21,6 @@ from colmap_ihe.photographs.survey import Surveyed
 from colmap_ihe.pipeline.warnings.colmap_sensors import knows_sensor
 from colmap_ihe.pipeline.warnings.files import panorama_warnings
 from colmap_ihe.pipeline.warnings.linear import linear_warnings
-from colmap_ihe.pipeline.warnings.model import named
 from colmap_ihe.project.options import CamerasOptions
 
 
@@ -80,7 +79,7 @@ def poor_photographs(counts: Mapping[str, int]) -> list[str]:
     """Warn of photographs with few features. `counts`: their features by name."""
     if not counts:
         return []
-    shown = named([f"{name} ({count})" for name, count in counts.items()])
+    shown = listed([f"{name} ({count})" for name, count in counts.items()])
     which = "1 photograph has" if len(counts) == 1 else f"{len(counts)} photographs have"
     return [
         f"{which} hardly any features, as if black, blurred or of one colour, and will hardly find a place: {shown}"

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
+from colmap_ihe.machine.words import listed
 from colmap_ihe.photographs.discover import CODED_SUFFIXES, RAW_SUFFIXES
 from colmap_ihe.photographs.raw.calibration import BAD_PIXELS, kind_of_folder
-from colmap_ihe.pipeline.warnings.model import named
 from colmap_ihe.project.folder import Project
 
 _PHOTOGRAPHS = ("image", "photo", "picture", "raw", "jpg", "jpeg", "dcim")
@@ -44,4 +44,4 @@ def _begins(name: str, beginnings: Iterable[str]) -> bool:
 
 
 def _sentence(names: list[str], where: str) -> list[str]:
-    return [f"not used: {named(names)}; {where}"] if names else []
+    return [f"not used: {listed(names)}; {where}"] if names else []
