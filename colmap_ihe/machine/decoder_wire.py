@@ -109,9 +109,7 @@ def from_plain(value: Any, kind: Any, arrays: Sequence[NDArray[Any]] = ()) -> An
             raise ValueError(f"{value!r:.80}, expected {', '.join(kinds)}")
         return kind(**{n: from_plain(value[n], inner, arrays) for n, inner in kinds.items()})
     origin, choices = get_origin(kind), get_args(kind)
-    if hasattr(
-        origin, "__value__"
-    ):  # from Python 3.12 on NDArray may be a `type` of its own, and not what it stands for
+    if hasattr(origin, "__value__"):  # from Python 3.12 on NDArray may be a `type` of its own
         return from_plain(value, origin.__value__[choices], arrays)
     if origin in (Union, UnionType):
         if value is None and NoneType in choices:  # else others say at length that it is none of them

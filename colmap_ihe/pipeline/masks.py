@@ -54,13 +54,13 @@ def _warnings(masks: Path, kept: Mapping[str, float]) -> Iterator[str]:
     unused = [name for name in mask_files(masks) if name not in kept]
     if unused:
         yield (
-            f"{masks.name}/: {len(unused)} masks belong to no photograph and are not used: {listed(unused)};"
+            f"{masks.name}/: not used, of no photograph: {listed(unused)};"
             f" the mask of IMG_1.JPG is {masks.name}/IMG_1.JPG.png or {masks.name}/IMG_1_mask.png"
         )
     if empty := [name for name, share in kept.items() if share == 0]:
-        yield f"{masks.name}/: {len(empty)} masks are black all over, so nothing is kept: {listed(empty)}"
+        yield f"{masks.name}/: black all over, so nothing is kept: {listed(empty)}"
     if full := [name for name, share in kept.items() if share == 1]:
-        yield f"{masks.name}/: {len(full)} masks are white all over, and hide nothing: {listed(full)}"
+        yield f"{masks.name}/: white all over, so nothing is hidden: {listed(full)}"
 
 
 def write_masks(

@@ -102,7 +102,7 @@ def test_masks_may_be_named_after_the_photograph(finished: Path, quick_options: 
     Image.fromarray(mask).save(finished / "masks/nobody.jpg.png")
     done = reconstruct(finished, quick_options(), until="features")
     assert not done.summary["left_out"]
-    assert any("not used: nobody.jpg.png" in text for text in done.summary["warnings"])
+    assert any("not used, of no photograph: nobody.jpg.png" in text for text in done.summary["warnings"])
     with pycolmap.Database.open(finished / "workspace/database.db") as database:
         rows = {i.name: database.read_keypoints(i.image_id)[:, 1] for i in database.read_all_images()}
     assert rows["portico_02.png"].min() > height / 2 - 1
