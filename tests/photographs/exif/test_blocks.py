@@ -151,7 +151,7 @@ def test_exif_that_fits_goes_over_to_the_letter(tmp_path: Path) -> None:
     assert 0x927C not in take_apart(bytearray(slimmed(exif, len(exif)))).shot
 
 
-@pytest.mark.filterwarnings("ignore:Metadata Warning, tag 0 ")  # Pillow for Python 3.10, of a tag that nobody has
+@pytest.mark.filterwarnings("ignore:Metadata Warning, tag 0 ")  # of a spoilt tag, by Pillow for Python 3.10
 @pytest.mark.parametrize("seed", range(3))
 def test_hundreds_of_broken_blocks_lose_tags_and_never_the_photograph(tmp_path: Path, seed: int) -> None:
     """Every warning is an error here, so Pillow finds nothing odd in what is written; and COLMAP reads it."""
