@@ -147,13 +147,15 @@ def main() -> None:
     most_threads, log, heard = pipe.recv()
     progress = _Teller(pipe)
     asked: SimpleQueue[tuple[Callable[..., Any], Any]] = SimpleQueue()
-    threading.Thread(target=_listen, args=(pipe, progress, asked), daemon=True).start()
     if heard:
         native.hear_colmap()
     with ExitStack() as stack:
         stack.enter_context(threads.limited(most_threads))
         if log:
             stack.enter_context(native.logged_to(Path(log), besides=True))
+        # Not before: what it hears it imports, and that and the search for BLAS would each hold the lock of the other,
+        # of the loader of libraries and of Python.
+        threading.Thread(target=_listen, args=(pipe, progress, asked), daemon=True).start()
         while True:
             function, argument = asked.get()
             try:
