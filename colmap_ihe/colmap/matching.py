@@ -151,11 +151,11 @@ def _match_on_gpu(
 def _without_partner(database: Path, pairing: pycolmap.SpatialPairingOptions) -> list[str]:
     """Return the names of the images of which spatial matching says nothing: without a fix of their own, or with no
     other within reach of it."""
-    fixes = useful_fixes(database, pairing.max_num_neighbors)
     paired = {image_id for pair in _pairs(database, "spatial", pairing) for image_id in pair}
+    told = paired & set(useful_fixes(database, pairing.max_num_neighbors))
     with pycolmap.Database.open(database) as opened:
         images = {int(image.image_id): str(image.name) for image in opened.read_all_images()}
-    return [name for image_id, name in images.items() if not {image_id} <= paired & set(fixes)]
+    return [name for image_id, name in images.items() if image_id not in told]
 
 
 def _pairs_with(database: Path, names: Sequence[str], pairs: Sequence[Pair]) -> list[Pair]:

@@ -110,16 +110,21 @@ def _like(value: Any) -> str:
 
 
 @contextmanager
+def quiet(level: pycolmap.logging.Level = pycolmap.logging.ERROR) -> Iterator[None]:
+    """Let COLMAP log only what is of this level for as long as this lasts; not to be entered by two threads at once."""
+    before = pycolmap.logging.minloglevel
+    pycolmap.logging.minloglevel = int(level)
+    try:
+        yield
+    finally:
+        pycolmap.logging.minloglevel = before
+
+
+@contextmanager
 def silent() -> Iterator[None]:
     """Let COLMAP log nothing for as long as this lasts: what it refuses, a message of ours says."""
-    log = pycolmap.logging
-    with _silence:
-        before = log.minloglevel
-        log.minloglevel = int(log.FATAL)
-        try:
-            yield
-        finally:
-            log.minloglevel = before
+    with _silence, quiet(pycolmap.logging.FATAL):
+        yield
 
 
 def fill(target: _Mergeable, values: Mapping[str, int]) -> None:

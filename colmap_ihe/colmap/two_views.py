@@ -6,8 +6,7 @@ functions for arrays hold Python's lock, so that two of them never run at once.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -48,18 +47,6 @@ class Features:
             return self
         kept = np.argsort(-self.scales, kind="stable")[:count]
         return Features(self.places[kept], self.scales[kept], self.descriptors[kept])
-
-
-@contextmanager
-def quiet() -> Iterator[None]:
-    """Let COLMAP print only errors for as long as this lasts; not to be entered by two threads at once."""
-    log = pycolmap.logging
-    before = log.minloglevel
-    log.minloglevel = int(log.ERROR)
-    try:
-        yield
-    finally:
-        log.minloglevel = before
 
 
 def features_of(

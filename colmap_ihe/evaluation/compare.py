@@ -70,11 +70,8 @@ def compare(
     _check_names(methods)
     compared = Project.at(Path(project), Path(images) if images else None)
     truth = truth_of(compared)
-    chosen = (
-        read_pairs(Path(pairs), [c.name for c in find_photographs(compared.images).captures])
-        if pairs
-        else None
-    )
+    names = [c.name for c in find_photographs(compared.images).captures] if pairs else []
+    chosen = read_pairs(Path(pairs), names) if pairs else None
     common = Project.at(compared.comparison, compared.images)
     developed = common.root / "developed"  # RAW photographs, developed once for all methods
     results: list[MethodResult] = []

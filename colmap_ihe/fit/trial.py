@@ -17,7 +17,7 @@ from typing import Literal
 
 import numpy as np
 
-from colmap_ihe.colmap.two_views import quiet
+from colmap_ihe.colmap.native import quiet
 from colmap_ihe.fit.overlaps import find_overlaps
 from colmap_ihe.fit.trial_bench import Bench, Pair, Trial, readable_pairs
 from colmap_ihe.fit.trial_result import REFERENCE, Counts, TrialResult, leader_of, summed_up
@@ -40,6 +40,8 @@ _ROLES: tuple[tuple[_Role, ...], ...] = (
     ("screen", "choose", "choose", "hold out", "hold out"),
 )
 """What pairs are for where one of several greys is chosen, by their number."""
+_Measured = tuple[tuple[str, str], list[Counts]]
+"""The names of a pair, and what each grey gave on it."""
 _SCREENED = 4  # so many times smaller are the windows in which the grid is screened
 
 
@@ -84,11 +86,7 @@ def coarse_grid(encoding: Encoding, step: float = 0.25) -> dict[str, Weights]:
 
 
 def _measure(pairs: Iterable[Pair], count: int, greys: Mapping[str, Grey], reason: str) -> TrialResult:
-    names, counts = [], []
-    for pair in islice(pairs, count):
-        counts.append(pair.counts(greys))
-        names.append(pair.names)
-    return summed_up(names, list(greys), counts, reason)
+    return _summed([(pair.names, pair.counts(greys)) for pair in islice(pairs, count)], greys, reason)
 
 
 def _choose(
@@ -97,25 +95,25 @@ def _choose(
     """Measure the greys and the best of the grid on the first of `count` pairs, and the winner on the last ones. The
     grid is screened on a pair that is not measured afterwards, if there is one to spare: a grey that was lucky there
     has no luck left."""
-    tried, leader = dict(greys), ""
-    chosen_on: tuple[list[tuple[str, str]], list[list[Counts]]] = [], []
-    held_out: tuple[list[tuple[str, str]], list[list[Counts]]] = [], []
+    tried, best_two = dict(greys), dict[str, Grey]()
+    chosen_on: list[_Measured] = []
+    held_out: list[_Measured] = []
     for role, pair in zip(_ROLES[count], pairs, strict=False):
         if tried.keys() == greys.keys():
             inliers = [c.inliers for c in pair.counts(screen, _SCREENED)]
             best = list(screen)[int(np.argmax(inliers))]
             tried[best] = screen[best]
         if role == "choose":
-            chosen_on[0].append(pair.names)
-            chosen_on[1].append(pair.counts(tried))
+            chosen_on.append((pair.names, pair.counts(tried)))
         elif role == "hold out":
-            leader = leader or leader_of(summed_up(chosen_on[0], list(tried), chosen_on[1]))
-            held_out[0].append(pair.names)
-            held_out[1].append(pair.counts({name: tried[name] for name in {REFERENCE: 0, leader: 0}}))
-    names = list(tried)
-    if held_out[0]:
-        winner = summed_up(held_out[0], list(dict.fromkeys((REFERENCE, leader))), held_out[1])
-        return replace(summed_up(chosen_on[0], names, chosen_on[1], reason), held_out=winner)
-    first, second = ([[c.half(n) for c in row] for row in chosen_on[1]] for n in (0, 1))
-    winner = summed_up(chosen_on[0], names, second, reason)
-    return replace(summed_up(chosen_on[0], names, first, reason), held_out=winner)
+            leader = leader_of(_summed(chosen_on, tried))
+            best_two = best_two or {REFERENCE: tried[REFERENCE], leader: tried[leader]}
+            held_out.append((pair.names, pair.counts(best_two)))
+    if held_out:
+        return replace(_summed(chosen_on, tried, reason), held_out=_summed(held_out, best_two))
+    first, second = ([(names, [c.half(n) for c in row]) for names, row in chosen_on] for n in (0, 1))
+    return replace(_summed(first, tried, reason), held_out=_summed(second, tried, reason))
+
+
+def _summed(pairs: Sequence[_Measured], greys: Mapping[str, Grey], reason: str = "") -> TrialResult:
+    return summed_up([names for names, _ in pairs], list(greys), [counts for _, counts in pairs], reason)

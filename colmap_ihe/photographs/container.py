@@ -51,9 +51,16 @@ def not_turned(path: Path) -> NDArray[np.uint8]:
     """Return the bytes of a file, (N,) uint8, of a TIFF with its Orientation set to 1: OpenCV fails on a 16-bit one
     that is turned. Raises OSError."""
     content = bytearray(path.read_bytes())
+    set_orientation(content, 1)
+    return np.frombuffer(content, np.uint8)
+
+
+def set_orientation(content: bytearray, orientation: int) -> None:
+    """Write the Orientation tag of a TIFF, or of a block of EXIF, in place, where it has one: nothing else moves.
+    Raises OSError for one that is cut short."""
     order = {b"II": "<", b"MM": ">"}.get(bytes(content[:2]))
     if order is None:
-        return np.frombuffer(content, np.uint8)
+        return
     try:
         big = struct.unpack_from(f"{order}H", content, 2)[0] == _BIG
         (first,) = struct.unpack_from(f"{order}Q" if big else f"{order}L", content, 8 if big else 4)
@@ -62,7 +69,6 @@ def not_turned(path: Path) -> NDArray[np.uint8]:
         start = first + before
         for entry in range(start, start + size * min(count, _MOST_ENTRIES), size):
             if struct.unpack_from(f"{order}HH", content, entry) == (_ORIENTATION, _SHORT):
-                struct.pack_into(f"{order}H", content, entry + value, 1)
+                struct.pack_into(f"{order}H", content, entry + value, orientation)
     except struct.error as error:
         raise OSError(f"a TIFF cut short ({error})") from error
-    return np.frombuffer(content, np.uint8)

@@ -35,7 +35,9 @@ def name_of_profile(image: Image.Image, interoperability: str = "") -> str:
     if not profile:
         return "Adobe RGB" if interoperability == _DCF_OPTION else "sRGB"
     try:
-        name = ImageCms.getProfileDescription(ImageCms.ImageCmsProfile(BytesIO(profile))).strip()
+        read = ImageCms.ImageCmsProfile(BytesIO(profile))
+        name = ImageCms.getProfileDescription(read).strip()
+        ImageCms.buildTransform(read, ImageCms.createProfile("sRGB"), "RGB", "RGB")
     except (ImageCms.PyCMSError, OSError):
         return UNREADABLE_PROFILE
     for usual in ("sRGB", "Adobe RGB"):  # "sRGB IEC61966-2.1", "sRGB built-in", "Adobe RGB (1998)"
@@ -46,7 +48,7 @@ def name_of_profile(image: Image.Image, interoperability: str = "") -> str:
 
 def to_srgb(rgb: NDArray[np.uint8], profile: bytes, name: str) -> NDArray[np.uint8]:
     """Return (H, W, 3) uint8 RGB in sRGB. `profile` that it is in; empty for the colours called `name` by
-    `name_of_profile`. A profile that cannot be used leaves the numbers as they are."""
+    `name_of_profile`. A profile that cannot be used, which `name_of_profile` says, leaves the numbers as they are."""
     if not profile:
         return _adobe_to_srgb(rgb) if name == "Adobe RGB" else rgb
     try:

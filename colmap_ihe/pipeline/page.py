@@ -12,7 +12,8 @@ import numpy as np
 import yaml
 from numpy.typing import NDArray
 
-from colmap_ihe.colmap.two_views import features_of, match, quiet, verified
+from colmap_ihe.colmap.native import quiet
+from colmap_ihe.colmap.two_views import features_of, match, verified
 from colmap_ihe.dense.undistort import read_colour, read_grey
 from colmap_ihe.errors import KnownError
 from colmap_ihe.grey.weights import FIXED

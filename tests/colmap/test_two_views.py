@@ -10,8 +10,8 @@ import pytest
 from numpy.typing import NDArray
 from oracle import blobs
 
-from colmap_ihe.colmap.native import pycolmap
-from colmap_ihe.colmap.two_views import Features, features_of, match, quiet, verified
+from colmap_ihe.colmap.native import pycolmap, quiet
+from colmap_ihe.colmap.two_views import Features, features_of, match, verified
 
 HOMOGRAPHY = np.array([[0.96, 0.08, 12.0], [-0.06, 1.02, 9.0], [4e-5, -3e-5, 1.0]])
 SIZE = (420, 320)

@@ -57,6 +57,7 @@ def test_rgb_numbers_are_taken_as_stored_and_keep_their_profile(tmp_path: Path, 
         (rgb_profile(""), "a profile without a name"),
         (grey_profile(), "sRGB"),  # a grey image says nothing of RGB
         (ADOBE[:140], "a profile that cannot be read"),
+        (ADOBE.replace(b"rXYZ", b"none"), "a profile that cannot be read"),  # it has a name, and no red
     ],
 )
 def test_profiles_have_names(tmp_path: Path, profile: bytes | None, name: str) -> None:

@@ -126,6 +126,11 @@ def test_several_profiles(capsys: Captured, photos: Path, tmp_path: Path, comman
     colour(photos / "c.png", 3, icc_profile=rgb_profile("Adobe RGB (1998)"))
     _, warnings = run(capsys, command, photos, *more)
     assert "in different colour profiles (2 in sRGB, 1 in Adobe RGB)" in warnings
+    assert "cannot be read" not in warnings
+    colour(photos / "d.png", 4, icc_profile=rgb_profile("Adobe RGB (1998)")[:140])
+    _, warnings = run(capsys, command, photos, *more)
+    assert "1 photograph with a profile that cannot be read: their colours are taken for sRGB" in warnings
+    assert "in different colour profiles (2 in sRGB" in warnings
 
 
 def test_pictures_of_kinds_that_are_not_read_are_named(

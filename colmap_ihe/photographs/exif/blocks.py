@@ -92,16 +92,6 @@ def take_apart(block: bytearray | mmap) -> Directories:
     return contents(exif, lost)
 
 
-def set_orientation(block: bytearray, orientation: int) -> None:
-    """Write the Orientation tag of a sound block in place, where it has one: nothing else moves."""
-    order = "<" if block.startswith(b"II") else ">"
-    (first,) = struct.unpack_from(f"{order}L", block, 4)
-    (count,) = struct.unpack_from(f"{order}H", block, first)
-    for entry in range(first + 2, first + 2 + 12 * count, 12):
-        if struct.unpack_from(f"{order}HH", block, entry) == (Tag.ORIENTATION, 3):
-            struct.pack_into(f"{order}H", block, entry + 8, orientation)
-
-
 def contents(exif: Image.Exif, lost: int = 0) -> Directories:
     """Return the directories that Pillow found, with the number of tags that it could not read added to `lost`."""
     image, image_lost = _read(exif)

@@ -20,7 +20,7 @@ from colmap_ihe.errors import PhotographError
 from colmap_ihe.machine.decoder_pool import in_decoder
 from colmap_ihe.photographs import heic
 from colmap_ihe.photographs.coded import FORMATS
-from colmap_ihe.photographs.container import without_text
+from colmap_ihe.photographs.container import set_orientation, without_text
 from colmap_ihe.photographs.exif import blocks, cr3
 from colmap_ihe.photographs.exif.blocks import UNREADABLE, Directories, Tag, number, put_together, take_apart
 from colmap_ihe.photographs.icc_profile import name_of_profile
@@ -167,7 +167,7 @@ def _block_of(image: Image.Image, source: Path | BytesIO) -> tuple[bytes, Direct
     if block:
         directories = take_apart(block)  # which mends it
         if (turned := heic.orientation_of(image, source)) != 1:
-            blocks.set_orientation(block, turned)
+            set_orientation(block, turned)
             directories.image[Tag.ORIENTATION] = turned
         return bytes(block), directories
     if not image.getexif():

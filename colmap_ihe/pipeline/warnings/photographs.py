@@ -10,7 +10,7 @@ from colmap_ihe.grey.conversions import CONVERSIONS
 from colmap_ihe.grey.weights import Grey, Weights
 from colmap_ihe.machine import memory
 from colmap_ihe.machine.threads import local_workers
-from colmap_ihe.machine.words import listed
+from colmap_ihe.machine.words import counted, listed
 from colmap_ihe.photographs.decode import read_photograph
 from colmap_ihe.photographs.discover import Capture
 from colmap_ihe.photographs.each import LeftOut
@@ -212,16 +212,17 @@ def profile_warnings(surveyed: Sequence[Surveyed]) -> list[str]:
     """Warn of profiles that cannot be read, and of several: numbers are taken as stored, so one colour in two profiles
     is two colours."""
     profiles = Counter(s.metadata.profile for s in surveyed if s.capture.kind == "coded")
-    if profiles[UNREADABLE_PROFILE]:
-        return [
-            f"{profiles[UNREADABLE_PROFILE]} photographs have {UNREADABLE_PROFILE}: their colours are taken for sRGB"
-        ]
+    warnings = []
+    if UNREADABLE_PROFILE in profiles:
+        unread = counted(profiles[UNREADABLE_PROFILE], "photograph")
+        warnings.append(f"{unread} with {UNREADABLE_PROFILE}: their colours are taken for sRGB")
     if len(profiles) < 2:
-        return []
+        return warnings
     counts = ", ".join(f"{count} in {name}" for name, count in profiles.most_common())
     return [
+        *warnings,
         f"the photographs are in different colour profiles ({counts}): the same colour has different values in"
-        " them, and so different greys; export all of them in one"
+        " them, and so different greys; export all of them in one",
     ]
 
 
