@@ -240,12 +240,16 @@ def pixels_per_mm(shot: Mapping[int, Any]) -> float:
 
 
 def has_fix(gps: Mapping[int, Any]) -> bool:
-    """Tell whether a directory of GPS names a place, by latitude, longitude and altitude, of which COLMAP wants all:
-    finite, none beyond a pole, and not 0 degrees both north and east, as a receiver without satellites writes."""
-    latitude, longitude, altitude = (_finite(gps.get(tag)) for tag in _FIX)
-    if not (latitude and longitude and altitude) or not any(latitude + longitude):
-        return False
-    return abs(latitude[0]) <= 90 and abs(longitude[0]) <= 180
+    """Tell whether a directory of GPS names a place, by latitude, longitude and altitude, of which COLMAP wants all."""
+    parts = [_finite(gps.get(tag)) for tag in _FIX]
+    return all(parts) and is_place(*(sum(part / 60**n for n, part in enumerate(of_one)) for of_one in parts))
+
+
+def is_place(latitude: float, longitude: float, altitude: float) -> bool:
+    """Tell whether a fix, in degrees and metres, is of a place: finite, not beyond a pole, and not 0 degrees both north
+    and east, as a receiver without satellites writes."""
+    is_known = all(map(math.isfinite, (latitude, longitude, altitude))) and (latitude or longitude) != 0
+    return is_known and abs(latitude) <= 90 and abs(longitude) <= 180
 
 
 def _finite(value: Any) -> list[float]:
