@@ -74,7 +74,7 @@ def measure(
         pairs = readable_pairs(Bench(threads, progress, trial, greys[REFERENCE]), overlaps)
         reason = "the photographs that overlap cannot be read in full" if overlaps else reason
         if screen:
-            return _choose(pairs, len(overlaps), greys, screen, reason)
+            return _choose(pairs, min(count, len(overlaps)), greys, screen, reason)
         return _measure(pairs, few, greys, reason)
 
 

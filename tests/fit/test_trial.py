@@ -274,6 +274,17 @@ def test_the_winner_of_equal_greys_is_hardly_ever_praised(pairs: int) -> None:
     assert abs(np.mean(gains)) < 0.002
 
 
+def test_of_many_pairs_two_choose_and_two_are_held_out(tmp_path: Path) -> None:
+    """All of ten views overlap, and one more is for the grid."""
+    views = views_of(isoluminant(7), tmp_path, count=2, suffix="png")
+    many = [replace(views[n % 2], name=f"{n}.png") for n in range(10)]
+    measured = tried(many, REC709, screen=coarse_grid("coded"))
+    assert measured.held_out is not None
+    assert len(measured.pairs) == len(measured.held_out.pairs) == 2
+    assert not set(measured.pairs) & set(measured.held_out.pairs)
+    assert choose(measured) == leader_of(measured) != "rec709"
+
+
 def test_words_tell_where_the_choice_had_no_part() -> None:
     measured = replace(sums(1600, 2080), held_out=sums(800, 960))
     assert choose(measured) == "ihe"
