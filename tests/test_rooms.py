@@ -16,7 +16,7 @@ WITHOUT_MODULE = {
     "report/test_batch_page", "report/test_hostile_pages", "report/test_page_in_browser",
 }  # fmt: skip
 THROUGH_OTHERS = {
-    "__main__", "colmap/database", "colmap/database_probe", "colmap/features", "colmap/features_on_workers",
+    "__main__", "colmap/database", "colmap/database_probe", "colmap/features_on_workers",
     "colmap/part_databases", "commandline/shared_arguments", "dense/fusion_cell_workspace",
     "dense/textured_mesh", "evaluation/demo/grid", "evaluation/demo/light", "evaluation/demo/materials",
     "evaluation/demo/run", "evaluation/page",

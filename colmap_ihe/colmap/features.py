@@ -3,20 +3,22 @@
 from __future__ import annotations
 
 import shutil
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from concurrent.futures import Executor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from colmap_ihe.colmap.database import counting_rows, remove_database
+from colmap_ihe.colmap.database import counting_rows
 from colmap_ihe.colmap.features_on_workers import extract_in_shards, extraction_options
+from colmap_ihe.colmap.image_import import assumed, image_groups, import_images
 from colmap_ihe.colmap.native import called, pycolmap
 from colmap_ihe.errors import NativeError, OptionError
 from colmap_ihe.machine import memory
 from colmap_ihe.machine.executor import shares_memory
 from colmap_ihe.machine.progress import Progress
 from colmap_ihe.machine.threads import local_workers
+from colmap_ihe.photographs.camera_identity import read_identities
 from colmap_ihe.project.options import CameraOptions, FeaturesOptions
 
 FEATURE_BYTES_A_PIXEL = 290
@@ -30,7 +32,8 @@ SHARED_BY = 8
 @dataclass(frozen=True)
 class FeatureCounts:
     """Count what is in the database. `missing`: names of grey images that COLMAP did not take; `poor`: features of
-    those with fewer than `FEW`, by name."""
+    those with fewer than `FEW`, by name; `assumed`: the number of images of each camera that several share though EXIF
+    does not say so."""
 
     images: int
     cameras: int
@@ -39,6 +42,7 @@ class FeatureCounts:
     features: int
     missing: tuple[str, ...]
     poor: dict[str, int]
+    assumed: tuple[int, ...] = ()
 
 
 def extract_features(
@@ -66,9 +70,10 @@ def extract_features(
     progress.start(len(names))
     shutil.rmtree(parts := scratch / "parts", ignore_errors=True)  # of a run that was interrupted
     mode = getattr(pycolmap.CameraMode, camera.mode.upper())
-    given: dict[str, Any] = {"image_names": list(names), "camera_mode": mode, "progress": progress}
+    groups = image_groups(names, mode, read_identities(grey, names) if camera.mode == "auto" else {})
     if not database.exists():
-        _import_images(database, grey, reader, given)
+        import_images(database, grey, groups, reader, progress)
+    given: dict[str, Any] = {"image_names": list(names), "camera_mode": mode, "progress": progress}
     if shares_memory(executor):
         if extraction.num_threads <= 0:
             with pycolmap.Database.open(database) as opened:
@@ -80,25 +85,13 @@ def extract_features(
             called(pycolmap.extract_features, database, grey, units_done=rows, **given, **settings)
     else:
         extract_in_shards(database, grey, masks, options, parts, executor, progress)
-    counts = count_features(database, names)
+    counts = replace(count_features(database, names), assumed=assumed(groups))
     if not counts.images:
         raise NativeError(
             "COLMAP took none of the grey images",
             hint="records/colmap.log.* says why; with camera.mode single all images need the same size",
         )
     return counts
-
-
-def _import_images(
-    database: Path, grey: Path, reader: pycolmap.ImageReaderOptions, given: Mapping[str, Any]
-) -> None:
-    """Write all images and cameras at once, and give the database its name only then: COLMAP groups cameras within one
-    call, so images that came after an interruption would get cameras of their own."""
-    unfinished = database.with_name("unfinished.db")
-    remove_database(unfinished)
-    pycolmap.Database.open(unfinished).close()
-    called(pycolmap.import_images, unfinished, grey, options=reader, cancellable=False, **given)
-    unfinished.replace(database)
 
 
 def count_features(database: Path, names: Sequence[str]) -> FeatureCounts:

@@ -145,7 +145,8 @@ class ConvertOptions(_Section):
 
 class CameraOptions(_Section):
     mode: Literal["auto", "single", "per_folder", "per_image"] = "auto"
-    """`auto` is COLMAP's grouping: one camera per make, model, focal length and size in EXIF."""
+    """`auto`: one camera per make, model, focal length and size in EXIF, as COLMAP groups, and one per size and what
+    there is where EXIF lacks some of them, of which COLMAP would give each photograph a camera."""
     model: str = "auto"
     """COLMAP's camera model. `auto`: OPENCV where every camera took at least 8 of the photographs, which pins
     its two more coefficients of distortion and its tangential ones down; else SIMPLE_RADIAL, as COLMAP."""

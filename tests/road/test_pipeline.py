@@ -484,9 +484,14 @@ def test_photographs_without_a_focal_length_are_warned_of(
             picture.load()
         picture.save(file, quality=95)
     done = reconstruct(project, quick_options(), until="features")
-    assert (done.summary["with_focal_prior"], done.summary["cameras"]) == (0, 3)
-    (warning,) = done.summary["warnings"]
-    assert "3 of 3 photographs do not say their focal length" in warning
+    assert (done.summary["with_focal_prior"], done.summary["cameras"]) == (0, 1)
+    guessed, shared = done.summary["warnings"]
+    assert "3 of 3 photographs do not say their focal length" in guessed
+    assert "3 photographs whose EXIF lacks make, model or focal length were taken as by one camera" in shared
+    assert "--set camera.mode=per_image" in shared
+    (project / "workspace/database.db").unlink()
+    done = reconstruct(project, quick_options("camera.mode=per_image"), until="features")
+    assert (done.summary["cameras"], len(done.summary["warnings"])) == (3, 1)
     known = quick_options(
         "camera.mode=single", "camera.model=SIMPLE_PINHOLE", "camera.params=[400, 240, 160]"
     )

@@ -61,11 +61,9 @@ def run(run: RunContext, progress: Progress) -> FeaturesRecord:
     }
     set_warnings.require_features(counts.features, counts.images)
     warnings += set_warnings.poor_photographs({by_grey[n]: c for n, c in counts.poor.items()})
-    if counts.with_focal_prior < counts.images and run.options.camera.params is None:
-        warnings.append(
-            f"{counts.images - counts.with_focal_prior} of {counts.images} photographs do not say their focal"
-            " length: COLMAP guesses it; if you know it, give it in `cameras:` or as camera.params"
-        )
+    if run.options.camera.params is None:
+        warnings += set_warnings.focal_length_warnings(counts.images, counts.with_focal_prior)
+        warnings += set_warnings.shared_camera_warnings(counts.assumed)
     return FeaturesRecord(**asdict(counts), left_out=left_out, warnings=warnings)
 
 

@@ -11,6 +11,8 @@ from colmap_ihe.grey.weights import Grey, Weights
 from colmap_ihe.machine import memory
 from colmap_ihe.machine.threads import local_workers
 from colmap_ihe.machine.words import counted, listed
+from colmap_ihe.photographs import camera_identity
+from colmap_ihe.photographs.camera_identity import CameraIdentity
 from colmap_ihe.photographs.decode import read_photograph
 from colmap_ihe.photographs.discover import Capture
 from colmap_ihe.photographs.each import LeftOut
@@ -24,19 +26,13 @@ from colmap_ihe.pipeline.warnings.linear import linear_warnings
 from colmap_ihe.project.options import CamerasOptions
 
 
-def shared_by(surveyed: list[Surveyed]) -> int:
-    """Return the least number of photographs that one camera took, as COLMAP tells cameras apart by EXIF."""
-    groups = Counter(_camera_of(s) for s in surveyed)
-    return 1 if None in groups else min(groups.values())
+def shared_by(surveyed: Sequence[Surveyed]) -> int:
+    """Return the least number of photographs that one camera took, by what EXIF says of it."""
+    return camera_identity.shared_by(identity_of(one) for one in surveyed)
 
 
-def _camera_of(one: Surveyed) -> tuple[str, str, float, int, int] | None:
-    """Return what COLMAP tells cameras apart by; None where EXIF does not say enough."""
-    about = one.metadata
-    focal = about.focal_35mm or about.focal_mm
-    if not (about.make and about.model and focal):
-        return None
-    return about.make, about.model, focal, one.width, one.height
+def identity_of(one: Surveyed) -> CameraIdentity:
+    return camera_identity.camera_identity(one.metadata, one.width, one.height)
 
 
 def copies(surveyed: Sequence[Surveyed], contents: Mapping[str, str]) -> list[str]:
@@ -73,6 +69,28 @@ def require_features(features: int, images: int) -> None:
             f"no features were found in any of the {images} photographs",
             hint="they are black, white, of one colour, blurred or wholly masked: see workspace/images",
         )
+
+
+def focal_length_warnings(images: int, with_focal_length: int) -> list[str]:
+    """Warn of photographs whose focal length COLMAP guesses."""
+    if with_focal_length >= images:
+        return []
+    return [
+        f"{images - with_focal_length} of {images} photographs do not say their focal length: COLMAP guesses it; if"
+        " you know it, give it in `cameras:` or as camera.params"
+    ]
+
+
+def shared_camera_warnings(assumed: Sequence[int]) -> list[str]:
+    """Warn of photographs that share a camera though EXIF does not say so. `assumed`: how many, of each camera."""
+    if not assumed:
+        return []
+    several = f"{len(assumed)} cameras, one for each size and what else EXIF says"
+    by = "one camera" if len(assumed) == 1 else several
+    return [
+        f"{sum(assumed)} photographs whose EXIF lacks make, model or focal length were taken as by {by}: if several"
+        " cameras took them, or a zoom at several lengths, use --set camera.mode=per_image"
+    ]
 
 
 def poor_photographs(counts: Mapping[str, int]) -> list[str]:
@@ -195,11 +213,10 @@ def _focal_is_known(one: Surveyed) -> bool:
 
 def _mixed_cameras(surveyed: Sequence[Surveyed]) -> list[str]:
     """Warn of sensors of several widths, which COLMAP does not tell apart."""
-    found: dict[tuple[str, str, float, int, int], set[int]] = defaultdict(set)
+    found: dict[camera_identity.Key, set[int]] = defaultdict(set)
     for one in surveyed:
-        camera = _camera_of(one)
-        if camera is not None:
-            found[camera].add(round(1000 * _focal_of(one)))
+        if identity_of(one).is_whole:
+            found[identity_of(one).key].add(round(1000 * _focal_of(one)))
     return [
         f"the photographs by {make} {model} at {focal:g} mm have sensors of several widths, and COLMAP takes them"
         " for one camera: tell them apart by `model` in `cameras:`, with override"
