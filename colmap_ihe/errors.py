@@ -38,6 +38,10 @@ class WeightsError(KnownError):
     """Report a weights file or a triplet of weights that cannot be used."""
 
 
+class CalibrationFileError(KnownError):
+    """Report a calibration file that cannot be used."""
+
+
 class DiskFullError(KnownError):
     """Report a disk without room for what is to be written."""
 

@@ -5,13 +5,15 @@ from __future__ import annotations
 import shutil
 from collections.abc import Sequence
 from concurrent.futures import Executor
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
+from colmap_ihe.colmap.calibration_file import CalibratedCamera
 from colmap_ihe.colmap.database import counting_rows
 from colmap_ihe.colmap.features_on_workers import extract_in_shards, extraction_options
 from colmap_ihe.colmap.image_import import assumed, image_groups, import_images
+from colmap_ihe.colmap.known_calibration import CalibrationUse, KnownCalibration, use_of
 from colmap_ihe.colmap.native import called, pycolmap
 from colmap_ihe.errors import NativeError, OptionError
 from colmap_ihe.machine import memory
@@ -43,6 +45,7 @@ class FeatureCounts:
     missing: tuple[str, ...]
     poor: dict[str, int]
     assumed: tuple[int, ...] = ()
+    calibration: CalibrationUse = field(default_factory=CalibrationUse)
 
 
 def extract_features(
@@ -56,13 +59,15 @@ def extract_features(
     scratch: Path,
     executor: Executor,
     progress: Progress,
+    *,
+    calibration: Sequence[CalibratedCamera] = (),
 ) -> FeatureCounts:
     """Extract SIFT features of the named images below `grey`; those that are in the database are left alone.
 
     COLMAP extracts them on threads here, or on the workers of an executor of another kind, with the same result;
-    unfinished work lies in `scratch`. `shared_by`: the least number of photographs that one camera took. COLMAP gets
-    every name: it would else read all that lies in the folder, RAW thumbnails included. Raises `OptionError`,
-    `NativeError`, `Cancelled`.
+    unfinished work lies in `scratch`. `shared_by`: the least number of photographs that one camera took. Cameras that
+    are in `calibration` start from it. COLMAP gets every name: it would else read all that lies in the folder, RAW
+    thumbnails included. Raises `OptionError`, `NativeError`, `Cancelled`.
     """
     reader, extraction = native_options(camera, options, choose_model(camera, len(names), shared_by))
     if masks is not None:
@@ -70,9 +75,11 @@ def extract_features(
     progress.start(len(names))
     shutil.rmtree(parts := scratch / "parts", ignore_errors=True)  # of a run that was interrupted
     mode = getattr(pycolmap.CameraMode, camera.mode.upper())
-    groups = image_groups(names, mode, read_identities(grey, names) if camera.mode == "auto" else {})
+    identities = read_identities(grey, names) if camera.mode == "auto" or calibration else {}
+    groups = image_groups(names, mode, identities)
+    known = KnownCalibration(calibration, identities)
     if not database.exists():
-        import_images(database, grey, groups, reader, progress)
+        import_images(database, grey, groups, reader, known, progress)
     given: dict[str, Any] = {"image_names": list(names), "camera_mode": mode, "progress": progress}
     if shares_memory(executor):
         if extraction.num_threads <= 0:
@@ -85,13 +92,13 @@ def extract_features(
             called(pycolmap.extract_features, database, grey, units_done=rows, **given, **settings)
     else:
         extract_in_shards(database, grey, masks, options, parts, executor, progress)
-    counts = replace(count_features(database, names), assumed=assumed(groups))
+    counts = count_features(database, names)
     if not counts.images:
         raise NativeError(
             "COLMAP took none of the grey images",
             hint="records/colmap.log.* says why; with camera.mode single all images need the same size",
         )
-    return counts
+    return replace(counts, assumed=assumed(groups), calibration=use_of(database, known))
 
 
 def count_features(database: Path, names: Sequence[str]) -> FeatureCounts:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from colmap_ihe.colmap.database import remove_database
+from colmap_ihe.colmap.known_calibration import KnownCalibration, start_cameras
 from colmap_ihe.colmap.native import called, pycolmap
 from colmap_ihe.machine.progress import Progress
 from colmap_ihe.photographs.camera_identity import CameraIdentity, without_whole_identity
@@ -46,10 +47,12 @@ def import_images(
     grey: Path,
     groups: Sequence[ImageGroup],
     reader: pycolmap.ImageReaderOptions,
+    known: KnownCalibration,
     progress: Progress,
 ) -> None:
-    """Write all images and cameras, and give the database its name only then: COLMAP groups cameras within one call,
-    so images that came after an interruption would get cameras of their own. Ids follow the names."""
+    """Write all images and cameras, these as `known` where it has them, and give the database its name only then:
+    COLMAP groups cameras within one call, so images that came after an interruption would get cameras of their own.
+    Ids follow the names."""
     unfinished = database.with_name("unfinished.db")
     remove_database(unfinished)
     pycolmap.Database.open(unfinished).close()
@@ -64,4 +67,6 @@ def import_images(
             progress=progress,
             cancellable=False,
         )
+    if known.cameras:
+        start_cameras(unfinished, known)
     unfinished.replace(database)

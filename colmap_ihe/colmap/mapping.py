@@ -11,7 +11,7 @@ from typing import Any
 from colmap_ihe.colmap.measures import images_seeing
 from colmap_ihe.colmap.native import apply_options, called, fill, pycolmap
 from colmap_ihe.colmap.process import ColmapProcesses
-from colmap_ihe.errors import MappingError, ProjectError
+from colmap_ihe.errors import MappingError, OptionError, ProjectError
 from colmap_ihe.machine.files import replace_folder
 from colmap_ihe.machine.progress import SILENT, Progress
 from colmap_ihe.machine.threads import local_workers
@@ -41,13 +41,15 @@ class ModelStatistics:
 
 @dataclass(frozen=True)
 class MappingInput:
-    """Hold what a mapper works on: the database, the folders of the grey images and of its result, and options."""
+    """Hold what a mapper works on: the database, the folders of the grey images and of its result, options, and the ids
+    of the cameras that it holds as they are."""
 
     database: Path
     grey: Path
     out: Path
     options: SparseOptions
     images: int
+    held: frozenset[int] = frozenset()
 
 
 def map_images(
@@ -59,20 +61,23 @@ def map_images(
     progress: Progress,
     *,
     colour: Path | None = None,
+    held: frozenset[int] = frozenset(),
 ) -> list[ModelStatistics]:
     """Reconstruct and write every model below `sparse`, the one with most images as 0.
 
-    With `colour`, the folder of the colour twins, points have their colours, else grey. Models are written beside
-    `sparse` and replace it at the end. Raises `OptionError`, `NativeError`, `MappingError` if no image registers,
-    `ProjectError` where a colour twin is missing, `Cancelled`.
+    With `colour`, the folder of the colour twins, points have their colours, else grey. Cameras whose ids are in `held`
+    come out as they are in the database, to the bit. Models are written beside `sparse` and replace it at the end.
+    Raises `OptionError`, `NativeError`, `MappingError` if no image registers, `ProjectError` where a colour twin is
+    missing, `Cancelled`.
     """
+    refuse_partly_held(options, held, camera_ids(database) if held else frozenset())
     temporary = sparse.with_name(f".{sparse.name}.new")
     shutil.rmtree(temporary, ignore_errors=True)
     work = temporary / "work"
     work.mkdir(parents=True)
     pycolmap.set_random_seed(options.seed)
     progress.start(images)
-    given = MappingInput(database, grey, work, options, images)
+    given = MappingInput(database, grey, work, options, images, held)
     map_all = _map_incrementally if options.mapper == "incremental" else map_in_process
     models = map_all(given, progress)
     if not models:
@@ -124,7 +129,7 @@ def _without_parts(models: Sequence[pycolmap.Reconstruction]) -> list[pycolmap.R
 
 
 def _map_incrementally(given: MappingInput, progress: Progress) -> list[pycolmap.Reconstruction]:
-    settings = native_options(given.options)
+    settings = native_options(given.options, given.held)
     triangulation = given.options.colmap.get("triangulation") or {}
     if given.images == 2 and "ignore_two_view_tracks" not in triangulation:
         settings.triangulation.ignore_two_view_tracks = False  # of two photographs there are no others
@@ -165,15 +170,32 @@ def _map(given: MappingInput, _progress: Progress) -> None:
         given.database,
         given.grey,
         given.out,
-        options=native_options(given.options),
+        options=native_options(given.options, given.held),
         progress=SILENT,
         cancellable=False,
     )
 
 
-def native_options(options: SparseOptions) -> Any:
-    """Return the pipeline options of the mapper in pycolmap. The hierarchical one takes those of the incremental one,
-    which maps its parts, by their own names too. Raises `OptionError`."""
+def camera_ids(database: Path) -> frozenset[int]:
+    """Return the ids of all cameras in a database."""
+    with pycolmap.Database.open(database) as opened:
+        return frozenset(int(camera.camera_id) for camera in opened.read_all_cameras())
+
+
+def refuse_partly_held(options: SparseOptions, held: frozenset[int], every: frozenset[int]) -> None:
+    """Raise `OptionError` where the mapper cannot hold some cameras and refine the others."""
+    if options.mapper == "global" and held and held != every:
+        raise OptionError(
+            f"sparse.mapper is global, which holds all cameras or none; camera.fixed would hold {len(held & every)} of"
+            f" {len(every)}",
+            hint="use --set sparse.mapper=incremental or hierarchical, or leave out camera.fixed",
+        )
+
+
+def native_options(options: SparseOptions, held: frozenset[int] = frozenset()) -> Any:
+    """Return the pipeline options of the mapper in pycolmap, by which it holds cameras of these ids, for `global` all.
+    The hierarchical one takes those of the incremental one, which maps its parts, by their own names too. Raises
+    `OptionError`."""
     settings = _MAPPERS[options.mapper][1]()
     of_parts = getattr(settings, "incremental_options", None)
     values = options.colmap
@@ -183,7 +205,19 @@ def native_options(options: SparseOptions) -> Any:
     apply_options(settings, {n: v for n, v in values.items() if n not in passed_on}, "sparse.colmap")
     if "random_seed" not in values:
         fill(settings, {"random_seed": options.seed})
+    if held:
+        _hold(settings, held)
     return settings
+
+
+def _hold(settings: Any, held: frozenset[int]) -> None:
+    """Have a mapper hold cameras, over all that other options say."""
+    if isinstance(settings, pycolmap.GlobalPipelineOptions):
+        adjustment = settings.mapper.bundle_adjustment
+        adjustment.refine_focal_length = adjustment.refine_principal_point = False
+        adjustment.refine_extra_params = False
+    else:
+        getattr(settings, "incremental_options", settings).constant_cameras = set(held)
 
 
 def describe(model: pycolmap.Reconstruction) -> ModelStatistics:

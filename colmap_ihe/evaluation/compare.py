@@ -19,6 +19,7 @@ from typing import Any
 
 import yaml
 
+from colmap_ihe.colmap.calibration_file import CalibratedCamera, write_calibration
 from colmap_ihe.colmap.database import remove_database
 from colmap_ihe.colmap.mapping import map_images
 from colmap_ihe.colmap.measures import rms_px, thin_out
@@ -43,11 +44,15 @@ from colmap_ihe.machine.libraries import library_versions
 from colmap_ihe.machine.progress import SILENT, RunProgress
 from colmap_ihe.machine.threads import limited
 from colmap_ihe.photographs.readable import find_photographs
+from colmap_ihe.pipeline.given_calibration import given_calibration, held_cameras
 from colmap_ihe.pipeline.reconstruct import Reconstruction, reconstruct
+from colmap_ihe.pipeline.records import read_record
 from colmap_ihe.project.folder import Project
 from colmap_ihe.project.options import ClusterOptions, Options
 
 _Row = dict[str, Any]
+_CALIBRATION = "camera-calibration.yaml"
+"""The copy of the calibration file that was given, in the project of each method."""
 
 
 def compare(
@@ -69,6 +74,7 @@ def compare(
     options = options or Options()
     _check_names(methods)
     compared = Project.at(Path(project), Path(images) if images else None)
+    calibration = given_calibration(compared, options)
     truth = truth_of(compared)
     names = [c.name for c in find_photographs(compared.images).captures] if pairs else []
     chosen = read_pairs(Path(pairs), names) if pairs else None
@@ -84,7 +90,7 @@ def compare(
         for method in dict.fromkeys(methods):
             own = _options_of(method, options)
             done = reconstruct(
-                _project_of(compared, common, method, own).root,
+                _project_of(compared, common, method, own, calibration).root,
                 own,
                 images=compared.images,
                 until="matches",
@@ -140,10 +146,19 @@ def _options_of(method: str, options: Options) -> Options:
     guard = {"ihe": "noise", PAPER: "none"}.get(method, options.fit.guard)
     name = "ihe" if method == PAPER else method
     fit = options.fit.model_copy(update={"method": name, "guard": guard, "measure": False, "weights": None})
-    return options.model_copy(update={"fit": fit, "cluster": ClusterOptions()})
+    camera = options.camera
+    if camera.calibration is not None:
+        camera = camera.model_copy(update={"calibration": _CALIBRATION})
+    return options.model_copy(update={"fit": fit, "camera": camera, "cluster": ClusterOptions()})
 
 
-def _project_of(compared: Project, common: Project, method: str, options: Options) -> Project:
+def _project_of(
+    compared: Project,
+    common: Project,
+    method: str,
+    options: Options,
+    calibration: Sequence[CalibratedCamera],
+) -> Project:
     """Make the project of a method: its options, and links to all that the user's holds besides photographs. All
     methods share what does not depend on the grey: means of calibration frames, digests of photographs."""
     project = Project.at(common.root / method, compared.images)
@@ -151,6 +166,8 @@ def _project_of(compared: Project, common: Project, method: str, options: Option
     for given in (compared.masks, compared.calibration):
         if given.is_dir():
             link_or_copy_folder(given, project.root / given.name)
+    if options.camera.calibration is not None:
+        write_calibration(project.root / _CALIBRATION, calibration)
     write_bytes(project.options_file, yaml.safe_dump(options.as_yaml(), sort_keys=False).encode())
     common.masters.mkdir(parents=True, exist_ok=True)
     if not project.masters.exists():
@@ -173,6 +190,7 @@ def _mapped(
     project, folder = done.project, _seed_folder(done, seed)
     name = f"{project.root.name}, run {seed}"
     images = int(done.summary["images"]) - len(done.summary["left_out"])
+    held = held_cameras(project, options, read_record(project, "features") or {})
 
     def measure() -> _Row:
         shutil.rmtree(folder, ignore_errors=True)
@@ -183,7 +201,9 @@ def _mapped(
             thin_out(project.database, database, LEFT_OUT, seed)
         try:
             with progress.stage(name) as stage_progress:
-                model = map_images(database, project.grey, folder, options.sparse, images, stage_progress)[0]
+                model = map_images(
+                    database, project.grey, folder, options.sparse, images, stage_progress, held=held
+                )[0]
         except MappingError as error:
             progress.warn(f"{name}: {error}")
             return {"registered": 0, "points": 0, "points_over_3_views": 0}
@@ -199,7 +219,9 @@ def _mapped(
         }
         return row | (errors_against(truth, folder / "0") if truth else {})
 
-    inputs = (options.sparse.model_dump(mode="json"), LEFT_OUT, plain_truth(truth))
+    inputs: tuple[Any, ...] = (options.sparse.model_dump(mode="json"), LEFT_OUT, plain_truth(truth))
+    if held:
+        inputs += (sorted(held),)
     return _once(project, f"run-{seed}", measure, *inputs)
 
 

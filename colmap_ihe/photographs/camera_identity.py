@@ -17,6 +17,7 @@ from colmap_ihe.machine.decoder_pool import in_decoder
 from colmap_ihe.photographs.coded import stored_header
 from colmap_ihe.photographs.exif.metadata import Metadata, decode_metadata
 
+Optics = tuple[str, str, float]
 Key = tuple[str, str, float, int, int]
 
 
@@ -38,6 +39,15 @@ class CameraIdentity:
         return self.focal_35mm or self.focal_mm
 
     @property
+    def optics(self) -> Optics:
+        """Return what is the same for photographs by one camera, also of several sizes."""
+        return self.make, self.model, self.focal
+
+    @property
+    def size(self) -> tuple[int, int]:
+        return self.width, self.height
+
+    @property
     def key(self) -> Key:
         """Return what is the same for photographs by one camera."""
         return self.make, self.model, self.focal, self.width, self.height
@@ -51,7 +61,7 @@ class CameraIdentity:
     @property
     def is_whole(self) -> bool:
         """Tell whether COLMAP finds photographs by the same camera with it."""
-        return bool(self.make and self.model and self.focal)
+        return all(self.optics)
 
 
 def camera_identity(metadata: Metadata, width: int, height: int) -> CameraIdentity:
@@ -62,8 +72,8 @@ def camera_identity(metadata: Metadata, width: int, height: int) -> CameraIdenti
 
 
 def read_identities(folder: Path, names: Iterable[str]) -> dict[str, CameraIdentity]:
-    """Return the identities of the cameras of grey images below `folder`, by name in the order of the names; without
-    images that cannot be read."""
+    """Return the identities of the cameras of grey images below `folder`, which have the EXIF of their photographs, by
+    name in the order of the names; without images that cannot be read. It takes 1 to 2 ms an image."""
     identities = {}
     for name in sorted(names):
         try:
@@ -87,6 +97,17 @@ def without_whole_identity(identities: Mapping[str, CameraIdentity]) -> list[lis
         if not identities[name].is_whole:
             groups[identities[name].key].append(name)
     return list(groups.values())
+
+
+def identities_of_cameras(
+    camera_ids: Mapping[str, int], identities: Mapping[str, CameraIdentity]
+) -> dict[int, CameraIdentity]:
+    """Return what EXIF and size say of COLMAP's cameras, by id. `camera_ids`: those of images by name. A camera whose
+    images differ in it, as with `camera.mode: single`, or of which none could be read, is left out."""
+    by_camera: defaultdict[int, dict[Key, CameraIdentity]] = defaultdict(dict)
+    for name in sorted(camera_ids.keys() & identities.keys()):
+        by_camera[camera_ids[name]].setdefault(identities[name].key, identities[name])
+    return {i: next(iter(found.values())) for i, found in sorted(by_camera.items()) if len(found) == 1}
 
 
 def shared_by(identities: Iterable[CameraIdentity]) -> int:

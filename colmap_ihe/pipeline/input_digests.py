@@ -38,6 +38,14 @@ def masks_in(folder: Path) -> dict[str, str]:
     return {name: digest_file(folder / name) for name in mask_files(folder)}
 
 
+def digest_if_there(file: Path) -> str:
+    """Return the digest of a file that an option names, empty where it cannot be read: whoever needs it says so."""
+    try:
+        return digest_file(file)
+    except OSError:
+        return ""
+
+
 def digests_of(
     project: Project, discovery: Discovery, executor: Executor, progress: Progress
 ) -> dict[str, list[Any]]:

@@ -19,6 +19,7 @@ from colmap_ihe.machine.threads import limited
 from colmap_ihe.photographs.readable import find_photographs
 from colmap_ihe.pipeline import outputs
 from colmap_ihe.pipeline.estimates import disk_warnings, needs_of, stage_parts
+from colmap_ihe.pipeline.given_calibration import given_calibration
 from colmap_ihe.pipeline.input_digests import digests_of
 from colmap_ihe.pipeline.page import page_of, seconds_in
 from colmap_ihe.pipeline.records import fingerprints, inputs_of, read_record, why_stale
@@ -91,6 +92,7 @@ def reconstruct(
     discovery = find_photographs(folder.images)
     for stage in STAGES:
         stage.check(options, len(discovery.captures))
+    given_calibration(folder, options)  # one that cannot be used is refused before any work
     with ExitStack() as stack:
         stack.enter_context(room_on_disk(folder.root))
         folder.claim()

@@ -15,11 +15,11 @@ from typing import Any
 from colmap_ihe.colmap.native import cuda_devices, pycolmap
 from colmap_ihe.errors import OptionError
 from colmap_ihe.machine import threads
-from colmap_ihe.machine.files import digest_file, read_json, write_json
+from colmap_ihe.machine.files import read_json, write_json
 from colmap_ihe.machine.libraries import __version__, code_digest, library_versions, package_version
 from colmap_ihe.machine.threads import local_workers
 from colmap_ihe.machine.words import listed
-from colmap_ihe.pipeline.input_digests import masks_in
+from colmap_ihe.pipeline.input_digests import digest_if_there, masks_in
 from colmap_ihe.project.folder import Project
 from colmap_ihe.project.options import Options
 from colmap_ihe.project.options_file import options_of
@@ -40,14 +40,15 @@ _GIT_SECONDS = 5.0
 @dataclass(frozen=True)
 class RunRecord:
     """Hold what a run noted. `photographs` and `masks`: digest of the content by name; calibration frames are among
-    the photographs. `weights`: the digest of the file that was given, empty for none. `machine` and `variables` as
-    `write_run_record` notes them, empty in older records."""
+    the photographs. `weights`, `calibration`: the digest of the file that was given, empty for none. `machine` and
+    `variables` as `write_run_record` notes them, empty in older records."""
 
     options: Options
     versions: Mapping[str, str]
     photographs: Mapping[str, str]
     masks: Mapping[str, str] = field(default_factory=dict)
     weights: str = ""
+    calibration: str = ""
     threads: int = 0
     machine: Mapping[str, Any] = field(default_factory=dict)
     variables: Mapping[str, str] = field(default_factory=dict)
@@ -65,7 +66,8 @@ def write_run_record(project: Project, options: Options, digests: Mapping[str, S
             "threads": local_workers(),
             "photographs": {name: values[-1] for name, values in digests.items()},
             "masks": masks_in(project.masks),
-            "weights": _digest_of_weights(project, options),
+            "weights": _digest_of(project, options.fit.weights),
+            "calibration": _digest_of(project, options.camera.calibration),
             "versions": _versions(),
             "commit": _commit(),
             "machine": _machine(),
@@ -75,8 +77,8 @@ def write_run_record(project: Project, options: Options, digests: Mapping[str, S
 
 
 def read_run(path: Path, assignments: Sequence[str] = ()) -> RunRecord:
-    """Read the run record of a project, or the file itself, its options changed by `stage.option=value` each. A weights
-    file is that of the project. Raises `OptionError`."""
+    """Read the run record of a project, or the file itself, its options changed by `stage.option=value` each. Weights
+    and calibration files are those of the project. Raises `OptionError`."""
     file = path / "records" / "run.json" if path.is_dir() else path
     values = read_json(file) or {}
     parts = [
@@ -86,12 +88,11 @@ def read_run(path: Path, assignments: Sequence[str] = ()) -> RunRecord:
         raise OptionError(f"{file}: is not there, or not the record of a run", hint=_HINT)
     options, versions, photographs = parts
     root = file.absolute().parents[1 if file.absolute().parent.name == "records" else 0]
-    fit = options.get("fit")
-    named = fit.get("weights") if isinstance(fit, dict) else None
+    weights = _noted_file(options, "fit", "weights")
+    calibration = _noted_file(options, "camera", "calibration")
     settings = options_of(options, str(file), root, assignments)
-    if settings.fit.weights and settings.fit.weights == named:
-        weights = str(root / named)
-        settings = settings.model_copy(update={"fit": settings.fit.model_copy(update={"weights": weights})})
+    settings = _with_file_of(root, settings, "fit", "weights", weights)
+    settings = _with_file_of(root, settings, "camera", "calibration", calibration)
     more = {name: values.get(name) for name in ("masks", "machine")}
     more["variables"] = values.get("environment")
     return RunRecord(
@@ -99,9 +100,24 @@ def read_run(path: Path, assignments: Sequence[str] = ()) -> RunRecord:
         versions,
         photographs,
         weights=str(values.get("weights") or ""),
+        calibration=str(values.get("calibration") or ""),
         threads=values["threads"] if isinstance(values.get("threads"), int) else 0,
         **{name: part if isinstance(part, dict) else {} for name, part in more.items()},
     )
+
+
+def _noted_file(options: Mapping[str, Any], section: str, name: str) -> Any:
+    """Return what an option that names a file was noted as, None for nothing."""
+    values = options.get(section)
+    return values.get(name) if isinstance(values, dict) else None
+
+
+def _with_file_of(root: Path, settings: Options, section: str, name: str, noted: Any) -> Options:
+    """Return the options with the file that one of them names found from `root`, if it is the one that was noted."""
+    options = getattr(settings, section)
+    if not noted or getattr(options, name) != noted:
+        return settings
+    return settings.model_copy(update={section: options.model_copy(update={name: str(root / noted)})})
 
 
 def differences_from(
@@ -112,8 +128,10 @@ def differences_from(
     differences += _other_files("photographs", noted.photographs, {n: v[-1] for n, v in digests.items()})
     if noted.machine:
         differences += _other_files("masks", noted.masks, masks_in(project.masks))
-        if noted.weights != _digest_of_weights(project, options):
+        if noted.weights != _digest_of(project, options.fit.weights):
             differences.append("the weights file has another content than in the record")
+        if noted.calibration != _digest_of(project, options.camera.calibration):
+            differences.append("the calibration file has another content than in the record")
     if noted.threads and noted.threads != local_workers():
         words = (
             f"the record is of {noted.threads} threads, this is of {local_workers()}: the result may differ"
@@ -154,10 +172,9 @@ def _other_files(kind: str, noted: Mapping[str, str], present: Mapping[str, str]
     return differences
 
 
-def _digest_of_weights(project: Project, options: Options) -> str:
-    """Return the digest of the weights file, empty where there is none: the stage says so."""
-    file = project.root / options.fit.weights if options.fit.weights is not None else None
-    return digest_file(file) if file is not None and file.is_file() else ""
+def _digest_of(project: Project, file: str | None) -> str:
+    """Return the digest of a file that an option names, empty where there is none."""
+    return "" if file is None else digest_if_there(project.root / file)
 
 
 def _words(value: Any) -> str:

@@ -152,6 +152,11 @@ class CameraOptions(_Section):
     its two more coefficients of distortion and its tangential ones down; else SIMPLE_RADIAL, as COLMAP."""
     params: tuple[float, ...] | None = None
     """Known calibration in COLMAP's order for `model`, in pixels; where every camera starts from."""
+    calibration: str | None = None
+    """A calibration file of another run, from which the cameras start that are in it, instead of `model` and `params`.
+    In the project's folder, or absolute where the user names it."""
+    fixed: bool = False
+    """Hold the calibration that was given as it is in all of the mapping; else it is refined."""
 
     @field_validator("params", mode="before")
     @classmethod
@@ -167,6 +172,14 @@ class CameraOptions(_Section):
     def _params_of_a_model(self) -> CameraOptions:
         if self.params is not None and self.model == "auto":
             raise ValueError("camera.params needs camera.model, as SIMPLE_RADIAL for f, cx, cy, k")
+        return self
+
+    @model_validator(mode="after")
+    def _calibration_or_model(self) -> CameraOptions:
+        if self.calibration is not None and (self.params is not None or self.model != "auto"):
+            raise ValueError(
+                "expected camera.calibration, or camera.model with camera.params: the file has the model of each camera"
+            )
         return self
 
 

@@ -22,6 +22,8 @@ from colmap_ihe.project.options import KnownCamera, Options
 from colmap_ihe.project.safe_yaml import parse_yaml, read_yaml, refuse_no_text
 
 _SHOWN = 200  # characters of a value in a message
+_OUR_FILES = {"fit.weights": "--weights FILE", "camera.calibration": "--set camera.calibration=FILE"}
+"""Options that name a file which we read ourselves, with how the user says it on the command line."""
 _NATIVE = re.compile(r"(path|file|folder|directory|dir|list)$")
 """By which COLMAP's options that name files are told, as snapshot_path and trust_region_problem_dump_directory."""
 
@@ -140,7 +142,7 @@ def named_paths(values: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
     for section, options in values.items():
         for name, value in options.items() if isinstance(options, Mapping) else ():
             key = f"{section}.{name}"
-            if key in ("fit.weights", "cluster.address") and isinstance(value, str):
+            if (key in _OUR_FILES or key == "cluster.address") and isinstance(value, str):
                 yield key, value
             elif section != "cameras" and isinstance(value, Mapping):  # what goes to pycolmap as it is
                 yield from _native_paths(key, value)
@@ -168,7 +170,7 @@ def refuse_paths(values: Mapping[str, Any], source: str, root: Path, said: Colle
                     " none outside of your own network",
                     hint="say it yourself: --cluster ADDRESS",
                 )
-        elif key != "fit.weights":
+        elif key not in _OUR_FILES:
             raise OptionError(
                 f"{source}: {key} is {text!r:.200}; files that COLMAP reads or writes are not named by a file",
                 hint=f"if you want it, say it yourself: --set {key}=PATH",
@@ -176,7 +178,7 @@ def refuse_paths(values: Mapping[str, Any], source: str, root: Path, said: Colle
         elif not _is_within(root, text):
             raise OptionError(
                 f"{source}: {key} is {text!r:.200}, which leads out of the project",
-                hint="put the file into the project's folder, or say it yourself: --weights FILE",
+                hint=f"put the file into the project's folder, or say it yourself: {_OUR_FILES[key]}",
             )
 
 

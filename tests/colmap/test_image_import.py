@@ -10,6 +10,7 @@ import pytest
 from grey_noise import WHOLE, noise
 
 from colmap_ihe.colmap.image_import import assumed, image_groups, import_images
+from colmap_ihe.colmap.known_calibration import KnownCalibration
 from colmap_ihe.colmap.native import pycolmap
 from colmap_ihe.machine.progress import SILENT
 from colmap_ihe.photographs.camera_identity import read_identities
@@ -36,7 +37,7 @@ def cameras_of(grey: Path, names: list[str], mode: pycolmap.CameraMode = AUTO) -
     database = grey.with_name("database.db")
     database.unlink(missing_ok=True)
     groups = image_groups(names, mode, read_identities(grey, names))
-    import_images(database, grey, groups, pycolmap.ImageReaderOptions(), SILENT)
+    import_images(database, grey, groups, pycolmap.ImageReaderOptions(), KnownCalibration(), SILENT)
     with pycolmap.Database.open(database) as opened:
         images = sorted(opened.read_all_images(), key=lambda image: int(image.image_id))
         assert {i.camera_id for i in images} == {c.camera_id for c in opened.read_all_cameras()}

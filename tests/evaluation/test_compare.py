@@ -9,14 +9,18 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from calibrations import calibrated
 from command_line import Captured, output_of
 from small_demo import SETTINGS, Make, MakeOptions
 
 from colmap_ihe.colmap.mapping import map_images
-from colmap_ihe.errors import MappingError, OptionError
+from colmap_ihe.errors import CalibrationFileError, MappingError, OptionError
 from colmap_ihe.evaluation import compare as driver
 from colmap_ihe.evaluation.compare import compare
 from colmap_ihe.evaluation.tables import MethodResult, sentences, tables_of
+from colmap_ihe.pipeline.given_calibration import given_calibration
+from colmap_ihe.project.folder import Project
+from colmap_ihe.project.options_file import load_options, project_options
 from colmap_ihe.report.tables import Table
 
 
@@ -97,10 +101,10 @@ def test_an_unknown_method_is_refused_before_any_work(new_project: Make) -> None
 def test_a_method_without_a_model_is_told_and_does_not_end_the_others(
     new_project: Make, quick_options: MakeOptions, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def fails_in_green(database: Path, *rest: Any) -> Any:
+    def fails_in_green(database: Path, *rest: Any, **named: Any) -> Any:
         if "green" in database.parts:
             raise MappingError("none of the photographs could be registered")
-        return map_images(database, *rest)
+        return map_images(database, *rest, **named)
 
     monkeypatch.setattr("colmap_ihe.evaluation.compare.map_images", fails_in_green)
     project, options = new_project(), quick_options("dense.enabled=false")
@@ -109,6 +113,17 @@ def test_a_method_without_a_model_is_told_and_does_not_end_the_others(
     assert tables_of([rec709, green])[1].rows[1][1] == "0.0"
     with pytest.raises(MappingError, match=r"green: no photograph is registered"):
         compare(project, options, methods=["green", "rec709"], seeds=0)
+
+
+def test_each_method_has_the_calibration_file_in_its_project(new_project: Make) -> None:
+    root = new_project(2)
+    own = driver._options_of("ihe", load_options(None, ["camera.calibration=given.yaml"]))
+    project = driver._project_of(
+        Project.at(root), Project.at(root / "compare", root / "images"), "ihe", own, [calibrated()]
+    )
+    assert given_calibration(project, project_options(project.root, [])) == [calibrated()]
+    with pytest.raises(CalibrationFileError, match=r"given\.yaml: cannot be read"):
+        compare(root, load_options(None, ["camera.calibration=given.yaml"]))
 
 
 def compared(method: str, points: list[float], truth: bool = False) -> MethodResult:

@@ -10,6 +10,7 @@ from PIL import Image
 
 from colmap_ihe.photographs.camera_identity import (
     CameraIdentity,
+    identities_of_cameras,
     read_identities,
     shared_by,
     turned_partners,
@@ -51,6 +52,12 @@ def test_photographs_turned_in_their_pixels_count_with_the_others() -> None:
     assert shared_by([SCAN] * 5 + [TURNED_SCAN] * 4) == 9
     assert shared_by([FLAT] * 23 + [ZOOMED]) == 1
     assert shared_by([FLAT] * 10 + [SCAN] * 9) == 9
+
+
+def test_what_is_said_of_cameras_of_the_database() -> None:
+    identities = {"a": FLAT, "b": FLAT, "c": UPRIGHT, "d": SCAN, "e": FLAT}
+    camera_ids = {"a": 1, "b": 1, "c": 2, "d": 3, "e": 3, "unread": 4}
+    assert identities_of_cameras(camera_ids, identities) == {1: FLAT, 2: UPRIGHT}
 
 
 def test_cameras_that_are_one_turned() -> None:

@@ -6,9 +6,11 @@ import json
 from pathlib import Path
 
 import pytest
+from calibrations import calibrated
 from small_demo import QUICK, Make
 
 from colmap_ihe.cli import main
+from colmap_ihe.colmap.calibration_file import write_calibration
 from colmap_ihe.errors import OptionError
 from colmap_ihe.machine.threads import local_workers
 from colmap_ihe.pipeline.repeat import differences_from, read_run
@@ -117,6 +119,25 @@ def test_weights_of_a_record_are_those_of_its_project(new_project: Make, tmp_pat
     assert (tmp_path / "again/report/weights.yaml").read_bytes() == (
         project / "report/weights.yaml"
     ).read_bytes()
+
+
+def test_a_calibration_of_a_record_is_that_of_its_project(new_project: Make, tmp_path: Path) -> None:
+    project = new_project(2)
+    write_calibration(project / "given.yaml", [calibrated()])
+    settings = ["--set", "camera.calibration=given.yaml", "--until", "captures", "-q"]
+    assert main(["reconstruct", str(project), *settings]) == 0
+    noted = read_run(project)
+    assert noted.options.camera.calibration == str(project / "given.yaml")
+    assert read_run(project, ["camera.calibration=other.yaml"]).options.camera.calibration == "other.yaml"
+    assert main([*repeat(project, tmp_path, "captures"), "-q", "--from-record", str(project)]) == 0
+    elsewhere = f"camera.calibration={tmp_path}/elsewhere.yaml"
+    write_calibration(tmp_path / "elsewhere.yaml", [calibrated()])
+    assert main(["reconstruct", str(project), "--set", elsewhere, "--until", "captures", "-q"]) == 0
+    assert read_run(project, ["camera.calibration=given.yaml"]).options.camera.calibration == "given.yaml"
+    write_calibration(project / "given.yaml", [calibrated(focal=50)])
+    digests = {name: [digest] for name, digest in noted.photographs.items()}
+    differences = differences_from(noted, Project.at(project), noted.options, digests)
+    assert differences == ["the calibration file has another content than in the record"]
 
 
 @pytest.mark.parametrize(

@@ -148,6 +148,16 @@ def test_camera_parameters_become_numbers() -> None:
         ("features:\n  colmap: [1]\n", ["features.colmap is [1]"]),
         ("camera:\n  params: 500\n", ["camera.params is 500"]),
         ("camera:\n  params: [1, 2, 3]\n", ["camera.params needs camera.model"]),
+        (
+            "camera: {calibration: c.yaml, model: OPENCV}\n",
+            ["camera is", "camera.calibration, or camera.model"],
+        ),
+        (
+            "camera: {calibration: c.yaml, model: PINHOLE, params: [9, 9, 9, 9]}\n",
+            ["camera.calibration, or camera.model with camera.params"],
+        ),
+        ("camera: {calibration: 5}\n", ["camera.calibration is 5"]),
+        ("camera: {fixed: maybe}\n", ["camera.fixed is 'maybe'"]),
         *(
             (f"camera: {{model: OPENCV, params: [{p}, 2]}}", ["camera.params"])
             for p in ("null", "9" * 400, "[1]", "{}")

@@ -41,6 +41,8 @@ SOLVER = """sparse: {mapper: global, colmap: {mapper: {bundle_adjustment: {ceres
         ("fit: {weights: /etc/passwd}", "fit.weights"),
         ("fit: {weights: ../other/weights.yaml}", "fit.weights"),
         ("fit: {weights: link/weights.yaml}", "fit.weights"),
+        ("camera: {calibration: /home/somebody/calibration.yaml}", "camera.calibration"),
+        ("camera: {calibration: ../other/calibration.yaml}", "camera.calibration"),
         ("cluster: tcp://9.9.9.9:8786", "cluster.address"),
         ("cluster: {address: scheduler.json}", "cluster.address"),
         ("sparse: {colmap: {snapshot_path: snapshots}}", "sparse.colmap.snapshot_path"),

@@ -14,16 +14,19 @@ from typing import Any
 import numpy as np
 import pytest
 import yaml
+from calibrations import PARAMS, calibrated
 from PIL import Image
 from same_results import contents, pixels_of
 from small_demo import Make, MakeOptions
 from told import Told
 
+from colmap_ihe.colmap.calibration_file import write_calibration
 from colmap_ihe.colmap.native import pycolmap
 from colmap_ihe.errors import Cancelled, OptionError, PhotographError, ProjectError
 from colmap_ihe.grey.weights import Weights, grey_from_dict
 from colmap_ihe.machine.files import write_bytes
 from colmap_ihe.machine.progress import Silent
+from colmap_ihe.photographs.camera_identity import read_identities
 from colmap_ihe.pipeline.reconstruct import reconstruct
 from colmap_ihe.pipeline.stages import STAGE_NAMES
 from colmap_ihe.pipeline.status import status
@@ -499,6 +502,51 @@ def test_photographs_without_a_focal_length_are_warned_of(
     assert (done.summary["with_focal_prior"], done.summary["cameras"], done.summary["warnings"]) == (3, 1, [])
     with pycolmap.Database.open(project / "workspace/database.db") as database:
         assert database.read_all_cameras()[0].params.tolist() == [400, 240, 160]
+
+
+def test_cameras_start_from_a_calibration_file(new_project: Make, quick_options: MakeOptions) -> None:
+    """What is held matters to the mapping only, and the content of the file to the features and all after them."""
+    project = new_project(3)
+    with Image.open(project / "images/portico_02.jpg") as picture:
+        picture.transpose(Image.Transpose.ROTATE_90).save(
+            project / "images/turned.jpg", exif=picture.getexif()
+        )
+    (project / "images/portico_02.jpg").unlink()
+    (said,) = read_identities(project / "images", ["portico_01.jpg"]).values()
+    own = calibrated(said.make, said.model, said.focal_mm, said.size)
+    own = own.model_copy(update={"focal_length_35mm": said.focal_35mm})
+    write_calibration(project / "given.yaml", [own, calibrated()])
+    given = "camera.calibration=given.yaml"
+    with pytest.raises(OptionError, match=r"camera\.fixed holds a calibration that was given, and none is"):
+        reconstruct(project, quick_options("camera.fixed=true"))
+    assert not (project / "records").exists()
+    done = reconstruct(project, quick_options(given), until="features")
+    with pycolmap.Database.open(project / "workspace/database.db") as database:
+        cameras = {c.width: c for c in database.read_all_cameras()}
+    assert cameras[480].params.tolist() == PARAMS
+    assert cameras[320].model_name == "SIMPLE_RADIAL"
+    without, unused = done.summary["warnings"]
+    assert "for 1 photograph, which start as without it: turned.jpg" in without
+    assert unused.endswith("took none of the photographs: Foo Bar at 35 mm, 90x66")
+
+    def state(*assignments: str) -> list[str]:
+        return [s.state for s in status(project, quick_options(*assignments))[3:4]]
+
+    assert record(project, "captures")["shared_by"] == 3
+    assert state(given) == state(given, "camera.fixed=true") == ["done"]
+    assert state() == ["stale"]
+    write_calibration(project / "given.yaml", [own])
+    assert state(given) == ["stale"]
+
+
+def test_holding_the_calibration_is_an_option_of_the_mapping(
+    finished: Path, quick_options: MakeOptions
+) -> None:
+    fixed = ("camera.model=OPENCV", "camera.params=[1, 1, 1, 1, 0, 0, 0, 0]", "camera.fixed=true")
+    assert [s.state for s in status(finished, quick_options())] == ["done"] * 8
+    reasons = {s.name: s.why for s in status(finished, quick_options(*fixed))}
+    assert "camera.fixed" not in reasons["features"]
+    assert reasons["sparse"].startswith("its options changed: camera.fixed from the default to true")
 
 
 def test_how_colmap_sees_the_photographs_is_an_input_of_auto_only(

@@ -10,9 +10,11 @@ from typing import Any
 
 import numpy as np
 import yaml
+from calibrations import calibrated
 from PIL import Image
 from spoilt import BYTES, JSON, TEXT, YAML, file, parser
 
+from colmap_ihe.colmap.calibration_file import read_calibration, write_calibration
 from colmap_ihe.evaluation.figures import read_pairs
 from colmap_ihe.evaluation.truth import read_truth
 from colmap_ihe.fit.counting import SetCounts
@@ -39,7 +41,7 @@ def project_yaml(_: Path) -> list[bytes]:
         "features": {"colmap": {"sift": {"max_num_features": 4096}}},
         "matches": {"strategy": "sequential", "pairing": {"overlap": 5}, "colmap": {"max_num_matches": 1000}},
         "sparse": {"colmap": {"min_num_matches": 10, "mapper": {"init_min_tri_angle": 8.0}}},
-        "camera": {"model": "OPENCV", "params": [900, 900, 320, 240, 0, 0, 0, 0]},
+        "camera": {"model": "OPENCV", "params": [900, 900, 320, 240, 0, 0, 0, 0], "fixed": True},
         "cluster": "local:2",
     }  # fmt: skip
     anchored = b"features: &f {max_image_size: 800}\ndense: {<<: *f, enabled: false}\n"
@@ -70,6 +72,14 @@ def weights(_: Path) -> list[bytes]:
 
 
 test_weights = parser(weights, YAML)(file("w.yaml", read_weights))
+
+
+def calibrations(folder: Path) -> list[bytes]:
+    write_calibration(folder / "written.yaml", [calibrated(), calibrated("", "", 0, (640, 480))])
+    return [(folder / "written.yaml").read_bytes()]
+
+
+test_calibration = parser(calibrations, YAML)(file("c.yaml", read_calibration))
 
 
 def histograms(_: Path) -> list[bytes]:

@@ -2,19 +2,26 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict
+from typing import Any
 
 from colmap_ihe.colmap import features
 from colmap_ihe.colmap.database import database_is_sound, looks_whole, remove_database
 from colmap_ihe.colmap.features_on_workers import extraction_options
 from colmap_ihe.dense.cost import pixels_within
+from colmap_ihe.errors import OptionError
 from colmap_ihe.machine.progress import Progress
 from colmap_ihe.machine.remaining_time import Part
-from colmap_ihe.pipeline.input_digests import masks_in
+from colmap_ihe.photographs.discover import Discovery
+from colmap_ihe.pipeline.given_calibration import given_calibration, held_cameras
+from colmap_ihe.pipeline.input_digests import digest_if_there, masks_in
 from colmap_ihe.pipeline.masks import make_masks
 from colmap_ihe.pipeline.resource_needs import BASE_BYTES, Known, PhotoSetSize, StageNeeds
-from colmap_ihe.pipeline.stage import Count, RunContext, Stage, StageRecord
+from colmap_ihe.pipeline.stage import Count, Inputs, RunContext, Stage, StageRecord, StrictModel
+from colmap_ihe.pipeline.warnings import cameras as camera_warnings
 from colmap_ihe.pipeline.warnings import photographs as set_warnings
+from colmap_ihe.project.folder import Project
 from colmap_ihe.project.options import Options
 
 _KEYPOINT = 160  # bytes on disk of a feature with its descriptor, of COLMAP's four floats, six or 128 bytes
@@ -24,13 +31,19 @@ FEWER_FEATURES = "a smaller features.colmap.sift.max_num_features"
 _COLMAPS_LARGEST = 3200  # pixels along the longer side, of images in which features are sought
 
 
+class _CalibrationRecord(StrictModel):
+    camera_ids: Sequence[Count] = ()
+
+
 class FeaturesRecord(StageRecord):
-    """Count images, cameras, those with a focal length from EXIF, and features."""
+    """Count images, cameras, those with a focal length from EXIF, and features; tell which cameras, by id, start from
+    the calibration file."""
 
     images: Count
     cameras: Count
     with_focal_prior: Count
     features: Count
+    calibration: _CalibrationRecord = _CalibrationRecord()
 
 
 def run(run: RunContext, progress: Progress) -> FeaturesRecord:
@@ -53,6 +66,7 @@ def run(run: RunContext, progress: Progress) -> FeaturesRecord:
         project.workspace,
         run.executor,
         progress,
+        calibration=given_calibration(project, run.options),
     )
     by_grey = run.photographs_by_grey()
     left_out = {
@@ -61,9 +75,11 @@ def run(run: RunContext, progress: Progress) -> FeaturesRecord:
     }
     set_warnings.require_features(counts.features, counts.images)
     warnings += set_warnings.poor_photographs({by_grey[n]: c for n, c in counts.poor.items()})
+    held_cameras(project, run.options, asdict(counts))  # what cannot be held is refused before matching
     if run.options.camera.params is None:
-        warnings += set_warnings.focal_length_warnings(counts.images, counts.with_focal_prior)
-        warnings += set_warnings.shared_camera_warnings(counts.assumed)
+        warnings += camera_warnings.focal_length_warnings(counts.images, counts.with_focal_prior)
+        warnings += camera_warnings.shared_camera_warnings(counts.assumed)
+    warnings += camera_warnings.calibration_warnings(counts.calibration, by_grey)
     return FeaturesRecord(**asdict(counts), left_out=left_out, warnings=warnings)
 
 
@@ -74,8 +90,33 @@ def features_an_image(options: Options, size: PhotoSetSize) -> float:
 
 
 def _check(options: Options, images: int) -> None:
+    camera = options.camera
+    if camera.fixed and camera.params is None and camera.calibration is None:
+        raise OptionError(
+            "camera.fixed holds a calibration that was given, and none is",
+            hint="give camera.calibration, or camera.model with camera.params",
+        )
     model = features.choose_model(options.camera, images, images)
     features.native_options(options.camera, options.features, model)
+
+
+def _result_options(options: Options) -> dict[str, Any]:
+    """Leave out what has no effect on features: whether cameras are held, and where the calibration file lies, whose
+    content counts."""
+    values = options.sections("camera", "features")
+    del values["camera"]["fixed"], values["camera"]["calibration"]
+    if options.camera.calibration is not None:
+        values["camera"]["calibration"] = True
+    return values
+
+
+def _inputs(
+    project: Project, options: Options, discovery: Discovery, digests: Mapping[str, Sequence[Any]]
+) -> Inputs:
+    masks = {"masks": masks_in(project.masks)}
+    if options.camera.calibration is None:
+        return masks
+    return masks | {"calibration": {"its file": digest_if_there(project.root / options.camera.calibration)}}
 
 
 def _needs(options: Options, size: PhotoSetSize) -> StageNeeds:
@@ -96,7 +137,8 @@ STAGE = Stage(
     FeaturesRecord,
     sections=("camera", "features"),
     libraries=("pycolmap",),
-    inputs=lambda project, options, discovery, digests: {"masks": masks_in(project.masks)},
+    result_options=_result_options,
+    inputs=_inputs,
     files=lambda project, record: [project.database],
     made=lambda project: [project.database],
     remove=lambda project: remove_database(project.database),

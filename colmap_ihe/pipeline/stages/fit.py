@@ -15,10 +15,10 @@ from colmap_ihe.fit.fit_set import Fit, fit_captures
 from colmap_ihe.fit.histogram_file import StoredCounts, write_stored
 from colmap_ihe.fit.trial_bench import Trial
 from colmap_ihe.grey.weights import Encoding, Weights, grey_from_dict
-from colmap_ihe.machine.files import digest_file
 from colmap_ihe.machine.progress import Progress
 from colmap_ihe.machine.remaining_time import Part
 from colmap_ihe.photographs.discover import Discovery
+from colmap_ihe.pipeline.input_digests import digest_if_there
 from colmap_ihe.pipeline.resource_needs import BASE_BYTES, Known, PhotoSetSize, StageNeeds
 from colmap_ihe.pipeline.stage import Count, Inputs, Record, RunContext, Stage, StageRecord, StrictModel
 from colmap_ihe.pipeline.warnings.files import depth_warnings
@@ -130,10 +130,7 @@ def _inputs(
 ) -> Inputs:
     if options.fit.weights is None:
         return {}
-    try:
-        return {"weights": {"their file": digest_file(project.root / options.fit.weights)}}
-    except OSError:  # the stage says so
-        return {"weights": {"their file": ""}}
+    return {"weights": {"their file": digest_if_there(project.root / options.fit.weights)}}
 
 
 def _made(project: Project) -> list[Path]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import asdict
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 from pydantic import Field
 
@@ -12,6 +12,7 @@ from colmap_ihe.colmap import mapping
 from colmap_ihe.errors import MappingError
 from colmap_ihe.machine.progress import Progress
 from colmap_ihe.machine.remaining_time import Part
+from colmap_ihe.pipeline.given_calibration import held_cameras
 from colmap_ihe.pipeline.resource_needs import BASE_BYTES, Known, PhotoSetSize, StageNeeds
 from colmap_ihe.pipeline.stage import Count, Record, RunContext, Stage, StageRecord, StrictModel
 from colmap_ihe.pipeline.stages.features import FEWER_FEATURES, features_an_image
@@ -50,6 +51,7 @@ def run(run: RunContext, progress: Progress) -> SparseRecord:
             images,
             progress,
             colour=project.colour,
+            held=held_cameras(project, run.options, run.records["features"]),
         )
     except MappingError as error:
         reason, hint = model_warnings.why_no_model(project.database, images)
@@ -61,6 +63,11 @@ def run(run: RunContext, progress: Progress) -> SparseRecord:
     )
     described = [_ModelRecord(**asdict(model)) for model in models]
     return SparseRecord(models=described, unregistered=missing, warnings=warnings)
+
+
+def _result_options(options: Options) -> dict[str, Any]:
+    values = options.sections("sparse")
+    return values | {"camera": {"fixed": True}} if options.camera.fixed else values
 
 
 def _files(project: Project, record: Record) -> list[Path]:
@@ -90,6 +97,7 @@ STAGE = Stage(
     run,
     SparseRecord,
     sections=("sparse",),
+    result_options=_result_options,
     files=_files,
     made=lambda project: [project.sparse, *project.workspace.glob(".sparse.*")],
     check=_check,

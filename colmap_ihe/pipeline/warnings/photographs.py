@@ -71,28 +71,6 @@ def require_features(features: int, images: int) -> None:
         )
 
 
-def focal_length_warnings(images: int, with_focal_length: int) -> list[str]:
-    """Warn of photographs whose focal length COLMAP guesses."""
-    if with_focal_length >= images:
-        return []
-    return [
-        f"{images - with_focal_length} of {images} photographs do not say their focal length: COLMAP guesses it; if"
-        " you know it, give it in `cameras:` or as camera.params"
-    ]
-
-
-def shared_camera_warnings(assumed: Sequence[int]) -> list[str]:
-    """Warn of photographs that share a camera though EXIF does not say so. `assumed`: how many, of each camera."""
-    if not assumed:
-        return []
-    several = f"{len(assumed)} cameras, one for each size and what else EXIF says"
-    by = "one camera" if len(assumed) == 1 else several
-    return [
-        f"{sum(assumed)} photographs whose EXIF lacks make, model or focal length were taken as by {by}: if several"
-        " cameras took them, or a zoom at several lengths, use --set camera.mode=per_image"
-    ]
-
-
 def poor_photographs(counts: Mapping[str, int]) -> list[str]:
     """Warn of photographs with few features. `counts`: their features by name."""
     if not counts:

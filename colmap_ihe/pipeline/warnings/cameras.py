@@ -1,0 +1,47 @@
+"""Say what is assumed of cameras before they are calibrated, and what a given calibration is good for."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+from colmap_ihe.colmap.known_calibration import CalibrationUse
+from colmap_ihe.machine.words import counted, listed
+
+
+def focal_length_warnings(images: int, with_focal_length: int) -> list[str]:
+    """Warn of photographs whose focal length COLMAP guesses."""
+    if with_focal_length >= images:
+        return []
+    return [
+        f"{images - with_focal_length} of {images} photographs do not say their focal length: COLMAP guesses it; if"
+        " you know it, give it in `cameras:` or as camera.params"
+    ]
+
+
+def shared_camera_warnings(assumed: Sequence[int]) -> list[str]:
+    """Warn of photographs that share a camera though EXIF does not say so. `assumed`: how many, of each camera."""
+    if not assumed:
+        return []
+    several = f"{len(assumed)} cameras, one for each size and what else EXIF says"
+    by = "one camera" if len(assumed) == 1 else several
+    return [
+        f"{sum(assumed)} photographs whose EXIF lacks make, model or focal length were taken as by {by}: if several"
+        " cameras took them, or a zoom at several lengths, use --set camera.mode=per_image"
+    ]
+
+
+def calibration_warnings(use: CalibrationUse, by_grey: Mapping[str, str]) -> list[str]:
+    """Warn of photographs whose camera is not in the calibration file, and of its cameras that took none. `by_grey`:
+    the names of the photographs by those of their grey images."""
+    warnings = []
+    if use.without:
+        names = sorted(by_grey[name] for name in use.without)
+        warnings.append(
+            f"camera.calibration has no camera of this make, model, focal length and size for"
+            f" {counted(len(names), 'photograph')}, which start as without it: {listed(names)}"
+        )
+    if use.unused:
+        warnings.append(
+            f"camera.calibration has cameras that took none of the photographs: {listed(use.unused, separator='; ')}"
+        )
+    return warnings
