@@ -169,7 +169,7 @@ def solved(greys: dict[str, NDArray[np.uint8]]) -> tuple[str, ...]:
         counts = match_features(database, root, MatchesOptions(), len(files), executor, SILENT)
         for seed in SEEDS:
             shutil.rmtree(root / "sparse", ignore_errors=True)
-            models = map_images(
+            models, _ = map_images(
                 database, root / "grey", root / "sparse", SparseOptions(seed=seed), len(files), SILENT
             )
             model = pycolmap.Reconstruction(root / "sparse" / "0")

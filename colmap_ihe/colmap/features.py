@@ -27,8 +27,6 @@ FEATURE_BYTES_A_PIXEL = 290
 """Of SIFT in COLMAP on the CPU, from twice the size of the image on: 280 measured, of one and of two threads."""
 FEW = 100
 """Features of an image below which it can hardly be registered: COLMAP needs 30 matches of them."""
-SHARED_BY = 8
-"""Photographs by one camera from which on `camera.model: auto` is OPENCV. Measured in benchmarks/sets.md."""
 
 
 @dataclass(frozen=True)
@@ -55,7 +53,6 @@ def extract_features(
     masks: Path | None,
     camera: CameraOptions,
     options: FeaturesOptions,
-    shared_by: int,
     scratch: Path,
     executor: Executor,
     progress: Progress,
@@ -65,11 +62,10 @@ def extract_features(
     """Extract SIFT features of the named images below `grey`; those that are in the database are left alone.
 
     COLMAP extracts them on threads here, or on the workers of an executor of another kind, with the same result;
-    unfinished work lies in `scratch`. `shared_by`: the least number of photographs that one camera took. Cameras that
-    are in `calibration` start from it. COLMAP gets every name: it would else read all that lies in the folder, RAW
-    thumbnails included. Raises `OptionError`, `NativeError`, `Cancelled`.
+    unfinished work lies in `scratch`. Cameras that are in `calibration` start from it. COLMAP gets every name: it would
+    else read all that lies in the folder, RAW thumbnails included. Raises `OptionError`, `NativeError`, `Cancelled`.
     """
-    reader, extraction = native_options(camera, options, choose_model(camera, len(names), shared_by))
+    reader, extraction = native_options(camera, options)
     if masks is not None:
         reader.mask_path = masks
     progress.start(len(names))
@@ -120,18 +116,11 @@ def count_features(database: Path, names: Sequence[str]) -> FeatureCounts:
     )
 
 
-def choose_model(camera: CameraOptions, images: int, shared_by: int) -> str:
-    """Return the camera model for `auto`; another is used as it is."""
-    if camera.model != "auto":
-        return camera.model
-    shared = {"auto": shared_by, "single": images}.get(camera.mode, 1)
-    return "OPENCV" if shared >= SHARED_BY else "SIMPLE_RADIAL"
-
-
 def native_options(
-    camera: CameraOptions, options: FeaturesOptions, model: str
+    camera: CameraOptions, options: FeaturesOptions
 ) -> tuple[pycolmap.ImageReaderOptions, pycolmap.FeatureExtractionOptions]:
-    """Return pycolmap's options for reading images with cameras of `model`, and for features. Raises `OptionError`."""
+    """Return pycolmap's options for reading images with their cameras, and for features. Raises `OptionError`."""
+    model = "SIMPLE_RADIAL" if camera.model == "auto" else camera.model
     reader = pycolmap.ImageReaderOptions()
     models = [m for m in pycolmap.CameraModelId.__members__ if m != "INVALID"]
     if model not in models:

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import shutil
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+from colmap_ihe.colmap.calibration.calibrate import Calibration, Known
+from colmap_ihe.colmap.calibration.models import calibrate_models
 from colmap_ihe.colmap.measures import images_seeing
 from colmap_ihe.colmap.native import apply_options, called, fill, pycolmap
 from colmap_ihe.colmap.process import ColmapProcesses
@@ -61,15 +63,18 @@ def map_images(
     progress: Progress,
     *,
     colour: Path | None = None,
-    held: frozenset[int] = frozenset(),
-) -> list[ModelStatistics]:
+    known: Known | None = None,
+) -> tuple[list[ModelStatistics], Calibration | None]:
     """Reconstruct and write every model below `sparse`, the one with most images as 0.
 
-    With `colour`, the folder of the colour twins, points have their colours, else grey. Cameras whose ids are in `held`
-    come out as they are in the database, to the bit. Models are written beside `sparse` and replace it at the end.
+    With `colour`, the folder of the colour twins, points have their colours, else grey. Cameras that are held, as `known`
+    says, come out as they are in the database, to the bit; others are calibrated, unless that is left to COLMAP, and
+    the calibration of the first model is returned. Models are written beside `sparse` and replace it at the end.
     Raises `OptionError`, `NativeError`, `MappingError` if no image registers, `ProjectError` where a colour twin is
     missing, `Cancelled`.
     """
+    known = known or Known()
+    held = known.held
     refuse_partly_held(options, held, camera_ids(database) if held else frozenset())
     temporary = sparse.with_name(f".{sparse.name}.new")
     shutil.rmtree(temporary, ignore_errors=True)
@@ -84,6 +89,18 @@ def map_images(
         shutil.rmtree(temporary)
         raise MappingError(f"none of the {images} photographs could be registered")
     ordered = _without_parts(sorted(models, key=lambda m: (-m.num_reg_images(), -m.num_points3D())))
+    calibrations: list[Calibration | None] = [None]
+    if options.calibration == "auto":
+
+        def map_again(other: Path) -> list[pycolmap.Reconstruction]:
+            (out := work / "again").mkdir()
+            progress.start(images, "images again")
+            return _without_parts(map_all(replace(given, database=other, out=out), progress))
+
+        settings = calibration_settings(options)
+        ordered, calibrations = calibrate_models(
+            ordered, database, known, settings, map_again, work, progress
+        )
     shutil.rmtree(work)
     if colour is not None:
         _colour_points(ordered, colour, progress)
@@ -92,7 +109,7 @@ def map_images(
         folder.mkdir()
         model.write(folder)
     replace_folder(temporary, sparse)
-    return [describe(model) for model in ordered]
+    return [describe(model) for model in ordered], calibrations[0]
 
 
 def _colour_points(models: Sequence[pycolmap.Reconstruction], colour: Path, progress: Progress) -> None:
@@ -208,6 +225,15 @@ def native_options(options: SparseOptions, held: frozenset[int] = frozenset()) -
     if held:
         _hold(settings, held)
     return settings
+
+
+def calibration_settings(options: SparseOptions) -> pycolmap.IncrementalPipelineOptions:
+    """Return COLMAP's options by which points are triangulated and filtered after a calibration: those of the mapper,
+    or its defaults where the mapper has others."""
+    settings = native_options(options)
+    settings = getattr(settings, "incremental_options", settings)
+    known = isinstance(settings, pycolmap.IncrementalPipelineOptions)
+    return settings if known else pycolmap.IncrementalPipelineOptions(random_seed=options.seed)
 
 
 def _hold(settings: Any, held: frozenset[int]) -> None:

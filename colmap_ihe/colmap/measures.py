@@ -26,6 +26,19 @@ def poses_of(folder: Path) -> dict[str, NDArray[np.float64]]:
     return {str(image.name): np.asarray(image.cam_from_world().matrix()) for image in images}
 
 
+def cameras_of_images(database: Path) -> dict[str, int]:
+    """Return the ids of the cameras of all images in a database, by the images' names."""
+    with pycolmap.Database.open(database) as opened:
+        return {str(image.name): int(image.camera_id) for image in opened.read_all_images()}
+
+
+def has_turned_sizes(database: Path) -> bool:
+    """Tell whether the height of one camera in a database is the width of another, and its width the other's height."""
+    with pycolmap.Database.open(database) as opened:
+        sizes = {(camera.width, camera.height) for camera in opened.read_all_cameras()}
+    return any((height, width) in sizes for width, height in sizes if width > height)
+
+
 def rms_px(folder: Path) -> float:
     """Return the root mean square of all reprojection errors of a model, in pixels; nan without points."""
     model = pycolmap.Reconstruction(folder)

@@ -19,6 +19,7 @@ from typing import Any
 
 import yaml
 
+from colmap_ihe.colmap.calibration.calibrate import Known
 from colmap_ihe.colmap.calibration_file import CalibratedCamera, write_calibration
 from colmap_ihe.colmap.database import remove_database
 from colmap_ihe.colmap.mapping import map_images
@@ -201,9 +202,16 @@ def _mapped(
             thin_out(project.database, database, LEFT_OUT, seed)
         try:
             with progress.stage(name) as stage_progress:
-                model = map_images(
-                    database, project.grey, folder, options.sparse, images, stage_progress, held=held
-                )[0]
+                models, _ = map_images(
+                    database,
+                    project.grey,
+                    folder,
+                    options.sparse,
+                    images,
+                    stage_progress,
+                    known=Known(held=held),
+                )
+                model = models[0]
         except MappingError as error:
             progress.warn(f"{name}: {error}")
             return {"registered": 0, "points": 0, "points_over_3_views": 0}

@@ -7,7 +7,7 @@ tests/colmap/test_image_import.py).
 
 from __future__ import annotations
 
-from collections import Counter, defaultdict
+from collections import defaultdict
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -108,12 +108,6 @@ def identities_of_cameras(
     for name in sorted(camera_ids.keys() & identities.keys()):
         by_camera[camera_ids[name]].setdefault(identities[name].key, identities[name])
     return {i: next(iter(found.values())) for i, found in sorted(by_camera.items()) if len(found) == 1}
-
-
-def shared_by(identities: Iterable[CameraIdentity]) -> int:
-    """Return the least number of photographs that one camera took, those turned in their pixels counted with the
-    others. Raises ValueError where there is no photograph."""
-    return min(Counter(identity.upright_key for identity in identities).values())
 
 
 def turned_partners(cameras: Mapping[int, CameraIdentity]) -> list[tuple[int, int]]:

@@ -148,8 +148,8 @@ class CameraOptions(_Section):
     """`auto`: one camera per make, model, focal length and size in EXIF, as COLMAP groups, and one per size and what
     there is where EXIF lacks some of them, of which COLMAP would give each photograph a camera."""
     model: str = "auto"
-    """COLMAP's camera model. `auto`: OPENCV where every camera took at least 8 of the photographs, which pins
-    its two more coefficients of distortion and its tangential ones down; else SIMPLE_RADIAL, as COLMAP."""
+    """COLMAP's camera model. `auto`: SIMPLE_RADIAL, as COLMAP, until `sparse.calibration` has chosen one; another is
+    kept, and only its principal point is set free."""
     params: tuple[float, ...] | None = None
     """Known calibration in COLMAP's order for `model`, in pixels; where every camera starts from."""
     calibration: str | None = None
@@ -203,6 +203,9 @@ class MatchesOptions(_Section):
 
 class SparseOptions(_Section):
     mapper: Literal["incremental", "global", "hierarchical"] = "incremental"
+    calibration: Literal["auto", "colmap"] = "auto"
+    """`auto`: after mapping, the camera model and the principal point as the photographs determine them; `colmap`
+    leaves the cameras as the mapper made them."""
     seed: Annotated[int, Field(ge=0, lt=2**31)] = 0
     colmap: ColmapOptions = Field(default_factory=dict)
     """For the pipeline options of the mapper in pycolmap, as pycolmap.IncrementalPipelineOptions."""

@@ -10,6 +10,7 @@ import pytest
 from running import StopsWhen
 
 from colmap_ihe.colmap import mapping
+from colmap_ihe.colmap.calibration.calibrate import Known
 from colmap_ihe.colmap.mapping import MappingInput, map_images, map_in_process, native_options
 from colmap_ihe.colmap.native import pycolmap, quiet
 from colmap_ihe.errors import Cancelled, OptionError
@@ -82,10 +83,12 @@ def test_cameras_that_are_held_come_out_to_the_bit(tmp_path: Path) -> None:
     both: frozenset[int] = frozenset({1, 2})
     for mapper in ("incremental", "hierarchical", "global"):
         options = SparseOptions.model_validate({"mapper": mapper})
-        (model,) = map_images(database, tmp_path, tmp_path / mapper, options, 12, SILENT, held=both)
+        (model,), _ = map_images(
+            database, tmp_path, tmp_path / mapper, options, 12, SILENT, known=Known(held=both)
+        )
         assert model.registered_images == 12
         assert params_of(tmp_path / mapper) == {1: list(PARAMS), 2: list(PARAMS)}
-    refined = map_images(database, tmp_path, tmp_path / "refined", SparseOptions(), 12, SILENT)
+    refined, _ = map_images(database, tmp_path, tmp_path / "refined", SparseOptions(), 12, SILENT)
     assert refined[0].mean_reprojection_error_px < model.mean_reprojection_error_px
     for params in params_of(tmp_path / "refined").values():
         np.testing.assert_allclose(params[:2], 1280, rtol=5e-3)
@@ -96,7 +99,9 @@ def test_one_camera_is_held_and_the_other_refined(tmp_path: Path) -> None:
     refine = {"ba_refine_focal_length": True, "mapper": {"abs_pose_refine_focal_length": True}}
     for mapper, options in (("incremental", {}), ("incremental", refine), ("hierarchical", {})):
         sparse = SparseOptions.model_validate({"mapper": mapper, "colmap": options})
-        map_images(database, tmp_path, tmp_path / "sparse", sparse, 12, SILENT, held=frozenset({1}))
+        map_images(
+            database, tmp_path, tmp_path / "sparse", sparse, 12, SILENT, known=Known(held=frozenset({1}))
+        )
         found = params_of(tmp_path / "sparse")
         assert found[1] == list(PARAMS)
         np.testing.assert_allclose(found[2][:2], 1280, rtol=5e-3)
@@ -108,6 +113,6 @@ def test_one_camera_is_held_and_the_other_refined(tmp_path: Path) -> None:
             SparseOptions(mapper="global"),
             12,
             SILENT,
-            held=frozenset({1}),
+            known=Known(held=frozenset({1})),
         )
     assert not list(tmp_path.glob("*other*"))

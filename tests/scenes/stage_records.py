@@ -26,7 +26,7 @@ def records() -> dict[str, dict[str, Any]]:
     model = {"registered_images": 2, "points3d": 9, "points_over_3_views": 3, "mean_track_length": 2.5}
     return {
         "captures": whole
-        | {"images": 2, "raw": 0, "paired": {}, "with_gps": 0, "shared_by": 2, "pixels": 99, "largest": 50}
+        | {"images": 2, "raw": 0, "paired": {}, "with_gps": 0, "pixels": 99, "largest": 50}
         | {"development": {}, "recipes": {"a.jpg": {"denoise": 1.0, "dark": "d.npy"}}, "ignored": [], "left_out": {}},
         "fit": whole | {"weights": {"coded": weights}, "colour_white": 1.0, "tried": {"coded": tried}, "left_out": {}},
         "convert": whole | {"grey": {"a.jpg": "a.png", "b/c.jpg": "b/c.png"}, "left_out": {}},

@@ -47,7 +47,6 @@ class CapturesRecord(StageRecord):
     pixels: Count
     largest: Count
     with_gps: Count
-    shared_by: Count
     of_one_camera: Count = 1
     recipes: dict[str, Annotated[dict[str, Any], AfterValidator(_require_recipe)]]
     development: dict[str, Any] = Field(default_factory=dict)
@@ -85,7 +84,6 @@ def run(run: RunContext, progress: Progress) -> CapturesRecord:
         raw=sum(s.capture.kind == "raw" for s in run.surveyed),
         paired={s.capture.name: list(s.capture.paired) for s in run.surveyed if s.capture.paired},
         with_gps=sum(s.metadata.has_gps for s in run.surveyed),
-        shared_by=set_warnings.shared_by(run.surveyed),
         of_one_camera=max(sizes.values()),
         pixels=sum(s.capture.pixels for s in run.surveyed),
         largest=max(s.capture.pixels for s in run.surveyed),

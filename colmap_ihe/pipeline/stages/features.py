@@ -62,7 +62,6 @@ def run(run: RunContext, progress: Progress) -> FeaturesRecord:
         masks,
         run.options.camera,
         run.options.features,
-        run.records["captures"]["shared_by"],
         project.workspace,
         run.executor,
         progress,
@@ -96,8 +95,7 @@ def _check(options: Options, images: int) -> None:
             "camera.fixed holds a calibration that was given, and none is",
             hint="give camera.calibration, or camera.model with camera.params",
         )
-    model = features.choose_model(options.camera, images, images)
-    features.native_options(options.camera, options.features, model)
+    features.native_options(options.camera, options.features)
 
 
 def _result_options(options: Options) -> dict[str, Any]:

@@ -26,11 +26,6 @@ from colmap_ihe.pipeline.warnings.linear import linear_warnings
 from colmap_ihe.project.options import CamerasOptions
 
 
-def shared_by(surveyed: Sequence[Surveyed]) -> int:
-    """Return the least number of photographs that one camera took, by what EXIF says of it."""
-    return camera_identity.shared_by(identity_of(one) for one in surveyed)
-
-
 def identity_of(one: Surveyed) -> CameraIdentity:
     return camera_identity.camera_identity(one.metadata, one.width, one.height)
 

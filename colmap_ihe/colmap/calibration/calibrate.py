@@ -1,0 +1,141 @@
+"""Calibrate the cameras of a model: choose what is free, adjust all, and triangulate anew by the cameras found."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+from colmap_ihe.colmap.calibration.block import block_of, thinned
+from colmap_ihe.colmap.calibration.choose import Chooser, Fit
+from colmap_ihe.colmap.calibration.covisible import covisible
+from colmap_ihe.colmap.calibration.deviations import Deviations, deviations_of
+from colmap_ihe.colmap.calibration.freedom import Freedom, Lens, plain
+from colmap_ihe.colmap.calibration.held_out import HeldOut, held_out
+from colmap_ihe.colmap.calibration.rebuild import Triangulation, adjust_poses, give, triangulate
+from colmap_ihe.colmap.native import pycolmap
+from colmap_ihe.machine import threads
+from colmap_ihe.machine.progress import SILENT, Progress
+
+FEWEST = 3
+"""Photographs by a camera from which on it is calibrated: with two, no point is seen once more than it takes."""
+FEWEST_POINTS = 60
+"""Points of a model from which on its cameras are calibrated."""
+MOST_IMAGES = 200
+"""Images adjusted together here. In larger models COLMAP adjusts the poses to the cameras that these gave."""
+_MOST_LENSES = 8
+_MOST_POINTS = 60_000  # that the cameras and poses are adjusted by
+_TO_CHOOSE = 4_000  # points that the choice is made by
+_CHANGED = 0.01  # of the observations, from which on what was triangulated anew counts
+_OTHER_LENS = 1.4  # times the error, where COLMAP's model could not show the lens
+
+
+@dataclass(frozen=True)
+class Known:
+    """Hold what is known before: all cameras of the database by id, those that are `held`, what others have free to
+    begin with (`starts`), pairs of `partners` that are one camera whose pictures an editor turned, and whether the user
+    gave the cameras' model (`given_model`)."""
+
+    cameras: Mapping[int, pycolmap.Camera] = field(default_factory=dict)
+    held: frozenset[int] = frozenset()
+    starts: Mapping[int, Freedom] = field(default_factory=dict)
+    partners: Sequence[tuple[int, int]] = ()
+    given_model: bool = False
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """Say what came of a calibration: by camera id what was freed and how sure it is; the gain by points held out; and
+    whether COLMAP's own model could not show a lens (`other_lens`): then mapping by the cameras found places more."""
+
+    freedoms: Mapping[int, Freedom]
+    deviations: Mapping[int, Deviations]
+    gain: HeldOut
+    other_lens: bool
+
+
+def calibrate(
+    model: pycolmap.Reconstruction, known: Known, triangulation: Triangulation, progress: Progress = SILENT
+) -> Calibration | None:
+    """Change cameras, poses and points of a model to what its observations say of its lenses; None where no camera took
+    enough photographs, and nothing was changed."""
+    camera_ids = sorted({model.images[i].camera_id for i in model.reg_image_ids()})
+    lenses = lenses_of(model, camera_ids, known)
+    free = [number for number, lens in enumerate(lenses) if lens.freedom]
+    if not free:
+        return None
+    image_ids = covisible(model, [[camera_ids[c] for c in lenses[n].cameras] for n in free], MOST_IMAGES)
+    block, _ = block_of(model, image_ids, camera_ids)
+    if len(block.points) < FEWEST_POINTS:
+        return None
+    chooser = Chooser(block.of_points(thinned(block, _TO_CHOOSE)), [known.cameras[i] for i in camera_ids])
+    progress.start(len(free) + 2, "calibration steps")
+    with threads.limited(1):  # the matrices are small; and one thread gives the same to the bit
+        base = chooser.again(chooser.fit(chooser.block, lenses, [model.cameras[i] for i in camera_ids]))
+        progress.advance()
+        best, number = base, 0
+        while number < len(best.lenses):  # a lens whose pictures were turned may become two
+            best = _calibrated(chooser, best, number, known.given_model)
+            progress.advance(number in free)
+            number += 1
+        gain = held_out(chooser, base, best)
+        other_lens = base.adjusted.sigma > _OTHER_LENS * best.adjusted.sigma
+        best = base if gain.worse else best
+        final = _finish(model, image_ids, camera_ids, best, chooser, triangulation, progress)
+        deviations = deviations_of(final, chooser.known)
+    progress.advance()
+    by_id = {camera_ids[c]: lens.freedom for lens in final.lenses if lens.freedom for c in lens.cameras}
+    return Calibration(
+        by_id, {i: deviations[camera_ids.index(i)] for i in by_id}, gain, other_lens and not gain.worse
+    )
+
+
+def lenses_of(model: pycolmap.Reconstruction, camera_ids: Sequence[int], known: Known) -> tuple[Lens, ...]:
+    """Return the lenses of a model's cameras, free as COLMAP has them; not free those that are held, and those with
+    too few photographs."""
+    images = [model.images[i].camera_id for i in model.reg_image_ids()]
+    partner = {a: b for a, b in known.partners if a in camera_ids and b in camera_ids}
+    lenses = []
+    for camera_id in camera_ids:
+        if camera_id in partner.values():
+            continue
+        together = [camera_id, *([partner[camera_id]] if camera_id in partner else [])]
+        enough = sum(images.count(i) for i in together) >= FEWEST and not known.held & set(together)
+        places = tuple(camera_ids.index(i) for i in together)
+        freedom = known.starts.get(camera_id, plain(model.cameras[camera_id])) if enough else None
+        lenses.append(Lens(places, (0, 1)[: len(places)], freedom))
+    counts = {lens: sum(images.count(camera_ids[c]) for c in lens.cameras) for lens in lenses if lens.freedom}
+    kept = set(sorted(counts, key=lambda lens: (-counts[lens], lens.cameras))[:_MOST_LENSES])
+    return tuple(lens if lens in kept else replace(lens, freedom=None) for lens in lenses)
+
+
+def _calibrated(chooser: Chooser, start: Fit, number: int, given_model: bool) -> Fit:
+    freedom = start.lenses[number].freedom
+    if given_model and freedom is not None:  # the user's choice; its principal point is not
+        return chooser.climb(start, number, steps=False)
+    return chooser.climb(chooser.begin(chooser.turned(start, number), number), number)
+
+
+def _finish(
+    model: pycolmap.Reconstruction,
+    image_ids: Sequence[int],
+    camera_ids: Sequence[int],
+    best: Fit,
+    chooser: Chooser,
+    triangulation: Triangulation,
+    progress: Progress,
+) -> Fit:
+    """Adjust the images by all points, and rebuild the model; once more where that brought other observations."""
+    whole = len(image_ids) == model.num_reg_images()
+    for _ in range(2):
+        block, _ = block_of(model, image_ids, camera_ids)
+        block = block.of_points(thinned(block, _MOST_POINTS))
+        best = replace(chooser, block=block).again(best)
+        observations = model.compute_num_observations()
+        give(model, image_ids, camera_ids, best)
+        if not whole:
+            adjust_poses(model, progress)
+        triangulate(model, triangulation)
+        progress.check()
+        if abs(model.compute_num_observations() - observations) < _CHANGED * observations:
+            break
+    return best

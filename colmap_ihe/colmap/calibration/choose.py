@@ -1,0 +1,138 @@
+"""Choose what of each lens the photographs determine, step by step from COLMAP's model to richer ones.
+
+A step is taken where the robust cost falls by more than chance lowers it for as many parameters, as by Akaike's and
+Schwarz's criteria; held-out points judge the outcome (held_out.py). Of fits that are about as good the simplest counts.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from colmap_ihe.colmap.calibration.adjust import Adjusted, adjust, cleaned
+from colmap_ihe.colmap.calibration.block import Block
+from colmap_ihe.colmap.calibration.freedom import FISHEYE, PERSPECTIVE, Freedom, Lens, freed
+from colmap_ihe.colmap.native import pycolmap
+
+A_PARAMETER = 6.0
+"""By how much each parameter that is free must lower the cost, in units of sigma squared."""
+ABOUT = 6.0
+"""Of the cost: fits nearer to each other than this are as good, adjustments end that near to their minimum."""
+WIDE = 0.8
+"""Half the diagonal in focal lengths, from which on a lens may be a fisheye: as of 27 mm for 36 x 24 mm."""
+
+
+@dataclass(frozen=True)
+class Fit:
+    """Hold lenses, and all cameras as adjusted with these free."""
+
+    lenses: tuple[Lens, ...]
+    cameras: list[pycolmap.Camera]
+    adjusted: Adjusted
+
+
+@dataclass(frozen=True)
+class Chooser:
+    """Fit lenses to a block. `known`: the cameras before any adjustment."""
+
+    block: Block
+    known: Sequence[pycolmap.Camera]
+
+    def fit(self, block: Block, lenses: tuple[Lens, ...], cameras: Sequence[pycolmap.Camera]) -> Fit:
+        """Return the block adjusted from these cameras on, with the lenses as free as they are."""
+        free, prior = freed(lenses, cameras, self.known)
+        adjusted = adjust(block, free, np.zeros(len(prior.mean)), prior)
+        return Fit(lenses, [one.at(adjusted.values) for one in free], adjusted)
+
+    def again(self, fit: Fit) -> Fit:
+        """Return the fit made again with those observations of the whole block that are right by it."""
+        poses = fit.adjusted.block
+        whole = replace(self.block, rotations=poses.rotations, translations=poses.translations)
+        block, _ = cleaned(whole, fit.cameras, fit.adjusted.sigma)
+        return self.fit(block, fit.lenses, fit.cameras)
+
+    def begin(self, start: Fit, number: int) -> Fit:
+        """Return the fit with the simplest model of fisheyes for the lens of this number, if that suits it better."""
+        lens = start.lenses[number]
+        step = (lens.freedom.model, lens.freedom.coefficients) if lens.freedom else ()
+        focal = min(c[lens.cameras[0]].mean_focal_length() for c in (self.known, start.cameras))
+        camera = start.cameras[lens.cameras[0]]
+        if step != PERSPECTIVE[0] or np.hypot(camera.width, camera.height) / 2 < WIDE * focal:
+            return start
+        perspective, fisheye = (
+            self.fit(
+                start.adjusted.block, _with(start.lenses, number, Freedom(*ladder[1], True)), start.cameras
+            )
+            for ladder in (PERSPECTIVE, FISHEYE)
+        )
+        better, worse = criteria([fisheye, perspective])
+        if better + ABOUT > worse:
+            return start
+        return self.again(
+            self.fit(
+                fisheye.adjusted.block, _with(start.lenses, number, Freedom(*FISHEYE[0])), fisheye.cameras
+            )
+        )
+
+    def turned(self, start: Fit, number: int) -> Fit:
+        """Return the fit with the pictures of a lens's second camera turned to the other side, or with that camera as
+        another lens, if either suits it better than the turn it has."""
+        lens = start.lenses[number]
+        if len(lens.cameras) < 2 or lens.freedom is None:
+            return start
+        first, second = (Lens((camera,), (0,), lens.freedom) for camera in lens.cameras)
+        others = start.lenses[:number], start.lenses[number + 1 :]
+        ways = [
+            (*others[0], lens, *others[1]),
+            (*others[0], replace(lens, quarters=(0, 3)), *others[1]),
+            (*others[0], first, *others[1], second),
+        ]
+        fits = []
+        for lenses in ways:
+            free = tuple(
+                replace(one, freedom=replace(one.freedom, centre=True)) if one.freedom else one
+                for one in lenses
+            )
+            fits.append(self.fit(start.adjusted.block, free, start.cameras))
+        lenses = ways[fits.index(simplest(fits))]
+        return self.again(self.fit(start.adjusted.block, lenses, start.cameras))
+
+    def climb(self, start: Fit, number: int, steps: bool = True) -> Fit:
+        """Return the fit with the lens of this number as rich as its photographs determine, in its own model without
+        `steps`."""
+        best = start
+        while (freedom := best.lenses[number].freedom) is not None:
+            # The same once more is among them, for none of them ends quite at its minimum.
+            tried = [freedom, *(one for one in freedom.richer() if steps or one.model == freedom.model)]
+            fits = [
+                self.fit(best.adjusted.block, _with(best.lenses, number, one), best.cameras) for one in tried
+            ]
+            chosen = simplest(fits)
+            if chosen is fits[0]:
+                return chosen
+            best = self.again(chosen)
+        return best
+
+
+def criteria(fits: Sequence[Fit]) -> list[float]:
+    """Return the cost of each fit to one block, and what its parameters count."""
+    sigma = min(fit.adjusted.sigma for fit in fits)
+    return [fit.adjusted.cost(sigma) + A_PARAMETER * len(fit.adjusted.values) for fit in fits]
+
+
+def simplest(fits: Sequence[Fit]) -> Fit:
+    """Return the fit with fewest parameters among those that are about as good as the best."""
+    values = criteria(fits)
+    least = min(values)
+    good = [
+        (len(fit.adjusted.values), value, number)
+        for number, (fit, value) in enumerate(zip(fits, values, strict=True))
+        if value < least + ABOUT
+    ]
+    return fits[min(good)[2]]
+
+
+def _with(lenses: tuple[Lens, ...], number: int, freedom: Freedom) -> tuple[Lens, ...]:
+    return tuple(replace(lens, freedom=freedom) if n == number else lens for n, lens in enumerate(lenses))

@@ -1,0 +1,154 @@
+"""Say which parameters of COLMAP's cameras are free, tied or held, and how a projection changes with them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from copy import copy
+from dataclasses import dataclass
+
+import numpy as np
+
+from colmap_ihe.colmap.calibration.block import Block, Float64
+from colmap_ihe.colmap.native import pycolmap
+
+_STEP = 1e-6
+"""Of the distance of a point along the axis, and ten times that of a coefficient, in numeric derivatives."""
+
+
+@dataclass(frozen=True)
+class FreeCamera:
+    """Hold a camera and how its parameters follow from those that are free in the set, K of them: those of `camera`
+    and `basis` (n, K) times the free ones. So f may move fx and fy alike, and one f two cameras."""
+
+    camera: pycolmap.Camera
+    basis: Float64
+
+    def at(self, values: Float64) -> pycolmap.Camera:
+        """Return the camera with the free parameters at `values` (K,)."""
+        return with_params(self.camera, np.asarray(self.camera.params) + self.basis @ values)
+
+
+@dataclass(frozen=True)
+class Terms:
+    """Hold, of M observations, `in_camera` (M, 3), `residuals` (M, 2) in pixels, and the derivatives of the projection
+    by the point in the camera (M, 2, 3) and by the free parameters (M, 2, K); nan where nothing is projected."""
+
+    in_camera: Float64
+    residuals: Float64
+    by_point: Float64
+    by_free: Float64
+
+
+def with_params(camera: pycolmap.Camera, params: Float64) -> pycolmap.Camera:
+    changed = copy(camera)
+    changed.params = params.tolist()
+    return changed
+
+
+def derivatives(block: Block, free: Sequence[FreeCamera], values: Float64) -> Terms:
+    """Return residuals and derivatives of all observations, with the free parameters at `values` (K,)."""
+    points = block.in_camera()
+    count = len(points)
+    residuals, by_point = np.zeros((count, 2)), np.zeros((count, 2, 3))
+    by_free = np.zeros((count, 2, len(values)))
+    camera_of = block.cameras[block.image]
+    for number, one in enumerate(free):
+        mine = np.flatnonzero(camera_of == number) if len(free) > 1 else slice(None)
+        xyz = points[mine]
+        if not len(xyz):
+            continue
+        camera = one.at(values)
+        at = np.asarray(camera.img_from_cam(xyz))
+        residuals[mine] = at - block.pixels[mine]
+        by_point[mine] = _by_point(camera, xyz)
+        by_free[mine] = _by_params(camera, xyz, at) @ one.basis
+    return Terms(points, residuals, by_point, by_free)
+
+
+def _by_point(camera: pycolmap.Camera, xyz: Float64) -> Float64:
+    """Return (m, 2, 3). A projection does not change along its ray, so two of three are measured."""
+    step = _STEP * np.abs(xyz[:, 2])
+    jacobian = np.zeros((len(xyz), 2, 3))
+    for axis in range(2):
+        ahead, behind = xyz.copy(), xyz.copy()
+        ahead[:, axis] += step
+        behind[:, axis] -= step
+        moved = np.asarray(camera.img_from_cam(ahead)) - np.asarray(camera.img_from_cam(behind))
+        jacobian[:, :, axis] = moved / (2 * step[:, None])
+    along = jacobian[:, :, 0] * xyz[:, :1] + jacobian[:, :, 1] * xyz[:, 1:2]
+    jacobian[:, :, 2] = -along / xyz[:, 2:]
+    return jacobian
+
+
+def _by_params(camera: pycolmap.Camera, xyz: Float64, at: Float64) -> Float64:
+    """Return (m, 2, n). Every model of COLMAP's is a focal length times what is distorted, plus the principal point."""
+    params = np.asarray(camera.params)
+    jacobian = np.zeros((len(xyz), 2, len(params)))
+    focal, centre = list(camera.focal_length_idxs()), list(camera.principal_point_idxs())
+    for axis in range(2):
+        along = focal[min(axis, len(focal) - 1)]
+        jacobian[:, axis, along] = (at[:, axis] - params[centre[axis]]) / params[along]
+        jacobian[:, axis, centre[axis]] = 1.0
+    for index in camera.extra_params_idxs():
+        step = np.zeros(len(params))
+        step[index] = 10 * _STEP
+        ahead = np.asarray(with_params(camera, params + step).img_from_cam(xyz))
+        behind = np.asarray(with_params(camera, params - step).img_from_cam(xyz))
+        jacobian[:, :, index] = (ahead - behind) / (2 * step[index])
+    return jacobian
+
+
+def tied(camera: pycolmap.Camera, free: Sequence[int]) -> Float64:
+    """Return the basis (n, K) of the focal lengths, moved alike, and of the parameters `free`, each by itself."""
+    columns = [list(camera.focal_length_idxs()), *([index] for index in free)]
+    basis = np.zeros((len(camera.params), len(columns)))
+    for number, indices in enumerate(columns):
+        basis[indices, number] = 1.0
+    return basis
+
+
+def fitted(camera: pycolmap.Camera, model: str, coefficients: int, rounds: int = 8) -> pycolmap.Camera:
+    """Return a camera of another model that shows what `camera` shows as nearly as it can, by least squares over the
+    picture: with the first so many coefficients of distortion, the others 0, and with the same principal point."""
+    other = pycolmap.Camera.create_from_model_name(
+        camera.camera_id, model, camera.mean_focal_length(), camera.width, camera.height
+    )
+    other.has_prior_focal_length = camera.has_prior_focal_length
+    if camera.model == other.model:
+        return with_params(other, np.asarray(camera.params))
+    params = np.zeros(len(other.params))
+    params[list(other.focal_length_idxs())] = camera.mean_focal_length()
+    params[list(other.principal_point_idxs())] = camera.principal_point_x, camera.principal_point_y
+    basis = tied(other, list(other.extra_params_idxs())[:coefficients])
+    across, down = (np.linspace(0, side, 21) for side in (camera.width, camera.height))
+    pixels = np.stack(np.meshgrid(across, down), axis=-1).reshape(-1, 2)
+    rays = np.asarray(camera.cam_from_img(pixels), np.float64)
+    seen = np.isfinite(rays).all(axis=1)
+    pixels, xyz = pixels[seen], np.concatenate([rays[seen], np.ones((int(seen.sum()), 1))], axis=1)
+    for _ in range(rounds):
+        now = with_params(other, params)
+        at = np.asarray(now.img_from_cam(xyz))
+        jacobian = (_by_params(now, xyz, at) @ basis).reshape(-1, basis.shape[1])
+        params = params - basis @ np.linalg.lstsq(jacobian, (at - pixels).ravel(), rcond=None)[0]
+    return with_params(other, params)
+
+
+def turned(free: FreeCamera, camera: pycolmap.Camera, quarter: int) -> FreeCamera:
+    """Return the same lens for pictures of the size of `camera` that are turned by so many quarters: the principal
+    point, seen from the middle, and the tangential coefficients (p2, p1) turn with them."""
+    start = free.camera
+    params = np.asarray(start.params).copy()
+    centre, names = list(start.principal_point_idxs()), start.params_info.replace(" ", "").split(",")
+    cos, sin = ((1, 0), (0, 1), (-1, 0), (0, -1))[quarter % 4]
+    turn = np.eye(len(params))
+    pairs = [centre, *([[names.index("p2"), names.index("p1")]] if "p1" in names else [])]
+    for pair in pairs:
+        turn[np.ix_(pair, pair)] = (cos, -sin), (sin, cos)
+    params[centre] -= np.array([start.width, start.height]) / 2
+    params = turn @ params
+    params[centre] += np.array([camera.width, camera.height]) / 2
+    result = pycolmap.Camera.create_from_model_name(
+        camera.camera_id, start.model_name, start.mean_focal_length(), camera.width, camera.height
+    )
+    result.has_prior_focal_length = camera.has_prior_focal_length
+    return FreeCamera(with_params(result, params), turn @ free.basis)

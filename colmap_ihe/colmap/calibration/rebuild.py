@@ -1,0 +1,68 @@
+"""Give a model the cameras, poses and points of a calibration, and triangulate by them what it has not."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from colmap_ihe.colmap.calibration.adjust import place
+from colmap_ihe.colmap.calibration.block import block_of
+from colmap_ihe.colmap.calibration.choose import Fit
+from colmap_ihe.colmap.native import called, pycolmap
+from colmap_ihe.machine.progress import Progress
+
+
+@dataclass(frozen=True)
+class Triangulation:
+    """Hold the matches of the database, and COLMAP's options and limits for points, as its mapper has them."""
+
+    graph: pycolmap.CorrespondenceGraph
+    options: pycolmap.IncrementalTriangulatorOptions = field(
+        default_factory=pycolmap.IncrementalTriangulatorOptions
+    )
+    most_error_px: float = 4.0
+    least_angle: float = 1.5
+
+
+def give(
+    model: pycolmap.Reconstruction, image_ids: Sequence[int], camera_ids: Sequence[int], fit: Fit
+) -> None:
+    """Give a model the cameras of a fit, and these images their poses; the points follow."""
+    for camera_id, camera in zip(camera_ids, fit.cameras, strict=True):
+        model.cameras[camera_id].model = camera.model
+        model.cameras[camera_id].params = camera.params.tolist()
+    poses = fit.adjusted.block
+    for image_id, rotation, translation in zip(image_ids, poses.rotations, poses.translations, strict=True):
+        image = model.images[image_id]
+        pose = pycolmap.Rigid3d(np.concatenate([rotation, translation[:, None]], axis=1))
+        frame = image.frame
+        assert frame is not None  # of a model that is read or mapped every image has one
+        frame.set_cam_from_world(image.camera_id, pose)
+    block, ids = block_of(model, image_ids, camera_ids)
+    block = place(block, fit.cameras, fit.adjusted.sigma)
+    for point_id, xyz in zip(ids.tolist(), block.points, strict=True):
+        model.points3D[point_id].xyz = xyz
+
+
+def adjust_poses(model: pycolmap.Reconstruction, progress: Progress) -> None:
+    """Adjust poses and points of a model by COLMAP, with the cameras held: of those too large to adjust here."""
+    options = pycolmap.BundleAdjustmentOptions()
+    options.refine_focal_length = options.refine_principal_point = options.refine_extra_params = False
+    options.print_summary = False
+    called(pycolmap.bundle_adjustment, model, options, progress=progress, cancellable=False)
+
+
+def triangulate(model: pycolmap.Reconstruction, given: Triangulation) -> None:
+    """Add to a model, merge and filter what its cameras and poses say of the matches, as COLMAP's mapper does."""
+    observed = pycolmap.ObservationManager(model, given.graph)
+    triangulator = pycolmap.IncrementalTriangulator(given.graph, model, observed)
+    observed.filter_all_points3D(given.most_error_px, given.least_angle)
+    triangulator.complete_all_tracks(given.options)
+    triangulator.merge_all_tracks(given.options)
+    triangulator.retriangulate(given.options)
+    for image_id in sorted(model.reg_image_ids()):
+        triangulator.triangulate_image(given.options, image_id)
+    observed.filter_all_points3D(given.most_error_px, given.least_angle)
+    model.update_point_3d_errors()
