@@ -67,9 +67,9 @@ def map_images(
 ) -> tuple[list[ModelStatistics], Calibration | None]:
     """Reconstruct and write every model below `sparse`, the one with most images as 0.
 
-    With `colour`, the folder of the colour twins, points have their colours, else grey. Cameras that are held, as `known`
-    says, come out as they are in the database, to the bit; others are calibrated, unless that is left to COLMAP, and
-    the calibration of the first model is returned. Models are written beside `sparse` and replace it at the end.
+    With `colour`, the folder of the colour twins, points have their colours, else grey. Cameras that are held, as
+    `known` says, come out as they are in the database, to the bit; others are calibrated, unless that is left to
+    COLMAP, and the calibration of the first model is returned. Models are written beside `sparse` and replace it at the end.
     Raises `OptionError`, `NativeError`, `MappingError` if no image registers, `ProjectError` where a colour twin is
     missing, `Cancelled`.
     """

@@ -22,7 +22,8 @@ DOUBTFUL = 0.95
 @dataclass(frozen=True)
 class Deviations:
     """Hold the standard deviations of a camera's parameters in COLMAP's order, 0 for what was held, and the pairs of
-    parameters that are correlated by more than `DOUBTFUL`, by name, with their correlation."""
+    parameters, one of them a focal length or of the principal point, that are correlated by more than `DOUBTFUL`, by
+    name, with their correlation."""
 
     values: tuple[float, ...]
     correlated: tuple[tuple[str, str, float], ...]
@@ -64,7 +65,10 @@ def _of_camera(free: FreeCamera, own: Float64, rich: FreeCamera, considered: Flo
             values[index] = max(values[index], spread) if values[index] else 0.0
     names = camera.params_info.replace(" ", "").split(",")
     correlated = []
+    telling = [*camera.focal_length_idxs(), *camera.principal_point_idxs()]
     for one, other in combinations(np.flatnonzero(np.diag(matrix) > 0), 2):
+        if one not in telling and other not in telling:
+            continue  # coefficients of distortion may well stand for one another
         value = matrix[one, other] / np.sqrt(matrix[one, one] * matrix[other, other])
         if DOUBTFUL < abs(value) < 1 - 1e-9:  # fx and fy that move alike are no doubt
             correlated.append((names[one], names[other], float(value)))

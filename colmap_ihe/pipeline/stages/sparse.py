@@ -49,7 +49,7 @@ class _CameraRecord(StrictModel):
     names: list[str]
     params: list[float]
     standard_deviations: list[float] | None
-    correlated: list[tuple[str, str, float]] = []
+    correlated: list[tuple[str, str, float]]
     photographs: Count
     by: str
 
@@ -69,7 +69,7 @@ class SparseRecord(StageRecord):
 
     models: Annotated[list[_ModelRecord], Field(min_length=1)]
     unregistered: list[str]
-    cameras: list[_CameraRecord] = []
+    cameras: Annotated[list[_CameraRecord], Field(default_factory=list)]
     held_out: _HeldOutRecord | None = None
 
 
