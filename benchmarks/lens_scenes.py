@@ -140,7 +140,8 @@ def _facade(images: int, view: View, rng: np.random.Generator) -> tuple[Panels, 
     builder.facade(20, 12)
     builder.ground((-3, -14), (23, 0), 0.15)
     lines = 1 if images < 12 else 2
-    stations = []
+    upended = rng.choice(images, round(0.1 * images) if images >= 12 else 0, replace=False)
+    stations: list[Floats] = []
     for line in range(lines):
         count = images // lines + (line < images % lines)
         distance = rng.uniform(8, 15)
@@ -153,8 +154,7 @@ def _facade(images: int, view: View, rng: np.random.Generator) -> tuple[Panels, 
                 heading = np.radians(rng.uniform(8, 30)) * (1 if x < 10 else -1)
             away = distance + rng.normal(0, 0.4)
             pitch = np.arctan2(rng.uniform(3, 6) - 1.6, away)
-            turned = images >= 12 and rng.random() < 0.1
-            roll = np.pi / 2 if turned else rng.normal(0, np.radians(1))
+            roll = np.pi / 2 if len(stations) in upended else rng.normal(0, np.radians(1))
             stations.append(pose((x, -away, 1.6 + rng.normal(0, 0.2)), heading, pitch, roll))
     return builder.panels(), stations
 
@@ -213,7 +213,7 @@ def _object(images: int, view: View, rng: np.random.Generator) -> tuple[Panels, 
     stations = []
     for ring in range(rings):
         count = images // rings + (ring < images % rings)
-        step = min(np.radians(20), 2 * np.pi / count)
+        step = min(np.radians(15), 2 * np.pi / count)
         radius = max(1.7 / np.tan(view.top) + 0.7, 3) * rng.uniform(0.9, 1.15)
         eye, begin = (1.6, 2.3)[ring], rng.uniform(0, 2 * np.pi)
         for number in range(count):

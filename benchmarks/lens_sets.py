@@ -1,11 +1,12 @@
 """Simulate sets of photographs through known lenses, as COLMAP databases with matches, and try COLMAP on them.
 
-    python benchmarks/lens_sets.py [--images 4 10 30] [--scenes facade ...] [--lenses barrel ...] [--seeds 1]
+    python benchmarks/lens_sets.py [--images 4 10 30] [--scenes facade ...] [--lenses barrel ...] [--seed 1]
 
 No photograph is made: features lie on the surfaces of a place (lens_scenes.py), are seen where nothing hides them, are
-found again the less the view has turned, and are matched with some mistakes; COLMAP verifies the pairs. The table says,
-for each place and lens: photographs registered, points, mean track length, mean reprojection error, mean position error
-of COLMAP's default, and of one more bundle adjustment with the principal point free. In millimetres; places are metres.
+found again the less the view has turned, and are matched with some mistakes (lens_features.py); COLMAP verifies pairs.
+The table says, for each place and lens: photographs registered, points, mean track length, mean reprojection error,
+mean position error of COLMAP's default in millimetres, and that after one more bundle adjustment with the principal
+point free.
 """
 
 from __future__ import annotations
@@ -13,13 +14,13 @@ from __future__ import annotations
 import argparse
 import tempfile
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from itertools import combinations
 from pathlib import Path
 
 import numpy as np
-from lens_scenes import PLACES, Floats, Panels, View
+from lens_features import centre_of, keypoints, matches, ray_angles, sight
+from lens_scenes import PLACES, View
 from numpy.typing import NDArray
 
 from colmap_ihe.colmap.native import pycolmap
@@ -29,14 +30,6 @@ Parameters = tuple[float, ...]
 Draw = Callable[[np.random.Generator], Parameters]
 
 SCENES: tuple[str, ...] = tuple(PLACES)
-_SMALLEST_PX = 1.2  # scale of the smallest features of SIFT
-_FACING = np.cos(np.radians(70))
-_TURN, _OCTAVE = (
-    np.radians(15),
-    np.radians(20),
-)  # how far a feature is known again; what a doubled distance counts
-_FOUND, _MATCHED, _WRONG = 0.8, 0.9, 0.05
-_PILOT = 20_000
 
 
 @dataclass(frozen=True)
@@ -64,7 +57,7 @@ def _moustache(rng: np.random.Generator) -> Parameters:
 
 _USUAL = (0.75, 1.4)
 LENSES: Mapping[str, Lens] = {
-    "none": Lens("SIMPLE_PINHOLE", _USUAL, lambda rng: ()),
+    "none": Lens("SIMPLE_PINHOLE", _USUAL, _ranges()),
     "barrel": Lens("SIMPLE_RADIAL", _USUAL, _ranges((-0.15, -0.05))),
     "barrel2": Lens("RADIAL", _USUAL, _ranges((-0.15, -0.05), (0.01, 0.06))),
     "pincushion": Lens("SIMPLE_RADIAL", _USUAL, _ranges((0.03, 0.08))),
@@ -93,16 +86,6 @@ class LensSet:
     database: Path
 
 
-@dataclass(frozen=True)
-class Features:
-    """Hold features of the place: (n, 3) points, normals and tangents, sizes in metres, how far they are known again."""
-
-    points: Floats
-    normals: Floats
-    sizes: Floats
-    known: Floats
-
-
 def true_camera(lens: str, size: tuple[int, int], rng: np.random.Generator) -> pycolmap.Camera:
     """Draw a camera of a kind of lens. ValueError where the lens is unknown or folds within the picture."""
     name, _, per_cent = lens.partition("+")
@@ -120,97 +103,19 @@ def true_camera(lens: str, size: tuple[int, int], rng: np.random.Generator) -> p
     camera = pycolmap.Camera(
         model=kind.model, width=size[0], height=size[1], params=[*lengths, *middle, *distortion], camera_id=1
     )
-    angles = ray_angles(camera, np.linspace((0.0, 0.0), middle, 400))
+    farthest = [
+        0.0 if place > half else 2 * half for place, half in zip(middle, np.array(size) / 2, strict=True)
+    ]
+    angles = ray_angles(camera, np.linspace(farthest, middle, 400))
     if not (np.diff(angles) < 0).all():
         raise ValueError(f"lens {lens} folds within the picture: {camera.params_to_string()}")
     return camera
-
-
-def ray_angles(camera: pycolmap.Camera, pixels: Floats) -> Floats:
-    """Return the angles off the axis of (n, 2) pixels in radians."""
-    rays = np.asarray(camera.cam_from_img(pixels))
-    return np.asarray(np.arctan(np.linalg.norm(rays, axis=1)))
 
 
 def _view(camera: pycolmap.Camera) -> View:
     x, y = camera.principal_point_x, camera.principal_point_y
     side, top = ray_angles(camera, np.array([[camera.width, y], [x, 0.0]])).tolist()
     return View(side, top)
-
-
-def scatter(panels: Panels, number: int, smallest: float, rng: np.random.Generator) -> Features:
-    """Scatter features on panels by their texture; sizes are as many at every scale (Pareto), from `smallest` metres."""
-    weight = panels.area * panels.texture
-    panel = rng.choice(len(weight), number, p=weight / weight.sum())
-    share = rng.uniform(size=(number, 2))
-    points = panels.corner[panel] + share[:, :1] * panels.across[panel] + share[:, 1:] * panels.up[panel]
-    sizes = smallest / np.sqrt(1 - rng.uniform(size=number))
-    return Features(points, panels.normal[panel], sizes, _TURN * rng.lognormal(0, 0.5, number))
-
-
-def _hidden(points: Floats, centre: Floats, panels: Panels) -> NDArray[np.bool_]:
-    """Tell which of (n, 3) points lie behind a panel that faces `centre`."""
-    normal, hidden = panels.normal, np.zeros(len(points), bool)
-    ahead = np.einsum("ij,ij->i", normal, panels.corner - centre)
-    rays = points - centre
-    for number in np.flatnonzero(ahead < 0):
-        corner, across, up = panels.corner[number], panels.across[number], panels.up[number]
-        with np.errstate(divide="ignore", invalid="ignore"):
-            reach = ahead[number] / (rays @ normal[number])
-        near = np.flatnonzero((reach > 0) & (reach < 0.999) & ~hidden)
-        hit = centre + reach[near, None] * rays[near] - corner
-        u, v = hit @ across / (across @ across), hit @ up / (up @ up)
-        hidden[near] |= (u >= 0) & (u <= 1) & (v >= 0) & (v <= 1)
-    return hidden
-
-
-def _visible(features: Features, camera: pycolmap.Camera, pose: Floats, panels: Panels) -> NDArray[np.bool_]:
-    """Tell which features a photograph shows, large enough to be found, (n,)."""
-    centre = -pose[:, :3].T @ pose[:, 3]
-    local = features.points @ pose[:, :3].T + pose[:, 3]
-    rays = features.points - centre
-    distance = np.linalg.norm(rays, axis=1)
-    facing = -np.einsum("ij,ij->i", rays, features.normals) > _FACING * distance
-    large = features.sizes * camera.mean_focal_length() > _SMALLEST_PX * distance
-    corners = np.array([[0.0, 0], [camera.width, 0], [0, camera.height], [camera.width, camera.height]])
-    ahead = np.arctan2(np.hypot(local[:, 0], local[:, 1]), local[:, 2]) <= ray_angles(camera, corners).max()
-    chosen = np.flatnonzero(facing & large & ahead)
-    pixels = np.asarray(camera.img_from_cam(local[chosen])).reshape(-1, 2)
-    chosen = chosen[((pixels > 0) & (pixels < (camera.width, camera.height))).all(axis=1)]
-    visible = np.zeros(len(local), bool)
-    visible[chosen[~_hidden(features.points[chosen], centre, panels)]] = True
-    return visible
-
-
-def _looks(features: Features, centres: Floats) -> Floats:
-    """Return from where each feature is seen, (images, n, 4): direction, and the distance's octaves as an angle."""
-    rays = features.points[None] - centres[:, None]
-    distance = np.linalg.norm(rays, axis=2, keepdims=True)
-    return np.concatenate([rays / distance, _OCTAVE * np.log2(distance)], axis=2)
-
-
-def _detected(
-    visible: NDArray[np.bool_], looks: Floats, known: Floats, rng: np.random.Generator
-) -> NDArray[np.bool_]:
-    """Tell which features each photograph finds (images, n): each has one photograph that shows it best."""
-    lots = rng.uniform(size=visible.shape) * visible
-    best = lots.argmax(axis=0)
-    home = looks[best, np.arange(looks.shape[1])]
-    apart = np.linalg.norm(looks - home, axis=2) / known
-    found = rng.uniform(size=visible.shape) < _FOUND * np.exp(-0.5 * apart**2)
-    return np.asarray(found & visible)
-
-
-def _pixels(
-    features: Features, camera: pycolmap.Camera, pose: Floats, look: Floats, seed: int, noise_px: float
-) -> tuple[Floats, Floats]:
-    """Return the (n, 2) places where features are found and their (n,) scales in pixels."""
-    rng = np.random.default_rng(seed)
-    local = features.points @ pose[:, :3].T + pose[:, 3]
-    scale = camera.mean_focal_length() * features.sizes / np.linalg.norm(local, axis=1)
-    rank = (scale * rng.lognormal(0, 0.3, len(scale))).argsort().argsort() / max(len(scale), 1)
-    spread = np.select([rank < 0.7, rank < 0.95], [0.35, 0.8], 2.0) * noise_px / 0.545
-    return np.asarray(camera.img_from_cam(local)) + rng.normal(size=(len(local), 2)) * spread[:, None], scale
 
 
 def simulate(
@@ -226,65 +131,28 @@ def simulate(
     points: int = 3000,
 ) -> LensSet:
     """Simulate a set below `folder`: its database has one camera as COLMAP begins with, features, matches and verified
-    pairs. `points`: features an image, about. One seed gives one place, walk and noise, whatever the lens."""
+    pairs. `points`: features an image, about. One seed gives one place and one walk, whatever the lens."""
     place_rng, lens_rng, feature_rng, noise_rng = (
         np.random.default_rng([seed, stream]) for stream in range(4)
     )
     camera = true_camera(lens, size, lens_rng)
     panels, poses = PLACES[scene](images, _view(camera), place_rng)
-    centres = np.array([-pose[:, :3].T @ pose[:, 3] for pose in poses])
-    nearest = float(np.median([np.linalg.norm(panels.corner - centre, axis=1).min() for centre in centres]))
-    smallest = 0.5 * _SMALLEST_PX * nearest / camera.mean_focal_length()
-
-    def find(number: int) -> tuple[Features, Floats, NDArray[np.bool_]]:
-        features = scatter(panels, number, smallest, feature_rng)
-        visible = np.array([_visible(features, camera, pose, panels) for pose in poses])
-        seen = visible.any(axis=0)
-        features = Features(
-            *(getattr(features, name)[seen] for name in ("points", "normals", "sizes", "known"))
-        )
-        looks = _looks(features, centres)
-        return features, looks, _detected(visible[:, seen], looks, features.known, feature_rng)
-
-    number = int(_PILOT * points * images / max(find(_PILOT)[2].sum(), 1))
-    features, looks, found = find(number)
-    folder.mkdir(parents=True, exist_ok=True)
+    sightings = sight(panels, camera, poses, points, feature_rng)
+    rows = [noise_rng.permutation(np.flatnonzero(row)) for row in sightings.found]
+    names = [f"{number:04d}.jpg" for number in range(images)]
     name = f"{scene}-{lens}-{images}-{seed}"
+    folder.mkdir(parents=True, exist_ok=True)
     database = folder / f"{name}.db"
     database.unlink(missing_ok=True)
-    rows = [noise_rng.permutation(np.flatnonzero(row)) for row in found]
-    names = [f"{number:04d}.jpg" for number in range(images)]
-    keypoints = []
-    for row, pose, look in zip(rows, poses, looks, strict=True):
-        part = Features(features.points[row], features.normals[row], features.sizes[row], features.known[row])
-        place, scale = _pixels(part, camera, pose, look[row], int(noise_rng.integers(2**31)), noise_px)
-        keypoints.append(np.column_stack([place, scale, np.zeros(len(scale))]).astype(np.float32))
-    _write(database, start_camera(camera, prior_focal, lens_rng), names, keypoints)
     with pycolmap.Database.open(database) as opened, pycolmap.DatabaseTransaction(opened):
-        for (first, second), pair in _matches(rows, looks, features.known, noise_rng):
+        _write_images(opened, start_camera(camera, prior_focal, lens_rng), names)
+        for image_id, (row, pose) in enumerate(zip(rows, poses, strict=True), start=1):
+            part = sightings.features.of(row)
+            opened.write_keypoints(image_id, keypoints(part, camera, pose, noise_px, noise_rng))
+        for first, second, pair in matches(rows, sightings.looks, sightings.features.known, noise_rng):
             opened.write_matches(first + 1, second + 1, pair)
     verify(database, seed)
     return LensSet(name, scene, lens, images, camera, dict(zip(names, poses, strict=True)), database)
-
-
-def _matches(
-    rows: list[NDArray[np.intp]], looks: Floats, known: Floats, rng: np.random.Generator
-) -> Iterator[tuple[tuple[int, int], NDArray[np.uint32]]]:
-    """Match the features of each pair of photographs, the less the more the view has turned; some are wrong."""
-    for first, second in combinations(range(len(rows)), 2):
-        shared, left, right = np.intersect1d(
-            rows[first], rows[second], assume_unique=True, return_indices=True
-        )
-        apart = np.linalg.norm(looks[first, shared] - looks[second, shared], axis=1) / (2 * known[shared])
-        kept = rng.uniform(size=len(shared)) < _MATCHED * np.exp(-0.5 * apart**2)
-        left, right = left[kept], right[kept]
-        wrong = int(_WRONG * len(left)) + 10
-        others = [
-            rng.choice(np.setdiff1d(np.arange(len(rows[image])), used), wrong, replace=False)
-            for image, used in ((first, left), (second, right))
-        ]
-        pair = np.column_stack([np.concatenate([left, others[0]]), np.concatenate([right, others[1]])])
-        yield (first, second), rng.permutation(pair).astype(np.uint32)
 
 
 def start_camera(truth: pycolmap.Camera, prior_focal: bool, rng: np.random.Generator) -> pycolmap.Camera:
@@ -316,22 +184,18 @@ def verify(database: Path, seed: int = 0) -> None:
     )
 
 
-def _write(
-    database: Path, camera: pycolmap.Camera, names: list[str], keypoints: list[NDArray[np.float32]]
-) -> None:
-    with pycolmap.Database.open(database) as opened, pycolmap.DatabaseTransaction(opened):
-        opened.write_camera(camera, use_camera_id=True)
-        rig = pycolmap.Rig(rig_id=1)
-        rig.add_ref_sensor(camera.sensor_id)
-        opened.write_rig(rig, use_rig_id=True)
-        for image_id, (name, places) in enumerate(zip(names, keypoints, strict=True), start=1):
-            image = pycolmap.Image(name=name, camera_id=1, image_id=image_id)
-            frame = pycolmap.Frame(frame_id=image_id, rig_id=1)
-            frame.add_data_id(image.data_id)
-            opened.write_frame(frame, use_frame_id=True)
-            image.frame_id = image_id
-            opened.write_image(image, use_image_id=True)
-            opened.write_keypoints(image_id, places)
+def _write_images(opened: pycolmap.Database, camera: pycolmap.Camera, names: list[str]) -> None:
+    opened.write_camera(camera, use_camera_id=True)
+    rig = pycolmap.Rig(rig_id=1)
+    rig.add_ref_sensor(camera.sensor_id)
+    opened.write_rig(rig, use_rig_id=True)
+    for image_id, name in enumerate(names, start=1):
+        image = pycolmap.Image(name=name, camera_id=1, image_id=image_id)
+        frame = pycolmap.Frame(frame_id=image_id, rig_id=1)
+        frame.add_data_id(image.data_id)
+        opened.write_frame(frame, use_frame_id=True)
+        image.frame_id = image_id
+        opened.write_image(image, use_image_id=True)
 
 
 def position_error_mm(model: pycolmap.Reconstruction, poses: Mapping[str, NDArray[np.float64]]) -> float:
@@ -340,7 +204,7 @@ def position_error_mm(model: pycolmap.Reconstruction, poses: Mapping[str, NDArra
     if len(images) < 3:
         return float("nan")
     centres = np.array([image.projection_center() for image in images])
-    truth = np.array([-poses[image.name][:, :3].T @ poses[image.name][:, 3] for image in images])
+    truth = np.array([centre_of(poses[image.name]) for image in images])
     fit = pycolmap.estimate_sim3d(centres, truth)
     if fit is None:
         return float("nan")
@@ -352,6 +216,17 @@ def reconstruct(database: Path, folder: Path) -> pycolmap.Reconstruction | None:
     options = pycolmap.IncrementalPipelineOptions(num_threads=1, random_seed=0, extract_colors=False)
     models = pycolmap.incremental_mapping(database, folder, folder, options)
     return max(models.values(), key=lambda model: model.num_reg_images(), default=None)
+
+
+def free_principal_point(model: pycolmap.Reconstruction) -> None:
+    """Adjust a model once more, with the principal point free."""
+    # pycolmap.bundle_adjustment would do, but it turns COLMAP's log to stderr on again.
+    options = pycolmap.BundleAdjustmentOptions(refine_principal_point=True, print_summary=False)
+    config = pycolmap.BundleAdjustmentConfig()
+    for image_id in model.reg_image_ids():
+        config.add_image(image_id)
+    config.fix_gauge(pycolmap.BundleAdjustmentGauge.TWO_CAMS_FROM_WORLD)
+    pycolmap.create_default_bundle_adjuster(options, config, model).solve()
 
 
 def _row(made: LensSet, folder: Path) -> tuple[str, ...]:
@@ -367,9 +242,7 @@ def _row(made: LensSet, folder: Path) -> tuple[str, ...]:
         f"{model.compute_mean_reprojection_error():.3f}",
         f"{position_error_mm(model, made.poses):.1f}",
     )
-    pycolmap.bundle_adjustment(
-        model, pycolmap.BundleAdjustmentOptions(refine_principal_point=True, print_summary=False)
-    )
+    free_principal_point(model)
     freed = f"{position_error_mm(model, made.poses):.1f}"
     return (made.scene, made.lens, *found, freed, f"{seconds:.1f}")
 
