@@ -35,7 +35,7 @@ _DRIFT, _DRIFT_TURN = (
     0.3,
     np.radians(20),
 )  # share of the noise that stays in neighbouring views; how long it does
-_PILOT = 30_000
+_PILOT = 20_000
 
 
 @dataclass(frozen=True)
@@ -79,12 +79,7 @@ def sight(
 ) -> Sightings:
     """Scatter as many features as it takes for `each` in a photograph, and find them in all photographs."""
     centres = np.array([centre_of(pose) for pose in poses])
-    pilot = _scatter(panels, _PILOT, 1e3, rng)
-    distances = [
-        np.linalg.norm(pilot.points[_visible(pilot, camera, pose, panels)] - centre, axis=1)
-        for pose, centre in zip(poses, centres, strict=True)
-    ]
-    smallest = SMALLEST_PX * float(np.quantile(np.concatenate(distances), 0.02)) / camera.mean_focal_length()
+    smallest = SMALLEST_PX * _nearest(panels, centres) / camera.mean_focal_length()
 
     def sightings(number: int) -> Sightings:
         features = _scatter(panels, number, smallest, rng)
@@ -98,19 +93,33 @@ def sight(
     return sightings(int(each * len(poses) / share))
 
 
-def _scatter(panels: Panels, number: int, smallest: float, rng: np.random.Generator) -> Features:
-    """Scatter features on panels by their texture, of sizes as many at every scale, from `smallest` metres (Pareto)."""
-    weight = panels.area * panels.texture
+def _nearest(panels: Panels, centres: Floats) -> Floats:
+    """Return the distance of each panel from the nearest camera, (n,), of two metres at least."""
+    nearest = np.full(len(panels.corner), np.inf)
+    for centre in centres:
+        offset = centre - panels.corner
+        foot = panels.corner.copy()
+        for edge in (panels.across, panels.up):
+            along = np.einsum("ij,ij->i", offset, edge) / np.einsum("ij,ij->i", edge, edge)
+            foot += along.clip(0, 1)[:, None] * edge
+        nearest = np.minimum(nearest, np.linalg.norm(centre - foot, axis=1))
+    return np.asarray(np.maximum(nearest, 2.0))
+
+
+def _scatter(panels: Panels, number: int, smallest: Floats, rng: np.random.Generator) -> Features:
+    """Scatter features on panels by their texture. Their sizes are as many at every scale (Pareto), from the `smallest`
+    of each panel in metres: what is smaller no photograph could find."""
+    weight = panels.area * panels.texture / smallest**2
     panel = rng.choice(len(weight), number, p=weight / weight.sum())
     share = rng.uniform(size=(number, 2))
     points = panels.corner[panel] + share[:, :1] * panels.across[panel] + share[:, 1:] * panels.up[panel]
-    sizes = smallest / np.sqrt(1 - rng.uniform(0, 0.9999, number))
+    sizes = smallest[panel] / np.sqrt(1 - rng.uniform(0, 0.9999, number))
     known = _TURN * rng.lognormal(0, 1, number) * np.where(rng.uniform(size=number) < _CLUTTER, 1e-3, 1)
     waves, phases = rng.normal(0, 1 / _DRIFT_TURN, (number, 2, 3)), rng.uniform(0, 2 * np.pi, (number, 2, 1))
     return Features(points, panels.normal[panel], sizes, known, np.concatenate([waves, phases], axis=2))
 
 
-def _hidden(points: Floats, centre: Floats, panels: Panels, chunk: int = 1000) -> Truths:
+def _hidden(points: Floats, centre: Floats, panels: Panels, chunk: int = 250) -> Truths:
     """Tell which of (n, 3) points lie behind a panel that faces `centre`."""
     corner = panels.corner - centre
     ahead = np.einsum("ij,ij->i", panels.normal, corner)

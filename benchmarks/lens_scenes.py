@@ -115,9 +115,15 @@ class Builder:
             self.box((middle - 0.25, 0, 0), (middle + 0.25, height - 0.35, rng.uniform(0.1, 0.3)), 1.5)
 
     def ground(self, low: tuple[float, float], high: tuple[float, float], texture: float) -> None:
+        """Add the ground in slabs of some two metres."""
         self.stand((0, 0, 0), 0)
-        # In a wall's axes: u is x, w is -y.
-        self.panel((low[0], 0, -low[1]), (high[0] - low[0], 0, 0), (0, 0, low[1] - high[1]), texture)
+        columns, rows = (max(round((end - begin) / 2), 1) for begin, end in zip(low, high, strict=True))
+        wide, deep = (high[0] - low[0]) / columns, (high[1] - low[1]) / rows
+        for column in range(columns):
+            for row in range(rows):
+                # In a wall's axes: w is -y.
+                corner = (low[0] + column * wide, 0, -low[1] - row * deep)
+                self.panel(corner, (wide, 0, 0), (0, 0, -deep), texture)
 
     def panels(self) -> Panels:
         corner, across, up, texture = (np.array(column) for column in zip(*self.rows, strict=True))
