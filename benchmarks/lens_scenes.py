@@ -3,7 +3,7 @@
 Metres; z is up. A facade is a wall of 20 x 12 m with windows, cornices and pilasters, photographed from one or two
 lines before it. A courtyard has four such walls, photographed across and in short pans. An object is a monument of 3 m
 with the square around it, photographed in one or two rings. A street is walked forward between two rows of houses,
-every third photograph turned to one of them.
+every second photograph turned to one of them.
 """
 
 from __future__ import annotations
@@ -252,8 +252,8 @@ def _street(images: int, _view: View, rng: np.random.Generator) -> tuple[Panels,
         x = 0.7 * x + rng.normal(0, 0.7)
         centre = (x, 2 + number * step + rng.normal(0, 0.1), 1.6 + rng.normal(0, 0.06))
         heading, pitch = rng.normal(0, np.radians(6)), rng.normal(0.08, 0.05)
-        if number % 3 == 1:  # turned to the houses of one side
-            heading = np.radians(rng.uniform(18, 35)) * rng.choice((-1, 1))
+        if number % 2:  # turned to the houses of one side
+            heading = np.radians(rng.uniform(18, 38)) * rng.choice((-1, 1))
         stations.append(pose(centre, heading, pitch, rng.normal(0, 0.02)))
     return builder.panels(), stations
 
