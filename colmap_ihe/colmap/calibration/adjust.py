@@ -18,6 +18,8 @@ from colmap_ihe.colmap.calibration.lens import FreeCamera, Terms, derivatives
 from colmap_ihe.colmap.calibration.robust import deviation_of, robust_cost
 from colmap_ihe.colmap.native import pycolmap
 
+MOST_STEPS = 15
+"""Of an adjustment, which takes four or five where the model is nearly right."""
 _WRONG = 4.0  # standard deviations from which on an observation is taken for a wrong one
 _CLOSE = 1.0  # of the cost, to its minimum, in units of sigma squared
 _OTHER = 0.03  # change of sigma from which on the cost is another
@@ -45,7 +47,7 @@ def adjust(
     values: Float64,
     prior: Prior,
     *,
-    most: int = 15,
+    most: int = MOST_STEPS,
     sigma: float | None = None,
 ) -> Adjusted:
     """Return the block and the free parameters where the robust cost is least, from `values` (K,) and the block's poses
@@ -74,7 +76,7 @@ def adjust(
     return Adjusted(block, values, scale, terms.residuals, prior.cost(values))
 
 
-def place(block: Block, cameras: Sequence[pycolmap.Camera], sigma: float, *, rounds: int = 4) -> Block:
+def place(block: Block, cameras: Sequence[pycolmap.Camera], sigma: float, *, rounds: int = 3) -> Block:
     """Return the block with its points where these cameras see them best, the poses held."""
     free = [FreeCamera(camera, np.zeros((len(camera.params), 0))) for camera in cameras]
     for _ in range(rounds):

@@ -23,8 +23,8 @@ FEWEST_POINTS = 60
 MOST_IMAGES = 200
 """Images adjusted together here. In larger models COLMAP adjusts the poses to the cameras that these gave."""
 _MOST_LENSES = 8
-_MOST_POINTS = 60_000  # that the cameras and poses are adjusted by
-_TO_CHOOSE = 4_000  # points that the choice is made by
+_POINTS_AN_IMAGE = 600  # that cameras and poses are adjusted by, those that most images see
+_TO_CHOOSE = 2_000  # points that the choice is made by
 _CHANGED = 0.01  # of the observations, from which on what was triangulated anew counts
 _OTHER_LENS = 1.4  # times the error, where COLMAP's model could not show the lens
 
@@ -128,7 +128,7 @@ def _finish(
     whole = len(image_ids) == model.num_reg_images()
     for _ in range(2):
         block, _ = block_of(model, image_ids, camera_ids)
-        block = block.of_points(thinned(block, _MOST_POINTS))
+        block = block.of_points(thinned(block, _POINTS_AN_IMAGE * len(image_ids)))
         best = replace(chooser, block=block).again(best)
         observations = model.compute_num_observations()
         give(model, image_ids, camera_ids, best)

@@ -11,9 +11,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from colmap_ihe.colmap.calibration.adjust import Adjusted, adjust, cleaned
+from colmap_ihe.colmap.calibration.adjust import MOST_STEPS, Adjusted, adjust, cleaned
 from colmap_ihe.colmap.calibration.block import Block
+from colmap_ihe.colmap.calibration.equations import system_of, without_poses
 from colmap_ihe.colmap.calibration.freedom import FISHEYE, PERSPECTIVE, Freedom, Lens, freed
+from colmap_ihe.colmap.calibration.lens import derivatives
 from colmap_ihe.colmap.native import pycolmap
 
 A_PARAMETER = 6.0
@@ -40,10 +42,16 @@ class Chooser:
     block: Block
     known: Sequence[pycolmap.Camera]
 
-    def fit(self, block: Block, lenses: tuple[Lens, ...], cameras: Sequence[pycolmap.Camera]) -> Fit:
+    def fit(
+        self,
+        block: Block,
+        lenses: tuple[Lens, ...],
+        cameras: Sequence[pycolmap.Camera],
+        most: int = MOST_STEPS,
+    ) -> Fit:
         """Return the block adjusted from these cameras on, with the lenses as free as they are."""
         free, prior = freed(lenses, cameras, self.known)
-        adjusted = adjust(block, free, np.zeros(len(prior.mean)), prior)
+        adjusted = adjust(block, free, np.zeros(len(prior.mean)), prior, most=most)
         return Fit(lenses, [one.at(adjusted.values) for one in free], adjusted)
 
     def again(self, fit: Fit) -> Fit:
@@ -67,8 +75,7 @@ class Chooser:
             )
             for ladder in (PERSPECTIVE, FISHEYE)
         )
-        better, worse = criteria([fisheye, perspective])
-        if better + ABOUT > worse:
+        if _simplest_fit([perspective, fisheye]) == 0:
             return start
         return self.again(
             self.fit(
@@ -89,14 +96,8 @@ class Chooser:
             (*others[0], replace(lens, quarters=(0, 3)), *others[1]),
             (*others[0], first, *others[1], second),
         ]
-        fits = []
-        for lenses in ways:
-            free = tuple(
-                replace(one, freedom=replace(one.freedom, centre=True)) if one.freedom else one
-                for one in lenses
-            )
-            fits.append(self.fit(start.adjusted.block, free, start.cameras))
-        lenses = ways[fits.index(simplest(fits))]
+        fits = [self.fit(start.adjusted.block, _with_centres(lenses), start.cameras) for lenses in ways]
+        lenses = ways[_simplest_fit(fits)]
         return self.again(self.fit(start.adjusted.block, lenses, start.cameras))
 
     def climb(self, start: Fit, number: int, steps: bool = True) -> Fit:
@@ -104,34 +105,54 @@ class Chooser:
         `steps`."""
         best = start
         while (freedom := best.lenses[number].freedom) is not None:
-            # The same once more is among them, for none of them ends quite at its minimum.
             tried = [freedom, *(one for one in freedom.richer() if steps or one.model == freedom.model)]
-            fits = [
-                self.fit(best.adjusted.block, _with(best.lenses, number, one), best.cameras) for one in tried
+            chosen = tried[
+                simplest([-gain for gain in self._gains(best, number, tried)], [one.price for one in tried])
             ]
-            chosen = simplest(fits)
-            if chosen is fits[0]:
-                return chosen
-            best = self.again(chosen)
+            if chosen == freedom:
+                break
+            richer = self.fit(best.adjusted.block, _with(best.lenses, number, chosen), best.cameras, most=4)
+            best = self.again(richer)
         return best
 
+    def _gains(self, fit: Fit, number: int, tried: Sequence[Freedom]) -> list[float]:
+        """Return by how much the cost falls with a lens as free as each of `tried` is, to first order: one step from
+        the fit with all free, of which they are parts (Rao's score test)."""
+        lens = fit.lenses[number]
+        assert lens.freedom is not None
+        rich = lens.freedom.richest()
+        lenses = _with(fit.lenses, number, rich)
+        free, prior = freed(lenses, fit.cameras, self.known)
+        terms = derivatives(fit.adjusted.block, free, np.zeros(len(prior.mean)))
+        matrix, gradient = without_poses(
+            system_of(fit.adjusted.block, terms, fit.adjusted.sigma, prior, np.zeros(len(prior.mean)), 0.0)
+        )
+        before = sum(one.freedom.count for one in lenses[:number] if one.freedom)
+        others = [k for k in range(len(gradient)) if not before <= k < before + rich.count]
+        gains = []
+        for one in tried:
+            columns = [*others, *(before + column for column in one.columns_in(rich))]
+            part = gradient[columns]
+            gains.append(float(part @ np.linalg.solve(matrix[np.ix_(columns, columns)], part)))
+        return gains
 
-def criteria(fits: Sequence[Fit]) -> list[float]:
-    """Return the cost of each fit to one block, and what its parameters count."""
+
+def simplest(costs: Sequence[float], parameters: Sequence[int]) -> int:
+    """Return the number of the fit with fewest parameters among those that are about as good as the best."""
+    values = [cost + A_PARAMETER * count for cost, count in zip(costs, parameters, strict=True)]
+    good = [number for number, value in enumerate(values) if value < min(values) + ABOUT]
+    return min(good, key=lambda number: (parameters[number], values[number]))
+
+
+def _simplest_fit(fits: Sequence[Fit]) -> int:
     sigma = min(fit.adjusted.sigma for fit in fits)
-    return [fit.adjusted.cost(sigma) + A_PARAMETER * len(fit.adjusted.values) for fit in fits]
+    return simplest([fit.adjusted.cost(sigma) for fit in fits], [len(fit.adjusted.values) for fit in fits])
 
 
-def simplest(fits: Sequence[Fit]) -> Fit:
-    """Return the fit with fewest parameters among those that are about as good as the best."""
-    values = criteria(fits)
-    least = min(values)
-    good = [
-        (len(fit.adjusted.values), value, number)
-        for number, (fit, value) in enumerate(zip(fits, values, strict=True))
-        if value < least + ABOUT
-    ]
-    return fits[min(good)[2]]
+def _with_centres(lenses: tuple[Lens, ...]) -> tuple[Lens, ...]:
+    return tuple(
+        replace(lens, freedom=replace(lens.freedom, centre=True)) if lens.freedom else lens for lens in lenses
+    )
 
 
 def _with(lenses: tuple[Lens, ...], number: int, freedom: Freedom) -> tuple[Lens, ...]:

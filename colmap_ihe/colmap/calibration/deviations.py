@@ -11,7 +11,7 @@ import numpy as np
 from colmap_ihe.colmap.calibration.block import Float64
 from colmap_ihe.colmap.calibration.choose import Fit
 from colmap_ihe.colmap.calibration.equations import System, covariance, inverse_of, system_of
-from colmap_ihe.colmap.calibration.freedom import Lens, freed
+from colmap_ihe.colmap.calibration.freedom import Freedom, Lens, freed
 from colmap_ihe.colmap.calibration.lens import FreeCamera, derivatives
 from colmap_ihe.colmap.native import pycolmap
 
@@ -38,11 +38,15 @@ def deviations_of(fit: Fit, known: Sequence[pycolmap.Camera]) -> list[Deviations
     free, system = _system(fit, fit.lenses, known)
     own = covariance(fit.adjusted.block, system)
     rich = tuple(
-        replace(lens, freedom=lens.freedom.richest() if lens.freedom else None) for lens in fit.lenses
+        replace(lens, freedom=_considered(lens.freedom) if lens.freedom else None) for lens in fit.lenses
     )
     rich_free, system = _system(fit, rich, known)
     considered = inverse_of(system)[-system.by_free.shape[2] :]
     return [_of_camera(f, own, r, considered) for f, r in zip(free, rich_free, strict=True)]
+
+
+def _considered(freedom: Freedom) -> Freedom:
+    return replace(freedom.richest(), aspect=freedom.aspect)  # two focal lengths are rare, and hide both
 
 
 def _system(

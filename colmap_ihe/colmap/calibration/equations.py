@@ -158,6 +158,22 @@ def moved(block: Block, values: Float64, system: System, move: Float64) -> tuple
     return moved, values + free
 
 
+def without_poses(system: System) -> tuple[Float64, Float64]:
+    """Return the normal equations of the free parameters alone, (K, K) and (K,), with the poses eliminated too."""
+    count = system.by_free.shape[2]
+    scaled = system.matrix * system.scale[:, None] * system.scale
+    scaled[np.diag_indices(len(scaled))] += _GAUGE
+    gradient = system.gradient * system.scale
+    poses, free = slice(0, len(scaled) - count), slice(len(scaled) - count, len(scaled))
+    moved_poses = np.linalg.solve(
+        scaled[poses, poses], np.column_stack([scaled[poses, free], gradient[poses]])
+    )
+    matrix = scaled[free, free] - scaled[free, poses] @ moved_poses[:, :-1]
+    gradient = gradient[free] - scaled[free, poses] @ moved_poses[:, -1]
+    back = 1 / system.scale[free]
+    return matrix * back[:, None] * back, gradient * back
+
+
 def inverse_of(system: System) -> Float64:
     """Return (C, K): the columns of the free parameters of the inverse of the normal equations, in any gauge."""
     count = system.by_free.shape[2]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -20,7 +20,9 @@ CENTRE = 0.01
 """Standard deviation of how far real principal points are from the middle, in longer sides."""
 FOCAL = 0.05
 """Of a focal length in EXIF, which is rounded, and moves with the focus."""
-_ASPECT = 0.001  # of focal lengths across and down, of pictures made smaller to whole pixels
+_ASPECT = (
+    0.0003  # of focal lengths across and down: pixels are square, pictures were made smaller to whole ones
+)
 _COEFFICIENT = {"k": 0.3, "p": 0.001}
 _TANGENTIAL = ("OPENCV", "FULL_OPENCV")
 _TWO_FOCAL_LENGTHS = (*_TANGENTIAL, "OPENCV_FISHEYE")
@@ -54,11 +56,29 @@ class Freedom:
         return [one for one in tried if one != self and (one.model in _TWO_FOCAL_LENGTHS or not one.aspect)]
 
     def richest(self) -> Freedom:
-        """Return what a lens of this kind can have free at the most, but for two focal lengths."""
+        """Return what a lens of this kind can have free at the most."""
         ladder = next(
             (ladder for ladder in (PERSPECTIVE, FISHEYE) if (self.model, self.coefficients) in ladder), None
         )
-        return Freedom(*(ladder[-1] if ladder else (self.model, self.coefficients)), True, self.aspect)
+        return Freedom(*ladder[-1], True, True) if ladder else replace(self, centre=True)
+
+    @property
+    def count(self) -> int:
+        """Return the number of parameters that are free, the focal length the first."""
+        return 1 + self.coefficients + 2 * self.centre + self.aspect
+
+    @property
+    def price(self) -> int:
+        """Return for how many parameters these count in a choice. Pixels are square but for rare pictures, so that two
+        focal lengths are more often what errors of features look like than true."""
+        return self.count + 9 * self.aspect
+
+    def columns_in(self, rich: Freedom) -> list[int]:
+        """Return which parameters of a richer freedom these are."""
+        after = 1 + rich.coefficients
+        centre = [after, after + 1] if self.centre else []
+        aspect = [after + 2 * rich.centre] if self.aspect else []
+        return [*range(1 + self.coefficients), *centre, *aspect]
 
 
 def plain(camera: pycolmap.Camera) -> Freedom:
