@@ -169,9 +169,9 @@ def solved(greys: dict[str, NDArray[np.uint8]]) -> tuple[str, ...]:
         counts = match_features(database, root, MatchesOptions(), len(files), executor, SILENT)
         for seed in SEEDS:
             shutil.rmtree(root / "sparse", ignore_errors=True)
-            models, _ = map_images(
+            models = map_images(
                 database, root / "grey", root / "sparse", SparseOptions(seed=seed), len(files), SILENT
-            )
+            ).models
             model = pycolmap.Reconstruction(root / "sparse" / "0")
             poses = {
                 model.images[i].name: model.images[i].cam_from_world().matrix() for i in model.reg_image_ids()

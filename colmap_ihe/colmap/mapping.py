@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from colmap_ihe.colmap.calibration.calibrate import Calibration, Known
-from colmap_ihe.colmap.calibration.models import calibrate_models
+from colmap_ihe.colmap.calibration.models import Calibrations, Groups, calibrate_models
 from colmap_ihe.colmap.measures import images_seeing
 from colmap_ihe.colmap.native import apply_options, called, fill, pycolmap
 from colmap_ihe.colmap.process import ColmapProcesses
@@ -42,6 +42,16 @@ class ModelStatistics:
 
 
 @dataclass(frozen=True)
+class Mapped:
+    """Hold the models of a mapping, that of most images first, with what came of its calibration, if anything; and the
+    images by name in groups of one camera each, of cameras that were only assumed to have taken them all."""
+
+    models: list[ModelStatistics]
+    calibration: Calibration | None
+    apart: list[list[str]]
+
+
+@dataclass(frozen=True)
 class MappingInput:
     """Hold what a mapper works on: the database, the folders of the grey images and of its result, options, and the ids
     of the cameras that it holds as they are."""
@@ -64,14 +74,13 @@ def map_images(
     *,
     colour: Path | None = None,
     known: Known | None = None,
-) -> tuple[list[ModelStatistics], Calibration | None]:
+) -> Mapped:
     """Reconstruct and write every model below `sparse`, the one with most images as 0.
 
     With `colour`, the folder of the colour twins, points have their colours, else grey. Cameras that are held, as
     `known` says, come out as they are in the database, to the bit; others are calibrated, unless that is left to
-    COLMAP, and the calibration of the first model is returned. Models are written beside `sparse` and replace it at the end.
-    Raises `OptionError`, `NativeError`, `MappingError` if no image registers, `ProjectError` where a colour twin is
-    missing, `Cancelled`.
+    COLMAP. Models are written beside `sparse` and replace it at the end. Raises `OptionError`, `NativeError`,
+    `MappingError` if no image registers, `ProjectError` where a colour twin is missing, `Cancelled`.
     """
     known = known or Known()
     held = known.held
@@ -88,17 +97,17 @@ def map_images(
     if not models:
         shutil.rmtree(temporary)
         raise MappingError(f"none of the {images} photographs could be registered")
-    ordered = _without_parts(sorted(models, key=lambda m: (-m.num_reg_images(), -m.num_points3D())))
-    calibrations: list[Calibration | None] = [None]
+    ordered, calibrations, groups = _in_order(models), Calibrations(), Groups()
     if options.calibration == "auto":
 
         def map_again(other: Path) -> list[pycolmap.Reconstruction]:
-            (out := work / "again").mkdir()
+            out = work / other.stem
+            out.mkdir()
             progress.start(images, "images again")
-            return _without_parts(map_all(replace(given, database=other, out=out), progress))
+            return _in_order(map_all(replace(given, database=other, out=out), progress))
 
         settings = calibration_settings(options)
-        ordered, calibrations = calibrate_models(
+        ordered, calibrations, groups = calibrate_models(
             ordered, database, known, settings, map_again, work, progress
         )
     shutil.rmtree(work)
@@ -109,7 +118,7 @@ def map_images(
         folder.mkdir()
         model.write(folder)
     replace_folder(temporary, sparse)
-    return [describe(model) for model in ordered], calibrations[0]
+    return Mapped([describe(model) for model in ordered], next(iter(calibrations), None), groups)
 
 
 def _colour_points(models: Sequence[pycolmap.Reconstruction], colour: Path, progress: Progress) -> None:
@@ -133,8 +142,10 @@ def _colour_points(models: Sequence[pycolmap.Reconstruction], colour: Path, prog
         progress.advance()
 
 
-def _without_parts(models: Sequence[pycolmap.Reconstruction]) -> list[pycolmap.Reconstruction]:
-    """Drop models whose images are all registered in one before: COLMAP begins anew with registered images."""
+def _in_order(models: Sequence[pycolmap.Reconstruction]) -> list[pycolmap.Reconstruction]:
+    """Return the models, that of most images first, without those whose images are all registered in one before: COLMAP
+    begins anew with registered images."""
+    models = sorted(models, key=lambda model: (-model.num_reg_images(), -model.num_points3D()))
     kept: list[pycolmap.Reconstruction] = []
     registered: list[set[str]] = []
     for model in models:

@@ -10,6 +10,7 @@ from __future__ import annotations
 import shutil
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
+from copy import copy
 from pathlib import Path
 
 from colmap_ihe.colmap.native import pycolmap, translated
@@ -23,9 +24,11 @@ Pair = tuple[int, int]
 _LITTLE = 1 << 20  # bytes free with which nothing can be written: a database grows in steps
 
 
-def write_images(database: Path, cameras: Mapping[int, pycolmap.Camera]) -> None:
-    """Write images without features by their ids, each with its camera. They are named after their ids, since names in
-    lists of pairs cannot hold spaces; each is a frame of its own, as COLMAP imports them."""
+def write_images(
+    database: Path, cameras: Mapping[int, pycolmap.Camera], names: Mapping[int, str] | None = None
+) -> None:
+    """Write images without features by their ids, each with its camera. Without `names` they are named after their ids,
+    since names in lists of pairs cannot hold spaces; each is a frame of its own, as COLMAP imports them."""
     with pycolmap.Database.open(database) as opened, pycolmap.DatabaseTransaction(opened):
         for camera in {camera.camera_id: camera for camera in cameras.values()}.values():
             opened.write_camera(camera, use_camera_id=True)
@@ -33,7 +36,8 @@ def write_images(database: Path, cameras: Mapping[int, pycolmap.Camera]) -> None
             rig.add_ref_sensor(camera.sensor_id)
             opened.write_rig(rig, use_rig_id=True)
         for image_id, camera in cameras.items():
-            image = pycolmap.Image(name=str(image_id), camera_id=camera.camera_id, image_id=image_id)
+            name = names[image_id] if names else str(image_id)
+            image = pycolmap.Image(name=name, camera_id=camera.camera_id, image_id=image_id)
             frame = pycolmap.Frame(frame_id=image_id, rig_id=camera.camera_id)
             frame.add_data_id(image.data_id)
             opened.write_frame(frame, use_frame_id=True)
@@ -69,6 +73,29 @@ def copy_matches(source: Path, target: Path, pairs: Iterable[Pair]) -> None:
                 taken.write_matches(*pair, given.read_matches(*pair))
             if given.exists_two_view_geometry(*pair) and not taken.exists_two_view_geometry(*pair):
                 taken.write_two_view_geometry(*pair, given.read_two_view_geometry(*pair))
+
+
+def copy_with_cameras(source: Path, target: Path, groups: Iterable[Iterable[str]]) -> None:
+    """Copy a database, but with a camera of its own for each group of images, given by name: that of the first of them,
+    as it is in `source`, without what EXIF says of its focal length."""
+    with pycolmap.Database.open(source) as given:
+        images = {str(image.name): image for image in given.read_all_images()}
+        cameras = {camera.camera_id: camera for camera in given.read_all_cameras()}
+        pairs = [pycolmap.pair_id_to_image_pair(pair) for pair in given.read_num_matches()[0]]
+        priors = given.read_all_pose_priors()
+    taken = {image.image_id: cameras[image.camera_id] for image in images.values()}
+    next_id = max(cameras) + 1
+    for group in groups:
+        numbers = [images[name].image_id for name in group]
+        camera = copy(taken[numbers[0]])
+        camera.camera_id, next_id = next_id, next_id + 1
+        taken |= dict.fromkeys(numbers, camera)
+    write_images(target, taken, {image.image_id: name for name, image in images.items()})
+    copy_features(source, target)
+    copy_matches(source, target, pairs)
+    with pycolmap.Database.open(target) as opened, pycolmap.DatabaseTransaction(opened):
+        for prior in priors:
+            opened.write_pose_prior(prior, use_pose_prior_id=True)
 
 
 def ordered(pair: Pair) -> Pair:

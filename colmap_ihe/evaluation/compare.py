@@ -202,7 +202,7 @@ def _mapped(
             thin_out(project.database, database, LEFT_OUT, seed)
         try:
             with progress.stage(name) as stage_progress:
-                models, _ = map_images(
+                mapped = map_images(
                     database,
                     project.grey,
                     folder,
@@ -211,7 +211,7 @@ def _mapped(
                     stage_progress,
                     known=Known(held=held),
                 )
-                model = models[0]
+                model = mapped.models[0]
         except MappingError as error:
             progress.warn(f"{name}: {error}")
             return {"registered": 0, "points": 0, "points_over_3_views": 0}

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from grey_noise import WHOLE, noise
 
-from colmap_ihe.colmap.features import FeatureCounts, choose_model, extract_features
+from colmap_ihe.colmap.features import FeatureCounts, extract_features
 from colmap_ihe.colmap.native import pycolmap
 from colmap_ihe.machine.progress import SILENT
 from colmap_ihe.project.options import CameraOptions, FeaturesOptions
@@ -21,7 +21,7 @@ def extracted(
     database = root / "database.db"
     database.unlink(missing_ok=True)
     counts = extract_features(
-        database, root / "grey", names, None, camera, FeaturesOptions(), 1, root, executor, SILENT
+        database, root / "grey", names, None, camera, FeaturesOptions(), root, executor, SILENT
     )
     with pycolmap.Database.open(database) as opened:
         return counts, {str(image.name): image.camera_id for image in opened.read_all_images()}
@@ -40,11 +40,3 @@ def test_cameras_are_shared_and_counted_the_same_on_workers_elsewhere(tmp_path: 
         assert (each.cameras, each.assumed) == (6, ())
     with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as processes:
         assert extracted(tmp_path, names, processes, CameraOptions()) == (counts, cameras)
-
-
-def test_the_model_follows_how_many_photographs_share_a_camera() -> None:
-    auto, single = CameraOptions(), CameraOptions(mode="single")
-    assert choose_model(auto, 24, 8) == "OPENCV"
-    assert choose_model(auto, 24, 7) == "SIMPLE_RADIAL"
-    assert choose_model(single, 24, 1) == "OPENCV"
-    assert choose_model(CameraOptions(mode="per_image"), 24, 24) == "SIMPLE_RADIAL"

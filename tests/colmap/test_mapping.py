@@ -83,12 +83,11 @@ def test_cameras_that_are_held_come_out_to_the_bit(tmp_path: Path) -> None:
     both: frozenset[int] = frozenset({1, 2})
     for mapper in ("incremental", "hierarchical", "global"):
         options = SparseOptions.model_validate({"mapper": mapper})
-        (model,), _ = map_images(
-            database, tmp_path, tmp_path / mapper, options, 12, SILENT, known=Known(held=both)
-        )
+        known = Known(held=both)
+        (model,) = map_images(database, tmp_path, tmp_path / mapper, options, 12, SILENT, known=known).models
         assert model.registered_images == 12
         assert params_of(tmp_path / mapper) == {1: list(PARAMS), 2: list(PARAMS)}
-    refined, _ = map_images(database, tmp_path, tmp_path / "refined", SparseOptions(), 12, SILENT)
+    refined = map_images(database, tmp_path, tmp_path / "refined", SparseOptions(), 12, SILENT).models
     assert refined[0].mean_reprojection_error_px < model.mean_reprojection_error_px
     for params in params_of(tmp_path / "refined").values():
         np.testing.assert_allclose(params[:2], 1280, rtol=5e-3)

@@ -12,7 +12,6 @@ from colmap_ihe.photographs.camera_identity import (
     CameraIdentity,
     identities_of_cameras,
     read_identities,
-    shared_by,
     turned_partners,
     without_whole_identity,
 )
@@ -45,13 +44,6 @@ def test_photographs_without_enough_exif_are_grouped_by_size_and_what_there_is()
     no_focal = CameraIdentity("Foo", "Bar", 0, 0, 640, 480)
     identities = {"d": SCAN, "c": TURNED_SCAN, "b": SCAN, "a": FLAT, "e": no_focal, "f": no_focal}
     assert without_whole_identity(identities) == [["b", "d"], ["c"], ["e", "f"]]
-
-
-def test_photographs_turned_in_their_pixels_count_with_the_others() -> None:
-    assert shared_by([FLAT] * 23 + [UPRIGHT]) == 24
-    assert shared_by([SCAN] * 5 + [TURNED_SCAN] * 4) == 9
-    assert shared_by([FLAT] * 23 + [ZOOMED]) == 1
-    assert shared_by([FLAT] * 10 + [SCAN] * 9) == 9
 
 
 def test_what_is_said_of_cameras_of_the_database() -> None:

@@ -12,6 +12,7 @@ from colmap_ihe.colmap.calibration.deviations import Deviations, deviations_of
 from colmap_ihe.colmap.calibration.freedom import Freedom, Lens, plain
 from colmap_ihe.colmap.calibration.held_out import HeldOut, held_out
 from colmap_ihe.colmap.calibration.rebuild import Triangulation, adjust_poses, give, triangulate
+from colmap_ihe.colmap.calibration.sharing import focal_lengths, groups_of
 from colmap_ihe.colmap.native import pycolmap
 from colmap_ihe.machine import threads
 from colmap_ihe.machine.progress import SILENT, Progress
@@ -31,15 +32,18 @@ _OTHER_LENS = 1.4  # times the error, where COLMAP's model could not show the le
 
 @dataclass(frozen=True)
 class Known:
-    """Hold what is known before: all cameras of the database by id, those that are `held`, what others have free to
-    begin with (`starts`), pairs of `partners` that are one camera whose pictures an editor turned, and whether the user
-    gave the cameras' model (`given_model`)."""
+    """Hold what is known before: all cameras of the database by id, those that are `held`, those only `assumed` to have
+    taken all their images, what others have free to begin with (`starts`), pairs of `partners` that are one camera
+    whose pictures an editor turned, whether the user gave the cameras' model (`given_model`), and whether to check that
+    cameras without a focal length from EXIF took all their images (`check_shared`)."""
 
     cameras: Mapping[int, pycolmap.Camera] = field(default_factory=dict)
     held: frozenset[int] = frozenset()
+    assumed: frozenset[int] = frozenset()
     starts: Mapping[int, Freedom] = field(default_factory=dict)
     partners: Sequence[tuple[int, int]] = ()
     given_model: bool = False
+    check_shared: bool = False
 
 
 @dataclass(frozen=True)
@@ -58,16 +62,11 @@ def calibrate(
 ) -> Calibration | None:
     """Change cameras, poses and points of a model to what its observations say of its lenses; None where no camera took
     enough photographs, and nothing was changed."""
-    camera_ids = sorted({model.images[i].camera_id for i in model.reg_image_ids()})
-    lenses = lenses_of(model, camera_ids, known)
+    begun = _begun(model, known)
+    if begun is None:
+        return None
+    lenses, image_ids, camera_ids, chooser = begun
     free = [number for number, lens in enumerate(lenses) if lens.freedom]
-    if not free:
-        return None
-    image_ids = covisible(model, [[camera_ids[c] for c in lenses[n].cameras] for n in free], MOST_IMAGES)
-    block, _ = block_of(model, image_ids, camera_ids)
-    if len(block.points) < FEWEST_POINTS:
-        return None
-    chooser = Chooser(block.of_points(thinned(block, _TO_CHOOSE)), [known.cameras[i] for i in camera_ids])
     progress.start(len(free) + 2, "calibration steps")
     with threads.limited(1):  # the matrices are small; and one thread gives the same to the bit
         base = chooser.again(chooser.fit(chooser.block, lenses, [model.cameras[i] for i in camera_ids]))
@@ -87,6 +86,42 @@ def calibrate(
     return Calibration(
         by_id, {i: deviations[camera_ids.index(i)] for i in by_id}, gain, other_lens and not gain.worse
     )
+
+
+def apart(model: pycolmap.Reconstruction, known: Known) -> list[list[str]]:
+    """Return the images, by name, in groups of one focal length each, of those cameras that are only assumed to have
+    taken all their images and clearly have not; none of others."""
+    begun = _begun(model, known) if known.assumed else None
+    if begun is None:
+        return []
+    lenses, image_ids, camera_ids, chooser = begun
+    groups = []
+    with threads.limited(1):
+        base = chooser.again(chooser.fit(chooser.block, lenses, [model.cameras[i] for i in camera_ids]))
+        for place, camera_id in enumerate(camera_ids):
+            taken = sum(base.adjusted.block.cameras == place)
+            if camera_id in known.assumed and taken >= FEWEST:
+                found = groups_of(*focal_lengths(base, place))
+                groups.extend(found if len(found) > 1 else [])
+    return [[str(model.images[image_ids[one.image]].name) for one in group] for group in groups]
+
+
+def _begun(
+    model: pycolmap.Reconstruction, known: Known
+) -> tuple[tuple[Lens, ...], list[int], list[int], Chooser] | None:
+    """Return a model's lenses, the ids of the images that they are calibrated by and of all its cameras, and a block of
+    them to choose by; None where there is too little."""
+    camera_ids = sorted({model.images[i].camera_id for i in model.reg_image_ids()})
+    lenses = lenses_of(model, camera_ids, known)
+    free = [lens for lens in lenses if lens.freedom]
+    if not free:
+        return None
+    image_ids = covisible(model, [[camera_ids[c] for c in lens.cameras] for lens in free], MOST_IMAGES)
+    block, _ = block_of(model, image_ids, camera_ids)
+    if len(block.points) < FEWEST_POINTS:
+        return None
+    before = [known.cameras[i] for i in camera_ids]
+    return lenses, image_ids, camera_ids, Chooser(block.of_points(thinned(block, _TO_CHOOSE)), before)
 
 
 def lenses_of(model: pycolmap.Reconstruction, camera_ids: Sequence[int], known: Known) -> tuple[Lens, ...]:

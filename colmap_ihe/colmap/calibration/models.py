@@ -7,19 +7,27 @@ from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
-from colmap_ihe.colmap.calibration.calibrate import Calibration, Known, calibrate
+from colmap_ihe.colmap.calibration.calibrate import Calibration, Known, apart, calibrate
 from colmap_ihe.colmap.calibration.rebuild import Triangulation
 from colmap_ihe.colmap.native import pycolmap
+from colmap_ihe.colmap.part_databases import copy_with_cameras
 from colmap_ihe.machine.progress import Progress
 
 Models = list[pycolmap.Reconstruction]
 Calibrations = list[Calibration | None]
+Groups = list[list[str]]
+MapAgain = Callable[[Path], Models]
 
 
 def known_of(database: Path, known: Known) -> Known:
-    """Return what is known with the cameras of a database."""
+    """Return what is known with the cameras of a database. Those without a focal length from EXIF are only assumed to
+    have taken all their images, if that is to be checked."""
     with pycolmap.Database.open(database) as opened:
-        return replace(known, cameras={camera.camera_id: camera for camera in opened.read_all_cameras()})
+        cameras = {int(camera.camera_id): camera for camera in opened.read_all_cameras()}
+    unproved = frozenset(i for i, camera in cameras.items() if not camera.has_prior_focal_length)
+    return replace(
+        known, cameras=cameras, assumed=unproved - known.held if known.check_shared else frozenset()
+    )
 
 
 def calibrate_models(
@@ -27,29 +35,63 @@ def calibrate_models(
     database: Path,
     known: Known,
     settings: pycolmap.IncrementalPipelineOptions,
-    map_again: Callable[[Path], Models],
+    map_again: MapAgain,
+    scratch: Path,
+    progress: Progress,
+) -> tuple[Models, Calibrations, Groups]:
+    """Return the models with their cameras calibrated, what came of it, and the images by name in groups of one camera
+    each, where a camera was only assumed to have taken them all and clearly had not.
+
+    `settings` of COLMAP's mapper say how points are triangulated and filtered. Then, and where a lens is another than
+    COLMAP's model shows, `map_again` maps by a copy of the database in `scratch` with the cameras found, and returns
+    models, that of most images first. They count unless they have fewer images.
+    """
+    known = known_of(database, known)
+    groups: Groups = []
+    if known.assumed:
+        groups = apart(models[0], known)
+        if groups:
+            models, database, known, groups = _mapped_apart(
+                models, database, known, groups, map_again, scratch
+            )
+    found = [_calibrated(model, database, known, settings, progress) for model in models]
+    if found[0] is not None and found[0].other_lens:
+        models, found = _mapped_again(models, found, database, known, settings, map_again, scratch, progress)
+    return models, found, groups
+
+
+def _mapped_apart(
+    models: Models, database: Path, known: Known, groups: Groups, map_again: MapAgain, scratch: Path
+) -> tuple[Models, Path, Known, Groups]:
+    """Return the models mapped with a camera for each group of images, unless these are fewer then."""
+    copy = scratch / "cameras-apart.db"
+    copy_with_cameras(database, copy, groups)
+    again = map_again(copy)
+    if not again or again[0].num_reg_images() < models[0].num_reg_images():
+        return models, database, known, []
+    return again, copy, known_of(copy, replace(known, check_shared=False)), groups
+
+
+def _mapped_again(
+    models: Models,
+    found: Calibrations,
+    database: Path,
+    known: Known,
+    settings: pycolmap.IncrementalPipelineOptions,
+    map_again: MapAgain,
     scratch: Path,
     progress: Progress,
 ) -> tuple[Models, Calibrations]:
-    """Return the models with their cameras calibrated, and what came of it.
-
-    `settings` of COLMAP's mapper say how points are triangulated and filtered. Where a lens is another than COLMAP's
-    model shows, `map_again` maps by a copy of the database in `scratch` whose cameras are those found, which places
-    more photographs, and these models are calibrated; unless fewer photographs were placed.
-    """
-    known = known_of(database, known)
-    first = [_calibrated(model, database, known, settings, progress) for model in models]
-    found = first[0]
-    if found is None or not found.other_lens:
-        return models, first
-    copy = scratch / "found-cameras.db"
+    """Return the models mapped and calibrated by the cameras found, unless these have fewer images then."""
+    first = found[0]
+    assert first is not None
+    copy = scratch / "cameras-found.db"
     shutil.copyfile(database, copy)
-    _start_from(copy, models[0], found)
+    _start_from(copy, models[0], first)
     again = map_again(copy)
-    again.sort(key=lambda model: (-model.num_reg_images(), -model.num_points3D()))
     if not again or again[0].num_reg_images() < models[0].num_reg_images():
-        return models, first
-    starts = replace(known, starts=found.freedoms)
+        return models, found
+    starts = replace(known, starts=first.freedoms)
     return again, [_calibrated(model, database, starts, settings, progress) for model in again]
 
 

@@ -33,13 +33,14 @@ def cameras_of(folder: Path, database: Path) -> list[SolvedCamera]:
     """Return the cameras of the model in `folder`, that of most images first."""
     model = pycolmap.Reconstruction(folder)
     with pycolmap.Database.open(database) as opened:
-        before = {camera.camera_id: camera for camera in opened.read_all_cameras()}
+        cameras_before = {camera.camera_id: camera for camera in opened.read_all_cameras()}
+        before = {str(i.name): cameras_before[i.camera_id] for i in opened.read_all_images()}
     names: dict[int, list[str]] = defaultdict(list)
     for number in model.reg_image_ids():
         names[model.images[number].camera_id].append(str(model.images[number].name))
     cameras = []
     for number, images in sorted(names.items(), key=lambda n: (-len(n[1]), n[0])):
-        camera, prior = model.cameras[number], before[number]
+        camera, prior = model.cameras[number], before[images[0]]
         known = prior.mean_focal_length() if prior.has_prior_focal_length else None
         aspect = camera.focal_length_x / camera.focal_length_y
         cameras.append(SolvedCamera(tuple(sorted(images)), known, camera.mean_focal_length(), aspect))

@@ -22,6 +22,7 @@ from colmap_ihe.pipeline.given_calibration import held_cameras
 from colmap_ihe.pipeline.resource_needs import BASE_BYTES, Known, PhotoSetSize, StageNeeds
 from colmap_ihe.pipeline.stage import Count, Record, RunContext, Stage, StageRecord, StrictModel
 from colmap_ihe.pipeline.stages.features import FEWER_FEATURES, features_an_image
+from colmap_ihe.pipeline.warnings import cameras as camera_warnings
 from colmap_ihe.pipeline.warnings import model as model_warnings
 from colmap_ihe.project.folder import Project
 from colmap_ihe.project.options import Options
@@ -79,7 +80,7 @@ def run(run: RunContext, progress: Progress) -> SparseRecord:
     images = run.records["features"]["images"]
     held = held_cameras(project, run.options, run.records["features"])
     try:
-        models, calibration = mapping.map_images(
+        mapped = mapping.map_images(
             project.database,
             project.grey,
             project.sparse,
@@ -91,18 +92,21 @@ def run(run: RunContext, progress: Progress) -> SparseRecord:
                 held=held,
                 partners=_partners(project, run.grey_names()),
                 given_model=run.options.camera.model != "auto",
+                check_shared=run.options.camera.mode == "auto" and run.options.camera.params is None,
             ),
         )
     except MappingError as error:
         reason, hint = model_warnings.why_no_model(project.database, images)
         raise MappingError(reason, hint) from error
+    models = mapped.models
     missing = sorted(by_grey[n] for n in run.grey_names() if n not in models[0].image_names)
     found_again = run.records["matches"].get("found_again", 1.0)
     warnings = model_warnings.model_warnings(
         models, project.sparse, project.database, by_grey, missing, found_again
     )
+    warnings += camera_warnings.apart_warnings([[by_grey[name] for name in group] for group in mapped.apart])
     described = [_ModelRecord(**asdict(model)) for model in models]
-    cameras, held_out = _cameras(project, calibration, held)
+    cameras, held_out = _cameras(project, mapped.calibration, held)
     return SparseRecord(
         models=described, unregistered=missing, cameras=cameras, held_out=held_out, warnings=warnings
     )

@@ -30,6 +30,19 @@ def shared_camera_warnings(assumed: Sequence[int]) -> list[str]:
     ]
 
 
+def apart_warnings(groups: Sequence[Sequence[str]]) -> list[str]:
+    """Say that photographs that were taken as by one camera came out with several focal lengths. `groups`: photographs
+    of one focal length each."""
+    if not groups:
+        return []
+    listing = "; ".join(f"{counted(len(group), 'photograph')}: {listed(group)}" for group in groups)
+    return [
+        "photographs that were taken as by one camera clearly have different focal lengths, and were mapped again with"
+        f" {len(groups)} cameras ({listing}). To say who took what, put each camera's photographs into a folder of"
+        " their own and use --set camera.mode=per_folder"
+    ]
+
+
 def calibration_warnings(use: CalibrationUse, by_grey: Mapping[str, str]) -> list[str]:
     """Warn of photographs whose camera is not in the calibration file, and of its cameras that took none. `by_grey`:
     the names of the photographs by those of their grey images."""
