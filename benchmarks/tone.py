@@ -161,7 +161,6 @@ def solved(greys: dict[str, NDArray[np.uint8]]) -> tuple[str, ...]:
             None,
             camera,
             FeaturesOptions(),
-            len(files),
             root,
             executor,
             SILENT,

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
+import numpy as np
+
 from colmap_ihe.colmap.calibration.block import block_of, thinned
 from colmap_ihe.colmap.calibration.choose import Chooser, Fit
 from colmap_ihe.colmap.calibration.covisible import covisible
@@ -57,16 +59,26 @@ class Calibration:
     other_lens: bool
 
 
+@dataclass(frozen=True)
+class Apart:
+    """Hold images, by name, in groups of one focal length each, whose camera was only assumed to have taken them."""
+
+    groups: list[list[str]]
+
+
 def calibrate(
     model: pycolmap.Reconstruction, known: Known, triangulation: Triangulation, progress: Progress = SILENT
-) -> Calibration | None:
-    """Change cameras, poses and points of a model to what its observations say of its lenses; None where no camera took
-    enough photographs, and nothing was changed."""
-    begun = _begun(model, known)
-    if begun is None:
-        return None
-    lenses, image_ids, camera_ids, chooser = begun
+) -> Calibration | Apart | None:
+    """Change cameras, poses and points of a model to what its observations say of its lenses. None where no camera took
+    enough photographs, and `Apart` where one clearly did not take all of its own: then nothing was changed."""
+    camera_ids = sorted({model.images[i].camera_id for i in model.reg_image_ids()})
+    lenses = lenses_of(model, camera_ids, known)
     free = [number for number, lens in enumerate(lenses) if lens.freedom]
+    image_ids = covisible(model, [[camera_ids[c] for c in lenses[n].cameras] for n in free], MOST_IMAGES)
+    block, _ = block_of(model, image_ids, camera_ids)
+    if not free or len(block.points) < FEWEST_POINTS:
+        return None
+    chooser = Chooser(block.of_points(thinned(block, _TO_CHOOSE)), [known.cameras[i] for i in camera_ids])
     progress.start(len(free) + 2, "calibration steps")
     with threads.limited(1):  # the matrices are small; and one thread gives the same to the bit
         base = chooser.again(chooser.fit(chooser.block, lenses, [model.cameras[i] for i in camera_ids]))
@@ -76,6 +88,11 @@ def calibrate(
             best = _calibrated(chooser, best, number, known.given_model)
             progress.advance(number in free)
             number += 1
+        assumed = [camera_ids.index(i) for i in sorted(known.assumed) if i in camera_ids]
+        # Not what only COLMAP's model sees, of a lens that it cannot show; nor as the richer one, which bent to them.
+        groups = _apart(base, assumed) if _apart(best, assumed) else []
+        if groups:
+            return Apart([[str(model.images[image_ids[i]].name) for i in group] for group in groups])
         gain = held_out(chooser, base, best)
         other_lens = base.adjusted.sigma > _OTHER_LENS * best.adjusted.sigma
         best = base if gain.worse else best
@@ -88,40 +105,15 @@ def calibrate(
     )
 
 
-def apart(model: pycolmap.Reconstruction, known: Known) -> list[list[str]]:
-    """Return the images, by name, in groups of one focal length each, of those cameras that are only assumed to have
-    taken all their images and clearly have not; none of others."""
-    begun = _begun(model, known) if known.assumed else None
-    if begun is None:
-        return []
-    lenses, image_ids, camera_ids, chooser = begun
-    groups = []
-    with threads.limited(1):
-        base = chooser.again(chooser.fit(chooser.block, lenses, [model.cameras[i] for i in camera_ids]))
-        for place, camera_id in enumerate(camera_ids):
-            taken = sum(base.adjusted.block.cameras == place)
-            if camera_id in known.assumed and taken >= FEWEST:
-                found = groups_of(*focal_lengths(base, place))
-                groups.extend(found if len(found) > 1 else [])
-    return [[str(model.images[image_ids[one.image]].name) for one in group] for group in groups]
-
-
-def _begun(
-    model: pycolmap.Reconstruction, known: Known
-) -> tuple[tuple[Lens, ...], list[int], list[int], Chooser] | None:
-    """Return a model's lenses, the ids of the images that they are calibrated by and of all its cameras, and a block of
-    them to choose by; None where there is too little."""
-    camera_ids = sorted({model.images[i].camera_id for i in model.reg_image_ids()})
-    lenses = lenses_of(model, camera_ids, known)
-    free = [lens for lens in lenses if lens.freedom]
-    if not free:
-        return None
-    image_ids = covisible(model, [[camera_ids[c] for c in lens.cameras] for lens in free], MOST_IMAGES)
-    block, _ = block_of(model, image_ids, camera_ids)
-    if len(block.points) < FEWEST_POINTS:
-        return None
-    before = [known.cameras[i] for i in camera_ids]
-    return lenses, image_ids, camera_ids, Chooser(block.of_points(thinned(block, _TO_CHOOSE)), before)
+def _apart(fit: Fit, assumed: Sequence[int]) -> list[list[int]]:
+    """Return the images of the block, by number, in groups, of each camera by its place that took several groups."""
+    counts = np.bincount(fit.adjusted.block.cameras, minlength=len(fit.cameras))
+    several = [
+        groups
+        for camera in assumed
+        if counts[camera] >= FEWEST and len(groups := groups_of(*focal_lengths(fit, camera))) > 1
+    ]
+    return [[one.image for one in group] for groups in several for group in groups]
 
 
 def lenses_of(model: pycolmap.Reconstruction, camera_ids: Sequence[int], known: Known) -> tuple[Lens, ...]:

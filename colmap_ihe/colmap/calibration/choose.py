@@ -65,9 +65,10 @@ class Chooser:
         """Return the fit with the simplest model of fisheyes for the lens of this number, if that suits it better."""
         lens = start.lenses[number]
         step = (lens.freedom.model, lens.freedom.coefficients) if lens.freedom else ()
-        focal = min(c[lens.cameras[0]].mean_focal_length() for c in (self.known, start.cameras))
-        camera = start.cameras[lens.cameras[0]]
-        if step != PERSPECTIVE[0] or np.hypot(camera.width, camera.height) / 2 < WIDE * focal:
+        first = lens.cameras[0]
+        known = self.known[first]
+        may_be_wide = not known.has_prior_focal_length or _is_wide(known) or _is_wide(start.cameras[first])
+        if step != PERSPECTIVE[0] or not may_be_wide:
             return start
         perspective, fisheye = (
             self.fit(
@@ -75,7 +76,7 @@ class Chooser:
             )
             for ladder in (PERSPECTIVE, FISHEYE)
         )
-        if _simplest_fit([perspective, fisheye]) == 0:
+        if not _is_wide(fisheye.cameras[first]) or _simplest_fit([perspective, fisheye]) == 0:
             return start
         return self.again(
             self.fit(
@@ -135,6 +136,10 @@ class Chooser:
             part = gradient[columns]
             gains.append(float(part @ np.linalg.solve(matrix[np.ix_(columns, columns)], part)))
         return gains
+
+
+def _is_wide(camera: pycolmap.Camera) -> bool:
+    return bool(np.hypot(camera.width, camera.height) / 2 > WIDE * camera.mean_focal_length())
 
 
 def simplest(costs: Sequence[float], parameters: Sequence[int]) -> int:

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import shutil
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from colmap_ihe.colmap.calibration.calibrate import Calibration, Known, apart, calibrate
+from colmap_ihe.colmap.calibration.calibrate import Apart, Calibration, Known, calibrate
 from colmap_ihe.colmap.calibration.rebuild import Triangulation
 from colmap_ihe.colmap.native import pycolmap
 from colmap_ihe.colmap.part_databases import copy_with_cameras
@@ -15,6 +15,7 @@ from colmap_ihe.machine.progress import Progress
 
 Models = list[pycolmap.Reconstruction]
 Calibrations = list[Calibration | None]
+Outcomes = Sequence[Calibration | Apart | None]
 Groups = list[list[str]]
 MapAgain = Callable[[Path], Models]
 
@@ -48,43 +49,36 @@ def calibrate_models(
     """
     known = known_of(database, known)
     groups: Groups = []
-    if known.assumed:
-        groups = apart(models[0], known)
-        if groups:
-            models, database, known, groups = _mapped_apart(
-                models, database, known, groups, map_again, scratch
-            )
-    found = [_calibrated(model, database, known, settings, progress) for model in models]
-    if found[0] is not None and found[0].other_lens:
+    found: Outcomes = [_calibrated(model, database, known, settings, progress) for model in models]
+    if isinstance(found[0], Apart):
+        groups, copy = found[0].groups, scratch / "cameras-apart.db"
+        copy_with_cameras(database, copy, groups)
+        again = map_again(copy)
+        if again and again[0].num_reg_images() >= models[0].num_reg_images():
+            models, database = again, copy
+        else:
+            groups = []
+    if any(isinstance(one, Apart) for one in found):
+        known = known_of(database, replace(known, check_shared=False))
+        found = [_calibrated(model, database, known, settings, progress) for model in models]
+    if isinstance(found[0], Calibration) and found[0].other_lens:
         models, found = _mapped_again(models, found, database, known, settings, map_again, scratch, progress)
-    return models, found, groups
-
-
-def _mapped_apart(
-    models: Models, database: Path, known: Known, groups: Groups, map_again: MapAgain, scratch: Path
-) -> tuple[Models, Path, Known, Groups]:
-    """Return the models mapped with a camera for each group of images, unless these are fewer then."""
-    copy = scratch / "cameras-apart.db"
-    copy_with_cameras(database, copy, groups)
-    again = map_again(copy)
-    if not again or again[0].num_reg_images() < models[0].num_reg_images():
-        return models, database, known, []
-    return again, copy, known_of(copy, replace(known, check_shared=False)), groups
+    return models, [one if isinstance(one, Calibration) else None for one in found], groups
 
 
 def _mapped_again(
     models: Models,
-    found: Calibrations,
+    found: Outcomes,
     database: Path,
     known: Known,
     settings: pycolmap.IncrementalPipelineOptions,
     map_again: MapAgain,
     scratch: Path,
     progress: Progress,
-) -> tuple[Models, Calibrations]:
+) -> tuple[Models, Outcomes]:
     """Return the models mapped and calibrated by the cameras found, unless these have fewer images then."""
     first = found[0]
-    assert first is not None
+    assert isinstance(first, Calibration)
     copy = scratch / "cameras-found.db"
     shutil.copyfile(database, copy)
     _start_from(copy, models[0], first)
@@ -110,7 +104,7 @@ def _calibrated(
     known: Known,
     settings: pycolmap.IncrementalPipelineOptions,
     progress: Progress,
-) -> Calibration | None:
+) -> Calibration | Apart | None:
     options = pycolmap.DatabaseCacheOptions(
         min_num_matches=settings.min_num_matches,
         ignore_watermarks=settings.ignore_watermarks,
