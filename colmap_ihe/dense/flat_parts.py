@@ -68,10 +68,10 @@ def _counted_as_it_is(camera: pycolmap.Camera) -> pycolmap.Camera:
     if camera.is_undistorted():
         pinhole = [camera.focal_length_x, camera.focal_length_y]
         pinhole += [camera.principal_point_x, camera.principal_point_y]
-        copy.model, copy.params = pycolmap.CameraModelId.PINHOLE, np.array(pinhole)
+        copy.model, copy.params = pycolmap.CameraModelId.PINHOLE, pinhole
         if camera.is_perspective_fisheye():
             copy.model = pycolmap.CameraModelId.OPENCV_FISHEYE
-            copy.params = np.array([*pinhole, _NOT_ZERO, 0.0, 0.0, 0.0])
+            copy.params = [*pinhole, _NOT_ZERO, 0.0, 0.0, 0.0]
     return copy
 
 
@@ -86,7 +86,7 @@ def write_model(model: pycolmap.Reconstruction, parts: Mapping[int, FlatPart], f
                 point.xy = point.xy - (part.left, part.top)
     for camera_id, part in parts.items():
         camera = part_model.cameras[camera_id]
-        camera.model, camera.params = part.camera.model, part.camera.params
+        camera.model, camera.params = part.camera.model, list(part.camera.params)
         camera.width, camera.height = part.camera.width, part.camera.height
     folder.mkdir(parents=True)
     part_model.write(folder)

@@ -174,9 +174,13 @@ def _undistort_masks(
     """Write the mask of each image, black wherever any black had a part in a pixel."""
     progress.start(len(parts), "undistorted masks")
     for name, part in parts.items():
-        mask = pycolmap.Bitmap.from_array(part.of(read_grey(masks_dir / f"{name}.png")))
-        undistorted, _ = pycolmap.undistort_image(options, mask, part.camera)
-        values = undistorted.to_array().reshape(undistorted.height, undistorted.width)
+        values = part.of(read_grey(masks_dir / f"{name}.png"))
+        flat = pycolmap.undistort_camera(options, part.camera)
+        if not part.camera.is_undistorted() or (flat.width, flat.height) != values.shape[::-1]:
+            undistorted, _ = pycolmap.undistort_image(
+                options, pycolmap.Bitmap.from_array(values), part.camera
+            )
+            values = undistorted.to_array().reshape(flat.height, flat.width)
         black_and_white = np.where(values == _WHITE, values, np.uint8(0))
         write_bytes(mask_of(dense_dir, name), encode_png(black_and_white))
         progress.advance()

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 
 import cv2
@@ -81,7 +82,7 @@ class Lens:
     def rays(self, pixels: Float64) -> Float64:
         """(N, 3), at depth one: what is seen at pixels (N, 2)."""
         undistort = cv2.fisheye.undistortPoints if self.is_fisheye else cv2.undistortPoints
-        criteria = (cv2.TERM_CRITERIA_COUNT + cv2.TERM_CRITERIA_EPS, 200, 1e-12)
+        criteria = (cv2.TERM_CRITERIA_COUNT + cv2.TERM_CRITERIA_EPS, 50, 1e-10)
         points = pixels.reshape(-1, 1, 2).astype(np.float64)
         flat = undistort(points, self._matrix(), self._coefficients(), criteria=criteria)
         return np.column_stack([flat.reshape(-1, 2), np.ones(len(pixels))])
@@ -95,10 +96,10 @@ def fisheye(
     return Lens(model, (focal, focal), distortion)
 
 
-def ramp(points: Float64) -> Float64:
-    """(N, 3): the colour of the wall at points (N, 3)."""
+def colour(points: Float64) -> Float64:
+    """(N, 3): the colour of the wall at points (N, 3), which changes by up to 2 to 4 a pixel."""
     x, y, _ = points.T
-    return np.stack([128 + 12 * x, 128 + 15 * y, 128 - 6 * x + 6 * y], axis=1)
+    return np.asarray(128 + 100 * np.sin(np.stack([2 * x, 2 * y, 1.4 * (x + y)], axis=1)))
 
 
 def wall_depth(view: PinholeCamera, rays: Float64) -> Float64:
@@ -109,9 +110,11 @@ def wall_depth(view: PinholeCamera, rays: Float64) -> Float64:
 def seen(view: PinholeCamera, rays: Float64) -> tuple[Float64, Float64]:
     """The points of the wall (N, 3) that rays hit, and their grey values (N,), between texels by cubic splines."""
     points = (rays * wall_depth(view, rays)[:, None]) @ view.rotation + view.centre
-    place = ((points - WALL.origin)[:, :2] + WALL.half) * _TEXELS - 0.5
-    x, y = place.astype(np.float32).reshape(-1, 16, 2).transpose(2, 0, 1)
-    return points, cv2.remap(WALL.texture_u8, x, y, cv2.INTER_CUBIC).ravel().astype(np.float64)
+    place = (((points - WALL.origin)[:, :2] + WALL.half) * _TEXELS - 0.5).astype(np.float32)
+    parts = np.array_split(place, len(place) // 30_000 + 1)  # OpenCV takes no more than 32,766 rows
+    x_and_y = [(np.ascontiguousarray(part[:, :1]), np.ascontiguousarray(part[:, 1:])) for part in parts]
+    grey = [cv2.remap(WALL.texture_u8, x, y, cv2.INTER_CUBIC) for x, y in x_and_y]
+    return points, np.concatenate(grey).ravel().astype(np.float64)
 
 
 def centres(size: tuple[int, int]) -> Float64:
@@ -120,17 +123,23 @@ def centres(size: tuple[int, int]) -> Float64:
     return np.stack([columns.ravel(), rows.ravel()], axis=1)
 
 
+@cache
+def photograph_rays(lens: Lens) -> Float64:
+    """(W * H, 3), at depth one: what is seen at the pixels of a photograph."""
+    return lens.rays(centres(SIZE))
+
+
 def make_project(root: Path, lenses: Mapping[str, Lens]) -> None:
     """sparse/, grey/ and colour/ below `root`: each photograph of `POSES` through the lens of its name."""
     for name, lens in lenses.items():
-        points, grey = seen(POSES[name], lens.rays(centres(SIZE)))
-        for folder, values in (("grey", grey), ("colour", ramp(points))):
+        points, grey = seen(POSES[name], photograph_rays(lens))
+        for folder, values in (("grey", grey), ("colour", colour(points))):
             path = root / folder / name
             path.parent.mkdir(parents=True, exist_ok=True)
             pixels = np.clip(np.rint(values), 0, 255).astype(np.uint8)
             Image.fromarray(pixels.reshape(SIZE[1], SIZE[0], *values.shape[1:])).save(path)
     (root / "sparse").mkdir()
-    _model(lenses).write(root / "sparse")
+    model_of(lenses).write(root / "sparse")
 
 
 def points_of_the_wall(count: int, seed: int = 3) -> Float64:
@@ -143,7 +152,8 @@ def in_camera(view: PinholeCamera, points: Float64) -> Float64:
     return np.asarray(points @ view.rotation.T + view.cam_from_world[:, 3])
 
 
-def _model(lenses: Mapping[str, Lens]) -> pycolmap.Reconstruction:
+def model_of(lenses: Mapping[str, Lens]) -> pycolmap.Reconstruction:
+    """The wall, photographed from `POSES` through the lenses of these names, as a sparse model without an error."""
     model = pycolmap.Reconstruction()
     points = points_of_the_wall(1500)
     tracks = [pycolmap.Track() for _ in points]
