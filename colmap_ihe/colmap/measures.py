@@ -50,8 +50,9 @@ def rms_px(folder: Path) -> float:
             continue
         world = np.array([model.points3D[p.point3D_id].xyz for p in observations])
         projected = model.cameras[image.camera_id].img_from_cam(image.cam_from_world() * world)
-        squared += float(np.nansum((np.array([p.xy for p in observations]) - projected) ** 2))
-        count += len(observations)
+        squares = ((np.array([p.xy for p in observations]) - projected) ** 2).sum(axis=1)
+        squared += float(np.nansum(squares))
+        count += int(np.isfinite(squares).sum())  # a point behind the camera is nowhere in its picture
     return (squared / count) ** 0.5 if count else float("nan")
 
 

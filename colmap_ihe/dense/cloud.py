@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from concurrent.futures import Executor
 from pathlib import Path
 from typing import Any
 
+from colmap_ihe.colmap.field_of_view import WIDEST_DEGREES
 from colmap_ihe.dense.backend import patchmatch_depth_maps, pick_backend
 from colmap_ihe.dense.cost import dense_cost
 from colmap_ihe.dense.depth_maps import sgm_depth_maps
+from colmap_ihe.dense.flat_parts import FlatPart
 from colmap_ihe.dense.fusion import FUSION_BYTES, fuse
 from colmap_ihe.dense.undistort import sizes_of, undistort
 from colmap_ihe.errors import MappingError
@@ -18,7 +20,7 @@ from colmap_ihe.machine import memory
 from colmap_ihe.machine.executor import shares_memory, width_of
 from colmap_ihe.machine.progress import Progress
 from colmap_ihe.machine.threads import local_workers
-from colmap_ihe.machine.words import listed
+from colmap_ihe.machine.words import counted, listed
 from colmap_ihe.project.options import DenseOptions
 
 logger = logging.getLogger(__name__)
@@ -42,7 +44,7 @@ def dense_cloud(
     The folder `masks` may be missing. `require_room` is called with the bytes that will be written, and may raise.
     Raises `MappingError` for a model of fewer than two images, and other `KnownError`s.
     """
-    sizes = sizes_of(sparse_model)
+    sizes = sizes_of(sparse_model, options.max_image_size)
     if len(sizes) < 2:
         raise MappingError(
             "dense stereo needs two registered photographs, the model has one",
@@ -53,8 +55,9 @@ def dense_cloud(
     logger.info("%s", cost.in_words())
     require_room(cost.disk_bytes)
     size = options.max_image_size
-    undistort(sparse_model, grey, colour, dense_dir, masks_dir=masks, max_image_size=size, progress=progress)
-    record: dict[str, Any] = {"backend": cost.backend, "warnings": []}
+    folders = (sparse_model, grey, colour, dense_dir)
+    parts = undistort(*folders, masks_dir=masks, max_image_size=size, progress=progress)
+    record: dict[str, Any] = {"backend": cost.backend, "warnings": _cut_warnings(parts)}
     if cost.backend == "sgm":
         at_once = cost.at_once if shares_memory(executor) else 2 * width_of(executor)
         counts = sgm_depth_maps(dense_dir, executor=executor, at_once=at_once, progress=progress)
@@ -69,6 +72,18 @@ def dense_cloud(
     if not points:
         record["warnings"].append("no point of the depth maps was confirmed: the cloud is empty")
     return {**record, "points": points}
+
+
+def _cut_warnings(parts: Mapping[str, FlatPart]) -> list[str]:
+    """Name the photographs that are too wide, or whose model is too uncertain, to be laid flat as a whole."""
+    cut = {name: part.share for name, part in sorted(parts.items()) if not part.is_whole}
+    if not cut:
+        return []
+    return [
+        f"dense stereo uses only the middle of {counted(len(cut), 'photograph')}, {min(cut.values()):.0%} of the pixels"
+        f" or more: outside, the lens sees more than {WIDEST_DEGREES:.0f} degrees from its axis, or its calibration"
+        f" does not hold: {listed(cut)}"
+    ]
 
 
 def fusion_share(free: int) -> int:

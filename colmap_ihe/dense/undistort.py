@@ -9,15 +9,18 @@ grid: there matching happens. `dense_dir/masks` holds a mask for each image, bla
 from __future__ import annotations
 
 import shutil
+from collections.abc import Callable, Mapping
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
+from PIL import Image
 
 from colmap_ihe.colmap.native import called, pycolmap
+from colmap_ihe.dense.flat_parts import FlatPart, flat_part, write_model
 from colmap_ihe.errors import ProjectError
 from colmap_ihe.machine import memory
-from colmap_ihe.machine.files import require_same_folder, write_bytes
+from colmap_ihe.machine.files import link_or_copy, require_same_folder, write_bytes
 from colmap_ihe.machine.progress import SILENT, Progress
 from colmap_ihe.machine.threads import local_workers
 from colmap_ihe.photographs.png import encode_png
@@ -25,7 +28,9 @@ from colmap_ihe.photographs.png import encode_png
 UNDISTORT_BYTES_A_PIXEL = 8
 """Of a photograph in colour on its way, a thread: 4 to 7 measured with `benchmarks/limits.py threads`."""
 _WHITE = 255
+_QUALITY = 98  # of a part of a JPEG, on its way
 _CONTENTS = ("images", "sparse", "masks", "grey/images", "grey/sparse")
+_PARTS = ".parts"
 
 
 def undistort(
@@ -37,50 +42,94 @@ def undistort(
     masks_dir: Path | None = None,
     max_image_size: int = -1,
     progress: Progress = SILENT,
-) -> int:
-    """Write both workspaces anew from a sparse model with its grey and colour images; return their number.
+) -> dict[str, FlatPart]:
+    """Write both workspaces anew from a sparse model with its grey and colour images; return what of each is in them.
 
     `masks_dir`, where it exists, has COLMAP's mask of each image, NAME.png. Depth maps are left.
     `max_image_size` bounds the longer side in pixels, -1 for none. Raises `ProjectError` if an image of the model
-    has no grey or no colour file, before or after.
+    has no grey or no colour file, before or after, `MappingError` for a camera of which nothing can be laid flat.
     """
-    for folder in _CONTENTS:  # quickly, and not atomically
+    for folder in (*_CONTENTS, _PARTS):  # quickly, and not atomically
         shutil.rmtree(dense_dir / folder, ignore_errors=True)
     model = pycolmap.Reconstruction(sparse_model)
-    names = [model.images[image_id].name for image_id in model.reg_image_ids()]
-    options = pycolmap.UndistortCameraOptions(max_image_size=max_image_size)
-    cameras = model.cameras.values()
-    bytes_a_thread = UNDISTORT_BYTES_A_PIXEL * max((c.width * c.height for c in cameras), default=0)
-    threads = memory.workers_for("undistortion", bytes_a_thread, local_workers())
-    workspaces = {dense_dir / "grey": grey_dir, dense_dir: colour_dir}
+    cameras = _flat_cameras(model)
+    parts = {image.name: cameras[image.camera_id] for image in _registered(model)}
+    options = _options(max_image_size)
+    largest = max((_pixels(part.camera, options) for part in parts.values()), default=0)
+    threads = memory.workers_for("undistortion", UNDISTORT_BYTES_A_PIXEL * largest, local_workers())
+    require_same_folder(dense_dir)
+    workspaces = {dense_dir / "grey": (grey_dir, read_grey), dense_dir: (colour_dir, read_colour)}
     progress.start(len(workspaces), "undistorted sets")
-    for workspace, images in workspaces.items():
-        _require_files(images, names)
-        require_same_folder(workspace)
-        workspace.mkdir(parents=True, exist_ok=True)
-        called(
-            pycolmap.undistort_images,
-            workspace,
-            sparse_model,
-            images,
-            undistort_options=options,
-            num_threads=threads,
-            progress=progress,
-        )
-        _require_files(workspace / "images", names)
-        progress.advance()
+    try:
+        write_model(model, cameras, dense_dir / _PARTS / "sparse")
+        for workspace, (photographs, read) in workspaces.items():
+            _require_files(photographs, list(parts))
+            require_same_folder(workspace)
+            workspace.mkdir(parents=True, exist_ok=True)
+            called(
+                pycolmap.undistort_images,
+                workspace,
+                dense_dir / _PARTS / "sparse",
+                _cut(photographs, parts, dense_dir / _PARTS / "images", read),
+                undistort_options=options,
+                num_threads=threads,
+                progress=progress,
+            )
+            _require_files(workspace / "images", list(parts))
+            progress.advance()
+    finally:
+        shutil.rmtree(dense_dir / _PARTS, ignore_errors=True)
     for file in sorted(p for p in (dense_dir / "sparse").iterdir() if p.is_file()):
         write_bytes(dense_dir / "sparse" / "0" / file.name, file.read_bytes())
     if masks_dir is not None and masks_dir.is_dir():
-        _undistort_masks(masks_dir, dense_dir, model, options, progress)
-    return len(names)
+        _undistort_masks(masks_dir, dense_dir, parts, options, progress)
+    return parts
 
 
-def sizes_of(sparse_model: Path) -> list[tuple[int, int]]:
-    """Return width and height in pixels of every registered image of a model."""
+def sizes_of(sparse_model: Path, max_image_size: int = -1) -> list[tuple[int, int]]:
+    """Return width and height in pixels that every registered image of a model has when it is undistorted. Raises
+    `MappingError` for a camera of which nothing can be laid flat."""
     model = pycolmap.Reconstruction(sparse_model)
-    cameras = [model.cameras[model.images[i].camera_id] for i in model.reg_image_ids()]
+    options = _options(max_image_size)
+    flat = {n: pycolmap.undistort_camera(options, part.camera) for n, part in _flat_cameras(model).items()}
+    cameras = [flat[image.camera_id] for image in _registered(model)]
     return [(camera.width, camera.height) for camera in cameras]
+
+
+def _registered(model: pycolmap.Reconstruction) -> list[pycolmap.Image]:
+    return [model.images[image_id] for image_id in model.reg_image_ids()]
+
+
+def _flat_cameras(model: pycolmap.Reconstruction) -> dict[int, FlatPart]:
+    numbers = sorted({image.camera_id for image in _registered(model)})
+    return {number: flat_part(model.cameras[number]) for number in numbers}
+
+
+def _options(max_image_size: int) -> pycolmap.UndistortCameraOptions:
+    return pycolmap.UndistortCameraOptions(max_image_size=max_image_size)
+
+
+def _pixels(camera: pycolmap.Camera, options: pycolmap.UndistortCameraOptions) -> int:
+    """Return the pixels of a photograph or of what is made of it, whichever are more."""
+    flat = pycolmap.undistort_camera(options, camera)
+    return int(max(camera.width * camera.height, flat.width * flat.height))
+
+
+def _cut(
+    photographs: Path, parts: Mapping[str, FlatPart], folder: Path, read: Callable[[Path], NDArray[np.uint8]]
+) -> Path:
+    """Return a folder with the parts of the photographs: their own where all are whole, else `folder`, made anew."""
+    if all(part.is_whole for part in parts.values()):
+        return photographs
+    shutil.rmtree(folder, ignore_errors=True)
+    for name, part in parts.items():
+        if part.is_whole:
+            link_or_copy(photographs / name, folder / name)
+        else:
+            (folder / name).parent.mkdir(parents=True, exist_ok=True)
+            picture = Image.fromarray(part.of(read(photographs / name)))
+            picture.save(folder / name, quality=_QUALITY, compress_level=1)
+    return folder
 
 
 def mask_of(dense_dir: Path, name: str) -> Path:
@@ -118,18 +167,22 @@ def _read(path: Path, *, as_rgb: bool) -> NDArray[np.uint8]:
 def _undistort_masks(
     masks_dir: Path,
     dense_dir: Path,
-    model: pycolmap.Reconstruction,
+    parts: Mapping[str, FlatPart],
     options: pycolmap.UndistortCameraOptions,
     progress: Progress,
 ) -> None:
     """Write the mask of each image, black wherever any black had a part in a pixel."""
-    progress.start(len(model.reg_image_ids()), "undistorted masks")
-    for image in (model.images[image_id] for image_id in model.reg_image_ids()):
-        mask = pycolmap.Bitmap.from_array(read_grey(masks_dir / f"{image.name}.png"))
-        undistorted, _ = pycolmap.undistort_image(options, mask, model.cameras[image.camera_id])
-        values = undistorted.to_array().reshape(undistorted.height, undistorted.width)
+    progress.start(len(parts), "undistorted masks")
+    for name, part in parts.items():
+        values = part.of(read_grey(masks_dir / f"{name}.png"))
+        flat = pycolmap.undistort_camera(options, part.camera)
+        if not part.camera.is_undistorted() or (flat.width, flat.height) != values.shape[::-1]:
+            undistorted, _ = pycolmap.undistort_image(
+                options, pycolmap.Bitmap.from_array(values), part.camera
+            )
+            values = undistorted.to_array().reshape(flat.height, flat.width)
         black_and_white = np.where(values == _WHITE, values, np.uint8(0))
-        write_bytes(mask_of(dense_dir, image.name), encode_png(black_and_white))
+        write_bytes(mask_of(dense_dir, name), encode_png(black_and_white))
         progress.advance()
 
 

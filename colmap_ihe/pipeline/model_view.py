@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from colmap_ihe.colmap.field_of_view import certain_box, pixels_of
 from colmap_ihe.colmap.measures import images_seeing, upright
 from colmap_ihe.colmap.native import pycolmap
 from colmap_ihe.dense.ply import read_ply
@@ -76,12 +77,16 @@ class ModelView:
         return self._shuffled(points, colours, most, len(rows))
 
     def camera(self, name: str) -> tuple[_F32, _F32]:
-        """Return centre (3,) and corners (4, 3) of the picture before it, from the top left clockwise."""
+        """Return centre (3,) and corners (4, 3) of the picture before it, from the top left clockwise, each on the ray
+        of its pixel. Of a picture that is too wide to be flat they are those of its middle."""
         image = self._model.images[self._by_name[name]]
         camera = self._model.cameras[image.camera_id]
-        edges = np.array([(0, 0), (1, 0), (1, 1), (0, 1)]) * (camera.width, camera.height)
-        middle = (camera.principal_point_x, camera.principal_point_y)
-        rays = np.column_stack([(edges - middle) / camera.mean_focal_length(), np.ones(4)])
+        left, top, right, bottom = certain_box(camera)
+        if camera.is_spherical():  # whose corners are all straight above and below
+            left, top, right, bottom = np.array([3, 3, 5, 5]) / 8 * np.tile([camera.width, camera.height], 2)
+        corners = np.array([(left, top), (right, top), (right, bottom), (left, bottom)], np.float64)
+        rays = np.asarray(camera.cam_ray_from_img(corners))
+        rays = rays / rays[:, 2:]
         depth = _FRUSTUM * self._size / max(1.0, float(np.abs(rays[:, 0]).max()))
         world_from_cam = image.cam_from_world().inverse()
         return self._moved(world_from_cam.translation), self._moved(world_from_cam * (rays * depth))
@@ -115,11 +120,12 @@ def cloud_as_seen(cloud: Path, model: Path, name: str, longest: int) -> _U8:
     rows = read_ply(cloud)["vertex"]
     seen = image.cam_from_world() * np.stack([rows[axis] for axis in "xyz"], axis=1).astype(np.float64)
     rows, seen = rows[seen[:, 2] > 0], seen[seen[:, 2] > 0]
-    column, row = (camera.img_from_cam(seen) * scale).astype(np.intp).T
-    inside = (column >= 0) & (column < width) & (row >= 0) & (row < height)
-    order = np.flatnonzero(inside)[np.argsort(-seen[inside, 2], kind="stable")]
+    places = pixels_of(camera, seen) * scale
+    order = np.argsort(-seen[:, 2], kind="stable")
+    order = order[np.isfinite(places[order, 0])]
+    column, row = np.minimum(places[order].astype(np.intp), (width - 1, height - 1)).T
     drawn = np.full((height, width, 3), 255, np.uint8)
-    drawn[row[order], column[order]] = np.stack([rows[c][order] for c in _RGB], axis=1)
+    drawn[row, column] = np.stack([rows[c][order] for c in _RGB], axis=1)
     return drawn
 
 

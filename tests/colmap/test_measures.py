@@ -2,11 +2,17 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
+import lenses
+import numpy as np
+import pytest
 from doubled import doubled_model
+from lenses import POSES, Lens, fisheye
 
 from colmap_ihe.colmap.checks.repeated_structure import _Points
 from colmap_ihe.colmap.mapping import describe
-from colmap_ihe.colmap.measures import images_seeing
+from colmap_ihe.colmap.measures import images_seeing, rms_px
 
 MODEL = doubled_model([1, 2, 3, 4], [1, 2, 3, 3], [1, 1, 2])
 
@@ -24,3 +30,31 @@ def test_points_over_three_views_are_seen_in_four_images() -> None:
 
 def test_a_point_that_two_images_see_is_expected_in_no_other() -> None:
     assert _Points(MODEL).is_long.tolist() == [True, True, False]
+
+
+def test_the_error_of_a_model_of_several_lenses(tmp_path: Path) -> None:
+    """All observations 0.3 pixels to the right and 0.4 down of where the point is, which is half a pixel."""
+    chosen = [
+        Lens("OPENCV", (330, 333), (-0.12, 0.03, 0.002, -0.001)),
+        Lens("SIMPLE_RADIAL", (330, 330), (-0.1,)),
+        fisheye(120, "RADIAL_FISHEYE", (-0.02, 0.004)),
+        fisheye(100),
+    ]
+    model = lenses.model_of(dict(zip(POSES, chosen, strict=True)))
+    model.write(tmp_path)
+    assert rms_px(tmp_path) < 1e-6
+    for image in model.images.values():
+        for point in image.points2D:
+            point.xy = point.xy + np.array([0.3, 0.4])
+    model.write(tmp_path)
+    assert rms_px(tmp_path) == pytest.approx(0.5)
+
+
+def test_a_point_behind_a_camera_has_no_error(tmp_path: Path) -> None:
+    model = doubled_model([1, 2], [1, 2], images=2)
+    for image in model.images.values():
+        for point in image.points2D:
+            point.xy = image.project_point(model.points3D[point.point3D_id].xyz) + np.array([0.3, 0.4])
+    model.points3D[1].xyz = np.array([0.0, 0.0, -9.0])
+    model.write(tmp_path)
+    assert rms_px(tmp_path) == pytest.approx(0.5)

@@ -109,3 +109,13 @@ def test_images_are_pooled_by_pixels(image: TrueImage) -> None:
     assert both.all.right_percent == pytest.approx(50)
     assert both.median_percent == right.median_percent
     assert np.isnan(nothing.median_percent)
+
+
+def test_an_undistorted_camera_off_the_middle_is_compared_ray_by_ray(image: TrueImage) -> None:
+    """Of another size, with another focal length across than down, and its principal point 3 % off, both ways."""
+    calibration = np.array(((250.0, 0, 150 - 9), (0, 240, 100 + 9), (0, 0, 1)))
+    errors = depth_errors(slanted(calibration, 300, 200), calibration, image, 1.0)
+    assert errors.median_percent < 0.3  # half a true pixel
+    assert errors.all.right_percent > 99.9
+    middle = np.array(((250.0, 0, 150), (0, 240, 100), (0, 0, 1)))
+    assert depth_errors(slanted(calibration, 300, 200), middle, image, 1.0).median_percent > 1.5

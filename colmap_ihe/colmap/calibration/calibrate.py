@@ -72,6 +72,8 @@ def calibrate(
     """Change cameras, poses and points of a model to what its observations say of its lenses. None where no camera took
     enough photographs, and `Apart` where one clearly did not take all of its own: then nothing was changed."""
     camera_ids = sorted({model.images[i].camera_id for i in model.reg_image_ids()})
+    if any(model.cameras[i].is_spherical() for i in camera_ids):
+        return None  # a panorama has no focal length
     lenses = lenses_of(model, camera_ids, known)
     free = [number for number, lens in enumerate(lenses) if lens.freedom]
     image_ids = covisible(model, [[camera_ids[c] for c in lenses[n].cameras] for n in free], MOST_IMAGES)

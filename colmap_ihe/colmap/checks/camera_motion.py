@@ -17,6 +17,7 @@ TURNED_DEGREES = 0.2
 """Matches that a turn on the spot explains to this angle, in the median, show no depth."""
 _KNOWN, _GUESSED = np.geomspace(0.8, 1.25, 9), np.geomspace(0.5, 1.5, 17)  # factors of focal lengths to try
 _SAMPLE = 400  # matches of a pair that are looked at
+_LEAST = 3  # matches that fix a turn
 _ROUNDS = 3  # of fitting a turn to those matches that the one before explains best
 
 
@@ -58,20 +59,27 @@ def parallax_of(
     first: _F64, second: _F64, camera: pycolmap.Camera, other: pycolmap.Camera
 ) -> tuple[float, float]:
     """Return median angles in degrees between the rays to matched points, (N, 2) pixels each: after the best turn, and
-    without any. The focal lengths are part of the fit, within what may be known of them."""
+    without any; 180 where the cameras tell no rays. The focal lengths are part of the fit, within what may be known of
+    them."""
     have_priors = camera.has_prior_focal_length and other.has_prior_focal_length
     fits = []
     for factor in _KNOWN if have_priors else _GUESSED:
         ones, others = _directions(first, camera, factor), _directions(second, other, factor)
+        told = np.isfinite(ones).all(axis=1) & np.isfinite(others).all(axis=1)
+        if np.count_nonzero(told) < _LEAST:  # a model that turns back has no rays for pixels far out
+            continue
+        ones, others = ones[told], others[told]
         # a longer lens makes all angles small
         fits.append((factor * _after_turn(ones, others), factor * float(np.median(_angles(ones, others)))))
-    return min(fits, key=lambda fit: fit[0])
+    return min(fits, key=lambda fit: fit[0], default=(180.0, 180.0))
 
 
 def _directions(points: _F64, camera: pycolmap.Camera, factor: float) -> _F64:
-    middle = (camera.principal_point_x, camera.principal_point_y)
-    rays = np.column_stack([(points - middle) / (factor * camera.mean_focal_length()), np.ones(len(points))])
-    return np.asarray(rays / np.linalg.norm(rays, axis=1, keepdims=True))
+    """Return the rays to pixels (N, 2), by the model of the camera with its focal lengths times `factor`."""
+    params = camera.params.copy()
+    params[list(camera.focal_length_idxs())] *= factor
+    tried = pycolmap.Camera({**camera.todict(), "params": params})
+    return np.asarray(tried.cam_ray_from_img(points))
 
 
 def _after_turn(ones: _F64, others: _F64) -> float:

@@ -30,7 +30,7 @@ class SolvedCamera:
 
 
 def cameras_of(folder: Path, database: Path) -> list[SolvedCamera]:
-    """Return the cameras of the model in `folder`, that of most images first."""
+    """Return the cameras of the model in `folder` that have a focal length, that of most images first."""
     model = pycolmap.Reconstruction(folder)
     with pycolmap.Database.open(database) as opened:
         cameras_before = {camera.camera_id: camera for camera in opened.read_all_cameras()}
@@ -41,6 +41,8 @@ def cameras_of(folder: Path, database: Path) -> list[SolvedCamera]:
     cameras = []
     for number, images in sorted(names.items(), key=lambda n: (-len(n[1]), n[0])):
         camera, prior = model.cameras[number], before[images[0]]
+        if camera.is_spherical():  # a panorama has no focal length, and COLMAP dies when asked for it
+            continue
         known = prior.mean_focal_length() if prior.has_prior_focal_length else None
         aspect = camera.focal_length_x / camera.focal_length_y
         cameras.append(SolvedCamera(tuple(sorted(images)), known, camera.mean_focal_length(), aspect))

@@ -18,6 +18,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from colmap_ihe.colmap.field_of_view import pixels_of
 from colmap_ihe.colmap.measures import images_seeing, strongest_pairs
 from colmap_ihe.colmap.native import pycolmap
 
@@ -177,8 +178,4 @@ def _expected(view: _View, other: _View, points: _Points) -> int:
     rows = rows[points.is_long[rows]]
     in_camera = np.asarray(other.image.cam_from_world() * points.xyz[rows]).reshape(-1, 3)
     in_camera = in_camera[(in_camera[:, 2] > other.depths[0]) & (in_camera[:, 2] < other.depths[1])]
-    if not len(in_camera):
-        return 0
-    pixels = np.asarray(other.camera.img_from_cam(in_camera))
-    inside = (pixels >= 0) & (pixels < (other.camera.width, other.camera.height))  # nan is in no picture
-    return int(np.count_nonzero(inside.all(axis=1)))
+    return int(np.count_nonzero(np.isfinite(pixels_of(other.camera, in_camera)[:, 0])))

@@ -212,7 +212,7 @@ def _hold(camera: SolvedCamera) -> str:
 
 
 def flat_warnings(shape: Shape, cameras: Sequence[SolvedCamera]) -> list[str]:
-    if shape.thickness >= FLAT or shape.turned >= TURNED_TO:
+    if shape.thickness >= FLAT or shape.turned >= TURNED_TO or not cameras:
         return []
     unknown = next((camera for camera in cameras if not camera.prior), cameras[0])
     return [
