@@ -9,6 +9,7 @@ from doubled import doubled_model
 
 from colmap_ihe.colmap.checks.plausibility import SolvedCamera, cameras_of
 from colmap_ihe.colmap.native import pycolmap
+from colmap_ihe.colmap.part_databases import write_images
 
 
 @pytest.mark.parametrize(
@@ -25,10 +26,10 @@ def test_solved_and_given_focal_lengths(
     """A panorama has none, and COLMAP ends the process that asks for it."""
     solved = doubled_model([1, 2, 3, 4])
     camera = solved.cameras[1]
-    with pycolmap.Database.open(tmp_path / "database.db") as database:
-        given = pycolmap.Camera.create_from_model_name(1, model, 100.0, 100, 80)
-        given.has_prior_focal_length = True
-        database.write_camera(given, use_camera_id=True)
+    given = pycolmap.Camera.create_from_model_name(1, model, 100.0, 100, 80)
+    given.has_prior_focal_length = True
+    numbers = range(1, 5)
+    write_images(tmp_path / "database.db", dict.fromkeys(numbers, given), {n: f"{n}.png" for n in numbers})
     camera.model, camera.params = pycolmap.CameraModelId.__members__[model], params
     solved.write(tmp_path)
     found = cameras_of(tmp_path, tmp_path / "database.db")
