@@ -1,4 +1,4 @@
-"""Read the calibration file that a run was given, and tell which cameras the mapping holds as they are."""
+"""Read the calibration file that a run was given, tell which cameras the mapping holds, and write what it found."""
 
 from __future__ import annotations
 
@@ -7,9 +7,16 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from colmap_ihe.colmap.calibration_file import CalibratedCamera, read_calibration
+from colmap_ihe.colmap.calibration_file import (
+    CalibratedCamera,
+    cameras_of,
+    read_calibration,
+    write_calibration,
+)
 from colmap_ihe.colmap.mapping import camera_ids, refuse_partly_held
+from colmap_ihe.colmap.native import pycolmap
 from colmap_ihe.errors import CalibrationFileError
+from colmap_ihe.photographs.camera_identity import read_identities
 from colmap_ihe.project.folder import Project
 from colmap_ihe.project.options import Options
 
@@ -26,6 +33,17 @@ def given_calibration(project: Project, options: Options) -> list[CalibratedCame
             hint="copy it into the project's folder, and name the copy as camera.calibration",
         )
     return cameras
+
+
+def write_found_calibration(project: Project, record: Mapping[str, Any]) -> None:
+    """Write the cameras of a project's model, as the record of `sparse` describes it, for other campaigns."""
+    model = pycolmap.Reconstruction(project.sparse / "0")
+    names = [str(model.images[i].name) for i in model.reg_image_ids()]
+    deviations = {
+        c["camera_id"]: c["standard_deviations"] for c in record["cameras"] if c["standard_deviations"]
+    }
+    cameras = cameras_of(model, read_identities(project.grey, names), deviations)
+    write_calibration(project.calibration_file, cameras)
 
 
 def held_cameras(project: Project, options: Options, features: Mapping[str, Any]) -> frozenset[int]:

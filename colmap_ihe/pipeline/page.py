@@ -103,6 +103,8 @@ def gather(run: RunContext, summary: Mapping[str, Any], progress: Progress) -> C
         photographs=photographs,
         cloud=cloud,
         cameras=_cameras(grey_of, model) if model else (),
+        lenses=summary["cameras"] or (),
+        calibration=_calibration(summary),
         sliders=[
             _slider(project, name, grey_of[name]) for name in _spread(sorted(looks), _SLIDERS) if compared
         ],
@@ -126,6 +128,17 @@ def _result(summary: Mapping[str, Any]) -> str:
         parts.append(f"the dense cloud has {summary['dense_points']:,} points")
     error = f"mean reprojection error {summary['mean_reprojection_error_px']:.2f} px"
     return f"{', '.join(parts)}; {error}."
+
+
+def _calibration(summary: Mapping[str, Any]) -> str:
+    error = summary["held_out_error_px"]
+    if not error:
+        return ""
+    less = 100 * (1 - error["calibrated"] / error["colmap"]) if error["colmap"] else 0.0
+    return (
+        f"Points that the calibration did not see are off by {error['calibrated']:.3f} px in the median, by"
+        f" {error['colmap']:.3f} px with the camera model as COLMAP begins with it ({less:+.0f} % less)."
+    )
 
 
 def _look(project: Project, name: str, grey_name: str) -> _Look:

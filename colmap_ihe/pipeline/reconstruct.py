@@ -19,7 +19,7 @@ from colmap_ihe.machine.threads import limited
 from colmap_ihe.photographs.readable import find_photographs
 from colmap_ihe.pipeline import outputs
 from colmap_ihe.pipeline.estimates import disk_warnings, needs_of, stage_parts
-from colmap_ihe.pipeline.given_calibration import given_calibration
+from colmap_ihe.pipeline.given_calibration import given_calibration, write_found_calibration
 from colmap_ihe.pipeline.input_digests import digests_of
 from colmap_ihe.pipeline.page import page_of, seconds_in
 from colmap_ihe.pipeline.records import fingerprints, inputs_of, read_record, why_stale
@@ -122,6 +122,8 @@ def reconstruct(
         summary = summarise(run.records, options)
         if "fit" in run.records:
             write_weights_file(run)
+        if "sparse" in run.records and ("sparse" in ran or not folder.calibration_file.exists()):
+            write_found_calibration(folder, run.records["sparse"])
         page = _write_summary_and_page(run, summary, bool(ran), progress)
         outputs.remove_unfinished(folder)  # of workers that were killed, and whose tasks others did
     return Reconstruction(folder, summary, ran, page)

@@ -46,7 +46,8 @@ def summarise(records: Mapping[str, Mapping[str, Any]], options: Options) -> dic
         "tones": main["tones"] if main else None,
         "tried": records["fit"]["tried"].get(main["encoding"]) if main else None,
         "weights_by_encoding": {e: w["weights"] for e, w in by_encoding.items()},
-        "cameras": features.get("cameras"),
+        "cameras": [_camera(camera) for camera in sparse["cameras"]] if sparse else None,
+        "held_out_error_px": _held_out(sparse.get("held_out")),
         "with_focal_prior": features.get("with_focal_prior"),
         "features": features.get("features"),
         "matching": matches.get("strategy"),
@@ -65,6 +66,20 @@ def summarise(records: Mapping[str, Mapping[str, Any]], options: Options) -> dic
         "page_seconds": None,
         "warnings": [text for record in records.values() for text in record["warnings"]],
     }
+
+
+def _camera(record: Mapping[str, Any]) -> dict[str, Any]:
+    deviations = record["standard_deviations"]
+    return {
+        **{name: record[name] for name in ("model", "width", "height", "photographs", "by")},
+        "parameters": dict(zip(record["names"], record["params"], strict=True)),
+        "standard_deviations": dict(zip(record["names"], deviations, strict=True)) if deviations else None,
+        "doubtful": record["correlated"],
+    }
+
+
+def _held_out(record: Mapping[str, Any] | None) -> dict[str, float] | None:
+    return {"colmap": record["colmap_px"], "calibrated": record["calibrated_px"]} if record else None
 
 
 def report(

@@ -37,6 +37,7 @@ class Project:
         self.report = root / "report"
         self.page_file = self.report / "index.html"
         self.summary_file = self.report / "summary.json"
+        self.calibration_file = self.report / "calibration.yaml"
         self.weights_file = self.report / "weights.yaml"
         self.set_aside = root / "set-aside"
         """What somebody has changed of what we made, before it was made again."""

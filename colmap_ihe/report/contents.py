@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -159,9 +159,10 @@ class BatchContents:
 
 @dataclass(frozen=True)
 class Contents:
-    """Hold the page of a project. `rows`: the summary as a person reads it; `points_by_images`: points by the number of
-    images that see them; `matches` (n, n): verified inliers between photographs, in the order of `photographs`;
-    `options` as YAML; `methods_sentence`: for a methods section, with the citation."""
+    """Hold the page of a project. `rows`: the summary as a person reads it; `lenses`: the cameras of its summary, and
+    what their calibration brought, in words; `points_by_images`: points by the number of images that see them;
+    `matches` (n, n): verified inliers between photographs, in the order of `photographs`; `options` as YAML;
+    `methods_sentence`: for a methods section, with the citation."""
 
     title: str
     result: str
@@ -170,6 +171,8 @@ class Contents:
     photographs: Sequence[PhotographEntry]
     cloud: Cloud | None = None
     cameras: Sequence[CameraPose] = ()
+    lenses: Sequence[Mapping[str, Any]] = ()
+    calibration: str = ""
     sliders: Sequence[Slider] = ()
     pairs: Sequence[Pair] = ()
     points_by_images: Mapping[int, int] = field(default_factory=dict)

@@ -11,7 +11,7 @@ from importlib import resources
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
-from colmap_ihe.report import charts
+from colmap_ihe.report import cameras, charts
 from colmap_ihe.report.contents import BatchContents, Comparison, Contents
 from colmap_ihe.report.embed import cloud_data, data_uri
 
@@ -34,6 +34,7 @@ def render_page(contents: Contents) -> str:
         registered=[p for p in contents.photographs if not p.left_out],
         left_out=[p for p in contents.photographs if p.left_out],
         partners=charts.partners(contents),
+        cameras=cameras.cameras_table(contents.lenses),
     )
 
 
@@ -78,7 +79,10 @@ def _environment() -> Environment:
     environment.filters["data_uri"] = data_uri
     environment.filters["duration"] = charts.duration
     environment.globals.update(
-        tones_chart=charts.tones_chart, tracks_chart=charts.tracks_chart, match_picture=charts.match_picture
+        tones_chart=charts.tones_chart,
+        tracks_chart=charts.tracks_chart,
+        match_picture=charts.match_picture,
+        lens_charts=cameras.lens_charts,
     )
     return environment
 

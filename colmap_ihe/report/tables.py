@@ -8,6 +8,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from colmap_ihe.report.camera_words import camera_rows
+
 _NAMES = ("red", "green", "blue")
 _LATEX = {
     "\\": r"\textbackslash{}",
@@ -59,6 +61,7 @@ def summary_rows(summary: Mapping[str, Any]) -> list[tuple[str, str]]:
             ("points", f"{summary['points3D']:,}, {over_3}"),
             ("mean reprojection error", f"{summary['mean_reprojection_error_px']:.3f} px"),
             ("mean track length", f"{summary['mean_track_length']:.2f} observations a point"),
+            *camera_rows(summary),
         ]
     if summary["dense_points"] is not None:
         coverage = summary["dense_pixels_with_depth_percent"]
