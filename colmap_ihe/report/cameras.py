@@ -13,6 +13,7 @@ from colmap_ihe.report.tables import Table
 
 CHART_WIDTH = 640
 DRAWN = 4  # lenses
+_COLUMNS = 8  # cameras of the table
 _BY = {"calibration": "calibrated", "colmap": "COLMAP's", "given": "given, held"}
 _GRID = (13, 9)
 _LONGEST = 0.9  # of the distance between arrows
@@ -36,21 +37,27 @@ class LensChart:
 
 
 def cameras_table(cameras: Sequence[Camera]) -> Table | None:
-    """Return the cameras as a table, a row for each; None without any."""
-    columns = ("model", "size", "photographs", "focal length px", "principal point px", "distortion", "from")
+    """Return the first cameras as a table, a column for each; None without any."""
+    shown = cameras[:_COLUMNS]
+    if not shown:
+        return None
+    names = list(dict.fromkeys(name for camera in shown for name in coefficients(camera)))
     rows = [
-        (
-            camera["model"],
-            f"{camera['width']}x{camera['height']}",
-            f"{camera['photographs']:,}",
-            focal(camera),
-            centre(camera),
-            ", ".join(f"{name} {with_deviation(camera, name, 5)}" for name in coefficients(camera)) or "none",
-            _BY[camera["by"]],
-        )
-        for camera in cameras
+        ("model", *(camera["model"] for camera in shown)),
+        ("photographs", *(f"{camera['photographs']:,}" for camera in shown)),
+        ("size", *(f"{camera['width']}x{camera['height']}" for camera in shown)),
+        ("focal length, px", *map(focal, shown)),
+        ("principal point, px", *map(centre, shown)),
+        *((name, *(_coefficient(camera, name) for camera in shown)) for name in names),
+        ("from", *(_BY[camera["by"]] for camera in shown)),
     ]
-    return Table("cameras", "Cameras", columns, rows) if rows else None
+    columns = ("camera", *(str(number) for number in range(1, len(shown) + 1)))
+    more = f", the first {len(shown)} of {len(cameras)}" if len(cameras) > len(shown) else ""
+    return Table("cameras", f"Cameras{more}", columns, rows)
+
+
+def _coefficient(camera: Camera, name: str) -> str:
+    return with_deviation(camera, name, 5) if camera["parameters"].get(name) else ""
 
 
 def lens_charts(cameras: Sequence[Camera]) -> list[LensChart]:
