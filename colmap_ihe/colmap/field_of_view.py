@@ -37,6 +37,15 @@ def pixels_of(camera: pycolmap.Camera, in_camera: NDArray[np.floating]) -> _F64:
     return pixels
 
 
+def certain(camera: pycolmap.Camera, pixels: _F64) -> NDArray[np.bool_]:
+    """Return (N,), true for pixels (N, 2) whose ray is within `WIDEST_DEGREES` of the axis and leads back to them."""
+    rays = np.array(camera.cam_ray_from_img(pixels), np.float64).reshape(-1, 3)
+    within = rays[:, 2] > np.cos(np.radians(WIDEST_DEGREES))  # nan is not
+    rays[~within] = (0, 0, 1)
+    back = np.asarray(camera.img_from_cam(rays)).reshape(-1, 2)
+    return np.asarray(within & (np.abs(back - pixels) < _BACK_PX).all(axis=1))
+
+
 def certain_box(camera: pycolmap.Camera) -> _F64:
     """Return left, top, right and bottom, in pixels, of the part of its picture that a camera sees within
     `WIDEST_DEGREES` of its axis and is certain of: all but of the widest fisheyes and of models that turn back; nan for
@@ -49,7 +58,7 @@ def certain_box(camera: pycolmap.Camera) -> _F64:
     for share in _SIZES:
         low, high = np.maximum(middle - share * reach, 0), np.minimum(middle + share * reach, size)
         box = np.concatenate([low, high]).round(6)  # whole numbers where it is the whole picture
-        if _is_certain(camera, _border(box)):
+        if certain(camera, _border(box)).all():
             return np.asarray(box, np.float64)
     return np.full(4, np.nan)
 
@@ -60,11 +69,3 @@ def _border(box: _F64) -> _F64:
     first, last = np.zeros_like(_ALONG), np.ones_like(_ALONG)
     x, y = np.concatenate([_ALONG, last, _ALONG, first]), np.concatenate([first, _ALONG, last, _ALONG])
     return np.asarray(low + np.stack([x, y], axis=1) * (high - low))
-
-
-def _is_certain(camera: pycolmap.Camera, pixels: _F64) -> bool:
-    rays = np.asarray(camera.cam_ray_from_img(pixels)).reshape(-1, 3)
-    if not (rays[:, 2] > np.cos(np.radians(WIDEST_DEGREES))).all():  # nan is not
-        return False
-    back = np.asarray(camera.img_from_cam(rays)).reshape(-1, 2)
-    return bool((np.abs(back - pixels) < _BACK_PX).all())

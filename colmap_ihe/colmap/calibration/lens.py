@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from colmap_ihe.colmap.calibration.block import Block, Float64
+from colmap_ihe.colmap.field_of_view import certain
 from colmap_ihe.colmap.native import pycolmap
 
 _STEP = 1e-6
@@ -109,7 +110,8 @@ def tied(camera: pycolmap.Camera, free: Sequence[int]) -> Float64:
 
 def fitted(camera: pycolmap.Camera, model: str, coefficients: int, rounds: int = 8) -> pycolmap.Camera:
     """Return a camera of another model that shows what `camera` shows as nearly as it can, by least squares over the
-    picture: with the first so many coefficients of distortion, the others 0, and with the same principal point."""
+    picture, where `camera` is certain of it: with the first so many coefficients of distortion, the others 0, and with
+    the same principal point."""
     other = pycolmap.Camera.create_from_model_name(
         camera.camera_id, model, camera.mean_focal_length(), camera.width, camera.height
     )
@@ -123,7 +125,7 @@ def fitted(camera: pycolmap.Camera, model: str, coefficients: int, rounds: int =
     across, down = (np.linspace(0, side, 21) for side in (camera.width, camera.height))
     pixels = np.stack(np.meshgrid(across, down), axis=-1).reshape(-1, 2)
     rays = np.asarray(camera.cam_from_img(pixels), np.float64)
-    seen = np.isfinite(rays).all(axis=1)
+    seen = certain(camera, pixels)
     pixels, xyz = pixels[seen], np.concatenate([rays[seen], np.ones((int(seen.sum()), 1))], axis=1)
     for _ in range(rounds):
         now = with_params(other, params)
