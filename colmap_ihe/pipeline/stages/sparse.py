@@ -107,6 +107,7 @@ def run(run: RunContext, progress: Progress) -> SparseRecord:
     warnings += camera_warnings.apart_warnings([[by_grey[name] for name in group] for group in mapped.apart])
     described = [_ModelRecord(**asdict(model)) for model in models]
     cameras, held_out = _cameras(project, mapped.calibration, held)
+    warnings += camera_warnings.doubtful_calibrations([camera.model_dump() for camera in cameras])
     return SparseRecord(
         models=described, unregistered=missing, cameras=cameras, held_out=held_out, warnings=warnings
     )

@@ -3,9 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 from colmap_ihe.colmap.known_calibration import CalibrationUse
 from colmap_ihe.machine.words import counted, listed
+
+_WEAK_FOCAL = 0.005  # standard deviation, of the focal length
+_WEAK_CENTRE = 0.01  # of a principal point, in longer sides
+_FAR_OFF = 0.03  # of a principal point from the middle, in longer sides
+_BETTER = (
+    "Photographs that are turned by 90 degrees about the line of sight, or look from the sides, tell it; so does"
+    " camera.calibration, from photographs by the same lens"
+)
 
 
 def focal_length_warnings(images: int, with_focal_length: int) -> list[str]:
@@ -41,6 +50,43 @@ def apart_warnings(groups: Sequence[Sequence[str]]) -> list[str]:
         f" {len(groups)} cameras ({listing}). To say who took what, put each camera's photographs into a folder of"
         " their own and use --set camera.mode=per_folder"
     ]
+
+
+def doubtful_calibrations(cameras: Sequence[Mapping[str, Any]]) -> list[str]:
+    """Warn of cameras, as the record of `sparse` has them, whose photographs hardly tell their calibration, or that came
+    out as cameras hardly are."""
+    warnings = []
+    for camera in (one for one in cameras if one["standard_deviations"]):
+        who = f"the camera of {counted(camera['photographs'], 'photograph')} ({camera['model']})"
+        value = dict(zip(camera["names"], camera["params"], strict=True))
+        spread = dict(zip(camera["names"], camera["standard_deviations"], strict=True))
+        longer = max(camera["width"], camera["height"])
+        weak = [
+            f"{name} {value[name]:.0f} ± {spread[name]:.0f} px"
+            for name in value
+            if _is_weak(name, value, spread, longer)
+        ]
+        weak += [
+            f"{one} and {other} stand for each other ({found:.2f})"
+            for one, other, found in camera["correlated"]
+        ]
+        if weak:
+            warnings.append(
+                f"these photographs hardly tell the calibration of {who}: {listed(weak, separator='; ')}. {_BETTER}"
+            )
+        off = max(abs(value["cx"] - camera["width"] / 2), abs(value["cy"] - camera["height"] / 2)) / longer
+        if off > _FAR_OFF:
+            warnings.append(
+                f"the principal point of {who} came out {100 * off:.1f} % of the longer side off the middle, which lenses"
+                f" are not: were the photographs cropped, or turned? If not, {_BETTER[0].lower()}{_BETTER[1:]}"
+            )
+    return warnings
+
+
+def _is_weak(name: str, value: Mapping[str, float], spread: Mapping[str, float], longer: float) -> bool:
+    if name in ("f", "fx", "fy"):
+        return spread[name] > _WEAK_FOCAL * value[name]
+    return name in ("cx", "cy") and spread[name] > _WEAK_CENTRE * longer
 
 
 def calibration_warnings(use: CalibrationUse, by_grey: Mapping[str, str]) -> list[str]:

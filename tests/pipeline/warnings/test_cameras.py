@@ -2,9 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from typing import Any
+
 from colmap_ihe.colmap.known_calibration import CalibrationUse
 from colmap_ihe.pipeline.warnings.cameras import (
+    apart_warnings,
     calibration_warnings,
+    doubtful_calibrations,
     focal_length_warnings,
     shared_camera_warnings,
 )
@@ -37,3 +42,38 @@ def test_what_a_calibration_was_not_good_for() -> None:
     )
     assert "for 1 photograph, which start as without it: b/c.dng" in without
     assert unused.endswith("took none of the photographs: Foo at 35 mm, 90x66; Bar, 90x66")
+
+
+def test_photographs_that_were_not_by_one_camera() -> None:
+    assert apart_warnings([]) == []
+    (warning,) = apart_warnings([["a.jpg", "b.jpg"], ["c.jpg"]])
+    assert "mapped again with 2 cameras (2 photographs: a.jpg, b.jpg; 1 photograph: c.jpg)" in warning
+    assert "--set camera.mode=per_folder" in warning
+
+
+def camera(
+    params: list[float], deviations: list[float] | None, correlated: Sequence[tuple[str, str, float]] = ()
+) -> dict[str, Any]:
+    return {
+        "model": "SIMPLE_RADIAL",
+        "names": ["f", "cx", "cy", "k"],
+        "params": params,
+        "standard_deviations": deviations,
+        "correlated": list(correlated),
+        "photographs": 4,
+        "width": 1000,
+        "height": 800,
+    }
+
+
+def test_calibrations_that_are_doubtful() -> None:
+    sound = camera([1200, 505, 396, -0.1], [1.0, 2.0, 2.0, 0.001])
+    kept = camera([1200, 500, 400, -0.1], None)
+    assert doubtful_calibrations([sound, kept]) == []
+    (weak,) = doubtful_calibrations([camera([1200, 505, 396, -0.1], [7.0, 2.0, 12.0, 0.001])])
+    assert "of 4 photographs (SIMPLE_RADIAL): f 1200 ± 7 px; cy 396 ± 12 px. Photographs" in weak
+    tied = camera([1200, 505, 396, -0.1], [1.0, 2.0, 2.0, 0.001], [("f", "k", -0.97)])
+    (said,) = doubtful_calibrations([tied])
+    assert "f and k stand for each other (-0.97)" in said
+    (off,) = doubtful_calibrations([camera([1200, 540, 400, -0.1], [1.0, 2.0, 2.0, 0.001])])
+    assert "came out 4.0 % of the longer side off the middle" in off
