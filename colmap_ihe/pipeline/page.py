@@ -135,9 +135,10 @@ def _calibration(summary: Mapping[str, Any]) -> str:
     if not error:
         return ""
     less = 100 * (1 - error["calibrated"] / error["colmap"]) if error["colmap"] else 0.0
+    share = f"{abs(less):.0f} % {'less' if less >= 0 else 'more'}"
     return (
         f"Points that the calibration did not see are off by {error['calibrated']:.3f} px in the median, by"
-        f" {error['colmap']:.3f} px with the camera model as COLMAP begins with it ({abs(less):.0f} % {'less' if less >= 0 else 'more'})."
+        f" {error['colmap']:.3f} px with the camera model as COLMAP begins with it ({share})."
     )
 
 

@@ -53,8 +53,8 @@ def apart_warnings(groups: Sequence[Sequence[str]]) -> list[str]:
 
 
 def doubtful_calibrations(cameras: Sequence[Mapping[str, Any]]) -> list[str]:
-    """Warn of cameras, as the record of `sparse` has them, whose photographs hardly tell their calibration, or that came
-    out as cameras hardly are."""
+    """Warn of cameras, as the record of `sparse` has them, whose photographs hardly tell their calibration, or that
+    came out as cameras hardly are."""
     warnings = []
     for camera in (one for one in cameras if one["standard_deviations"]):
         who = f"the camera of {counted(camera['photographs'], 'photograph')} ({camera['model']})"
@@ -66,10 +66,7 @@ def doubtful_calibrations(cameras: Sequence[Mapping[str, Any]]) -> list[str]:
             for name in value
             if _is_weak(name, value, spread, longer)
         ]
-        weak += [
-            f"{one} and {other} stand for each other ({found:.2f})"
-            for one, other, found in camera["correlated"]
-        ]
+        weak += [f"{a} and {b} stand for each other ({found:.2f})" for a, b, found in camera["correlated"]]
         if weak:
             warnings.append(
                 f"these photographs hardly tell the calibration of {who}: {listed(weak, separator='; ')}. {_BETTER}"
@@ -77,8 +74,8 @@ def doubtful_calibrations(cameras: Sequence[Mapping[str, Any]]) -> list[str]:
         off = max(abs(value["cx"] - camera["width"] / 2), abs(value["cy"] - camera["height"] / 2)) / longer
         if off > _FAR_OFF:
             warnings.append(
-                f"the principal point of {who} came out {100 * off:.1f} % of the longer side off the middle, which lenses"
-                f" are not: were the photographs cropped, or turned? If not, {_BETTER[0].lower()}{_BETTER[1:]}"
+                f"the principal point of {who} came out {100 * off:.1f} % of the longer side off the middle, which is"
+                f" rare: were the photographs cropped, or turned? If not, {_BETTER[0].lower()}{_BETTER[1:]}"
             )
     return warnings
 
