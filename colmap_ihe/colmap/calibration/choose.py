@@ -18,7 +18,7 @@ from colmap_ihe.colmap.calibration.freedom import FISHEYE, PERSPECTIVE, Freedom,
 from colmap_ihe.colmap.calibration.lens import derivatives
 from colmap_ihe.colmap.native import pycolmap
 
-A_PARAMETER = 6.0
+A_PARAMETER = 9.0
 """By how much each parameter that is free must lower the cost, in units of sigma squared."""
 ABOUT = 6.0
 """Of the cost: fits nearer to each other than this are as good, adjustments end that near to their minimum."""
