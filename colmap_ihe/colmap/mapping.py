@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import shutil
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from colmap_ihe.colmap.measures import images_seeing
 from colmap_ihe.colmap.native import apply_options, called, fill, pycolmap
 from colmap_ihe.colmap.process import ColmapProcesses
-from colmap_ihe.errors import MappingError, ProjectError
+from colmap_ihe.colmap.second_try import SecondTry, second_try_options, with_changes
+from colmap_ihe.errors import MappingError, NativeError, ProjectError
 from colmap_ihe.machine.files import replace_folder
 from colmap_ihe.machine.progress import SILENT, Progress
 from colmap_ihe.machine.threads import local_workers
@@ -59,22 +60,20 @@ def map_images(
     progress: Progress,
     *,
     colour: Path | None = None,
+    on_second_try: Callable[[SecondTry], object] = lambda _: None,
 ) -> list[ModelStatistics]:
     """Reconstruct and write every model below `sparse`, the one with most images as 0.
 
     With `colour`, the folder of the colour twins, points have their colours, else grey. Models are written beside
-    `sparse` and replace it at the end. Raises `OptionError`, `NativeError`, `MappingError` if no image registers,
-    `ProjectError` where a colour twin is missing, `Cancelled`.
+    `sparse` and replace it at the end. Where few photographs are registered there is a second try, of which
+    `on_second_try` is told. Raises `OptionError`, `NativeError`, `MappingError` if no image registers, `ProjectError`
+    where a colour twin is missing, `Cancelled`.
     """
     temporary = sparse.with_name(f".{sparse.name}.new")
     shutil.rmtree(temporary, ignore_errors=True)
     work = temporary / "work"
     work.mkdir(parents=True)
-    pycolmap.set_random_seed(options.seed)
-    progress.start(images)
-    given = MappingInput(database, grey, work, options, images)
-    map_all = _map_incrementally if options.mapper == "incremental" else map_in_process
-    models = map_all(given, progress)
+    models = _map_up_to_twice(MappingInput(database, grey, work, options, images), progress, on_second_try)
     if not models:
         shutil.rmtree(temporary)
         raise MappingError(f"none of the {images} photographs could be registered")
@@ -88,6 +87,34 @@ def map_images(
         model.write(folder)
     replace_folder(temporary, sparse)
     return [describe(model) for model in ordered]
+
+
+def _map_up_to_twice(
+    given: MappingInput, progress: Progress, on_second_try: Callable[[SecondTry], object]
+) -> list[pycolmap.Reconstruction]:
+    """Map, and if few photographs are registered once more with easier options; return the models of the better try."""
+    progress.start(given.images)
+    models = _map_once(given, progress)
+    registered = _most_registered(models)
+    changes = second_try_options(given.options, registered, given.images, given.database)
+    if not changes:
+        return models
+    options, out = with_changes(given.options, changes), given.out / "second"
+    out.mkdir()
+    progress.start(given.images, "images, second try")
+    others = _map_once(replace(given, options=options, out=out), progress)
+    on_second_try(SecondTry(changes, given.images, registered, _most_registered(others)))
+    return others if _most_registered(others) > registered else models
+
+
+def _most_registered(models: Sequence[pycolmap.Reconstruction]) -> int:
+    return max((model.num_reg_images() for model in models), default=0)
+
+
+def _map_once(given: MappingInput, progress: Progress) -> list[pycolmap.Reconstruction]:
+    pycolmap.set_random_seed(given.options.seed)
+    map_all = _map_incrementally if given.options.mapper == "incremental" else map_in_process
+    return map_all(given, progress)
 
 
 def _colour_points(models: Sequence[pycolmap.Reconstruction], colour: Path, progress: Progress) -> None:
@@ -160,15 +187,20 @@ def map_in_process(given: MappingInput, progress: Progress) -> list[pycolmap.Rec
 
 
 def _map(given: MappingInput, _progress: Progress) -> None:
-    called(
-        _MAPPERS[given.options.mapper][0],
-        given.database,
-        given.grey,
-        given.out,
-        options=native_options(given.options),
-        progress=SILENT,
-        cancellable=False,
-    )
+    try:
+        called(
+            _MAPPERS[given.options.mapper][0],
+            given.database,
+            given.grey,
+            given.out,
+            options=native_options(given.options),
+            progress=SILENT,
+            cancellable=False,
+        )
+    except NativeError as error:
+        # Of no model at all, the hierarchical mapper asks for the first.
+        if given.options.mapper != "hierarchical" or not isinstance(error.__cause__, IndexError):
+            raise
 
 
 def native_options(options: SparseOptions) -> Any:

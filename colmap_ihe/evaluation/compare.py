@@ -44,6 +44,7 @@ from colmap_ihe.machine.progress import SILENT, RunProgress
 from colmap_ihe.machine.threads import limited
 from colmap_ihe.photographs.readable import find_photographs
 from colmap_ihe.pipeline.reconstruct import Reconstruction, reconstruct
+from colmap_ihe.pipeline.stages.sparse import are_too_few
 from colmap_ihe.project.folder import Project
 from colmap_ihe.project.options import ClusterOptions, Options
 
@@ -94,7 +95,7 @@ def compare(
             )
             runs = {seed: _mapped(done, options, seed, truth, progress) for seed in range(seeds + 1)}
             if not results:
-                _require_cameras(method, runs[0])
+                _require_cameras(method, int(runs[0]["registered"]), _images_of(done), options)
             reconstructions.append(done)
             cameras = _seed_folder(reconstructions[0], 0) / "0"
             results.append(
@@ -121,12 +122,23 @@ def _check_names(methods: Sequence[str]) -> None:
             )
 
 
-def _require_cameras(method: str, run: Mapping[str, float]) -> None:
-    if not run["registered"]:
+def _require_cameras(method: str, registered: int, images: int, options: Options) -> None:
+    if not registered:
         raise MappingError(
             f"{method}: no photograph is registered in its model, whose cameras all methods would use",
             hint="name another method first",
         )
+    if are_too_few(registered, images, options):
+        raise MappingError(
+            f"{method}: only {registered} of {images} photographs are registered in its model, whose cameras all"
+            " methods would use",
+            hint="name another method first, or compare all the same by --set sparse.min_registered=0",
+        )
+
+
+def _images_of(done: Reconstruction) -> int:
+    """Count the photographs that could be used."""
+    return int(done.summary["images"]) - len(done.summary["left_out"])
 
 
 def _write(folder: Path, results: Sequence[MethodResult]) -> None:
@@ -172,7 +184,7 @@ def _mapped(
     """Return the figures of one run of the mapper: with all matches for seed 0, else without some."""
     project, folder = done.project, _seed_folder(done, seed)
     name = f"{project.root.name}, run {seed}"
-    images = int(done.summary["images"]) - len(done.summary["left_out"])
+    images = _images_of(done)
 
     def measure() -> _Row:
         shutil.rmtree(folder, ignore_errors=True)
@@ -183,7 +195,15 @@ def _mapped(
             thin_out(project.database, database, LEFT_OUT, seed)
         try:
             with progress.stage(name) as stage_progress:
-                model = map_images(database, project.grey, folder, options.sparse, images, stage_progress)[0]
+                model = map_images(
+                    database,
+                    project.grey,
+                    folder,
+                    options.sparse,
+                    images,
+                    stage_progress,
+                    on_second_try=lambda each: progress.warn(f"{name}: {each.in_words()}"),
+                )[0]
         except MappingError as error:
             progress.warn(f"{name}: {error}")
             return {"registered": 0, "points": 0, "points_over_3_views": 0}
@@ -199,7 +219,11 @@ def _mapped(
         }
         return row | (errors_against(truth, folder / "0") if truth else {})
 
-    inputs = (options.sparse.model_dump(mode="json"), LEFT_OUT, plain_truth(truth))
+    inputs = (
+        options.sparse.model_dump(mode="json", exclude={"min_registered"}),
+        LEFT_OUT,
+        plain_truth(truth),
+    )
     return _once(project, f"run-{seed}", measure, *inputs)
 
 

@@ -190,6 +190,9 @@ class MatchesOptions(_Section):
 class SparseOptions(_Section):
     mapper: Literal["incremental", "global", "hierarchical"] = "incremental"
     seed: Annotated[int, Field(ge=0, lt=2**31)] = 0
+    min_registered: Annotated[float, Field(ge=0, le=1)] = 0.33
+    """Share of the photographs that the largest model must hold. With less, or with two photographs of more, a run ends
+    before dense stereo, and not as a success; 0: any model will do."""
     colmap: ColmapOptions = Field(default_factory=dict)
     """For the pipeline options of the mapper in pycolmap, as pycolmap.IncrementalPipelineOptions."""
 

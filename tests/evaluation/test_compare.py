@@ -97,10 +97,10 @@ def test_an_unknown_method_is_refused_before_any_work(new_project: Make) -> None
 def test_a_method_without_a_model_is_told_and_does_not_end_the_others(
     new_project: Make, quick_options: MakeOptions, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def fails_in_green(database: Path, *rest: Any) -> Any:
+    def fails_in_green(database: Path, *rest: Any, **named: Any) -> Any:
         if "green" in database.parts:
             raise MappingError("none of the photographs could be registered")
-        return map_images(database, *rest)
+        return map_images(database, *rest, **named)
 
     monkeypatch.setattr("colmap_ihe.evaluation.compare.map_images", fails_in_green)
     project, options = new_project(), quick_options("dense.enabled=false")

@@ -4,22 +4,24 @@ from __future__ import annotations
 
 from dataclasses import asdict
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 from pydantic import Field
 
 from colmap_ihe.colmap import mapping
+from colmap_ihe.colmap.second_try import SecondTry
 from colmap_ihe.errors import MappingError
 from colmap_ihe.machine.progress import Progress
 from colmap_ihe.machine.remaining_time import Part
 from colmap_ihe.pipeline.resource_needs import BASE_BYTES, Known, PhotoSetSize, StageNeeds
-from colmap_ihe.pipeline.stage import Count, Record, RunContext, Stage, StageRecord, StrictModel
+from colmap_ihe.pipeline.stage import Count, Record, RunContext, Shortfall, Stage, StageRecord, StrictModel
 from colmap_ihe.pipeline.stages.features import FEWER_FEATURES, features_an_image
 from colmap_ihe.pipeline.warnings import model as model_warnings
 from colmap_ihe.project.folder import Project
 from colmap_ihe.project.options import Options
 
 _FEATURE = 45  # bytes on disk of a feature, in the model
+_SURE = 3  # photographs; where only two see a point, nothing checks it
 
 
 class _ModelRecord(StrictModel):
@@ -31,16 +33,19 @@ class _ModelRecord(StrictModel):
 
 
 class SparseRecord(StageRecord):
-    """Describe each model, the largest first; `unregistered` photographs of that one by name."""
+    """Describe each model, the largest first; `unregistered` photographs of that one by name. `second_try`: as
+    `SecondTry`, where there was one."""
 
     models: Annotated[list[_ModelRecord], Field(min_length=1)]
     unregistered: list[str]
+    second_try: dict[str, Any] | None = None
 
 
 def run(run: RunContext, progress: Progress) -> SparseRecord:
     """Map the images and look for what is doubtful about the model."""
     project, by_grey = run.project, run.photographs_by_grey()
     images = run.records["features"]["images"]
+    tries: list[SecondTry] = []
     try:
         models = mapping.map_images(
             project.database,
@@ -50,17 +55,48 @@ def run(run: RunContext, progress: Progress) -> SparseRecord:
             images,
             progress,
             colour=project.colour,
+            on_second_try=tries.append,
         )
     except MappingError as error:
         reason, hint = model_warnings.why_no_model(project.database, images)
-        raise MappingError(reason, hint) from error
+        raise MappingError("; ".join([reason, *(each.in_words() for each in tries)]), hint) from error
     missing = sorted(by_grey[n] for n in run.grey_names() if n not in models[0].image_names)
     found_again = run.records["matches"].get("found_again", 1.0)
     warnings = model_warnings.model_warnings(
         models, project.sparse, project.database, by_grey, missing, found_again
     )
     described = [_ModelRecord(**asdict(model)) for model in models]
-    return SparseRecord(models=described, unregistered=missing, warnings=warnings)
+    warnings = [*(each.in_words() for each in tries), *warnings]
+    record = SparseRecord(models=described, unregistered=missing, warnings=warnings)
+    if tries:
+        record.second_try = asdict(tries[0])
+    return record
+
+
+def are_too_few(registered: int, images: int, options: Options) -> bool:
+    """Tell whether a model holds too few of so many `images` to count as a success: less than `sparse.min_registered`
+    of them, or two of more. Where that is 0, every model counts."""
+    least = options.sparse.min_registered
+    return least > 0 and registered < images and (registered < _SURE or registered < least * images)
+
+
+def _shortfall(options: Options, record: Record) -> Shortfall | None:
+    registered = record["models"][0]["registered_images"]
+    images = registered + len(record["unregistered"])
+    if not are_too_few(registered, images, options):
+        return None
+    return Shortfall(
+        f"the largest model holds only {registered} of {images} photographs, too few to go on with; it is kept in"
+        " workspace/sparse/0",
+        "the warnings say why, photograph by photograph; to go on with these all the same, `--set"
+        " sparse.min_registered=0`",
+    )
+
+
+def _result_options(options: Options) -> dict[str, Any]:
+    values = options.sections("sparse")
+    del values["sparse"]["min_registered"]
+    return values
 
 
 def _files(project: Project, record: Record) -> list[Path]:
@@ -89,10 +125,11 @@ STAGE = Stage(
     "sparse",
     run,
     SparseRecord,
-    sections=("sparse",),
+    result_options=_result_options,
     files=_files,
     made=lambda project: [project.sparse, *project.workspace.glob(".sparse.*")],
     check=_check,
+    shortfall=_shortfall,
     needs=_needs,
     parts=_parts,
 )
