@@ -74,7 +74,8 @@ def _memory_bytes(surveyed: Sequence[Surveyed], options: Options) -> int:
 def _is_up_to_date(project: Project, options: Options) -> bool:
     if not project.page_file.exists() or not project.summary_file.exists() or options.captures.strict:
         return False
-    return all(stage.state in ("done", "off") for stage in status(project.root, options))
+    stages = status(project.root, options)
+    return all(stage.state == "off" or (stage.state == "done" and not stage.why) for stage in stages)
 
 
 def _thumbnail(captures: Sequence[Capture]) -> Picture | None:

@@ -3,29 +3,30 @@
 from __future__ import annotations
 
 import shutil
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 from colmap_ihe.colmap.calibration.calibrate import Calibration, Known
 from colmap_ihe.colmap.calibration.models import Calibrations, Groups, calibrate_models
+from colmap_ihe.colmap.mapper_options import (
+    MAPPERS,
+    calibration_settings,
+    camera_ids,
+    native_options,
+    refuse_partly_held,
+)
 from colmap_ihe.colmap.measures import images_seeing
-from colmap_ihe.colmap.native import apply_options, called, fill, pycolmap
+from colmap_ihe.colmap.native import called, pycolmap
 from colmap_ihe.colmap.process import ColmapProcesses
-from colmap_ihe.errors import MappingError, OptionError, ProjectError
+from colmap_ihe.colmap.second_try import SecondTry, second_try_options, with_changes
+from colmap_ihe.errors import MappingError, NativeError, ProjectError
 from colmap_ihe.machine.files import replace_folder
 from colmap_ihe.machine.progress import SILENT, Progress
 from colmap_ihe.machine.threads import local_workers
 from colmap_ihe.project.options import SparseOptions
 
 _FEW = 3  # images; points that more see are the most trustworthy
-
-_MAPPERS: dict[str, tuple[Any, Any]] = {
-    "incremental": (pycolmap.incremental_mapping, pycolmap.IncrementalPipelineOptions),
-    "global": (pycolmap.global_mapping, pycolmap.GlobalPipelineOptions),
-    "hierarchical": (pycolmap.hierarchical_mapping, pycolmap.HierarchicalPipelineOptions),
-}
 
 
 @dataclass(frozen=True)
@@ -74,13 +75,15 @@ def map_images(
     *,
     colour: Path | None = None,
     known: Known | None = None,
+    on_second_try: Callable[[SecondTry], object] = lambda _: None,
 ) -> Mapped:
     """Reconstruct and write every model below `sparse`, the one with most images as 0.
 
     With `colour`, the folder of the colour twins, points have their colours, else grey. Cameras that are held, as
     `known` says, come out as they are in the database, to the bit; others are calibrated, unless that is left to
-    COLMAP. Models are written beside `sparse` and replace it at the end. Raises `OptionError`, `NativeError`,
-    `MappingError` if no image registers, `ProjectError` where a colour twin is missing, `Cancelled`.
+    COLMAP. Where few photographs are registered there is a second try, of which `on_second_try` is told. Models are
+    written beside `sparse` and replace it at the end. Raises `OptionError`, `NativeError`, `MappingError` if no image
+    registers, `ProjectError` where a colour twin is missing, `Cancelled`.
     """
     known = known or Known()
     held = known.held
@@ -89,11 +92,9 @@ def map_images(
     shutil.rmtree(temporary, ignore_errors=True)
     work = temporary / "work"
     work.mkdir(parents=True)
-    pycolmap.set_random_seed(options.seed)
-    progress.start(images)
-    given = MappingInput(database, grey, work, options, images, held)
-    map_all = _map_incrementally if options.mapper == "incremental" else map_in_process
-    models = map_all(given, progress)
+    models, given = _map_up_to_twice(
+        MappingInput(database, grey, work, options, images, held), progress, on_second_try
+    )
     if not models:
         shutil.rmtree(temporary)
         raise MappingError(f"none of the {images} photographs could be registered")
@@ -104,7 +105,7 @@ def map_images(
             out = work / other.stem
             out.mkdir()
             progress.start(images, "images again")
-            return _in_order(map_all(replace(given, database=other, out=out), progress))
+            return _in_order(_map_once(replace(given, database=other, out=out), progress))
 
         settings = calibration_settings(options)
         ordered, calibrations, groups = calibrate_models(
@@ -119,6 +120,35 @@ def map_images(
         model.write(folder)
     replace_folder(temporary, sparse)
     return Mapped([describe(model) for model in ordered], next(iter(calibrations), None), groups)
+
+
+def _map_up_to_twice(
+    given: MappingInput, progress: Progress, on_second_try: Callable[[SecondTry], object]
+) -> tuple[list[pycolmap.Reconstruction], MappingInput]:
+    """Map, and if few photographs are registered once more with easier options; return the models of the better try,
+    and what that worked on."""
+    progress.start(given.images)
+    models = _map_once(given, progress)
+    registered = _most_registered(models)
+    changes = second_try_options(given.options, registered, given.images, given.database)
+    if not changes:
+        return models, given
+    easier = replace(given, options=with_changes(given.options, changes), out=given.out / "second")
+    easier.out.mkdir()
+    progress.start(given.images, "images, second try")
+    others = _map_once(easier, progress)
+    on_second_try(SecondTry(changes, given.images, registered, _most_registered(others)))
+    return (others, easier) if _most_registered(others) > registered else (models, given)
+
+
+def _most_registered(models: Sequence[pycolmap.Reconstruction]) -> int:
+    return max((model.num_reg_images() for model in models), default=0)
+
+
+def _map_once(given: MappingInput, progress: Progress) -> list[pycolmap.Reconstruction]:
+    pycolmap.set_random_seed(given.options.seed)
+    map_all = _map_incrementally if given.options.mapper == "incremental" else map_in_process
+    return map_all(given, progress)
 
 
 def _colour_points(models: Sequence[pycolmap.Reconstruction], colour: Path, progress: Progress) -> None:
@@ -193,68 +223,34 @@ def map_in_process(given: MappingInput, progress: Progress) -> list[pycolmap.Rec
 
 
 def _map(given: MappingInput, _progress: Progress) -> None:
-    called(
-        _MAPPERS[given.options.mapper][0],
-        given.database,
-        given.grey,
-        given.out,
-        options=native_options(given.options, given.held),
-        progress=SILENT,
-        cancellable=False,
-    )
-
-
-def camera_ids(database: Path) -> frozenset[int]:
-    """Return the ids of all cameras in a database."""
-    with pycolmap.Database.open(database) as opened:
-        return frozenset(int(camera.camera_id) for camera in opened.read_all_cameras())
-
-
-def refuse_partly_held(options: SparseOptions, held: frozenset[int], every: frozenset[int]) -> None:
-    """Raise `OptionError` where the mapper cannot hold some cameras and refine the others."""
-    if options.mapper == "global" and held and held != every:
-        raise OptionError(
-            f"sparse.mapper is global, which holds all cameras or none; camera.fixed would hold {len(held & every)} of"
-            f" {len(every)}",
-            hint="use --set sparse.mapper=incremental or hierarchical, or leave out camera.fixed",
+    try:
+        called(
+            MAPPERS[given.options.mapper][0],
+            _with_focal_lengths(given),
+            given.grey,
+            given.out,
+            options=native_options(given.options, given.held),
+            progress=SILENT,
+            cancellable=False,
         )
+    except NativeError as error:
+        # Of no model at all, the hierarchical mapper asks for the first.
+        if given.options.mapper != "hierarchical" or not isinstance(error.__cause__, IndexError):
+            raise
 
 
-def native_options(options: SparseOptions, held: frozenset[int] = frozenset()) -> Any:
-    """Return the pipeline options of the mapper in pycolmap, by which it holds cameras of these ids, for `global` all.
-    The hierarchical one takes those of the incremental one, which maps its parts, by their own names too. Raises
-    `OptionError`."""
-    settings = _MAPPERS[options.mapper][1]()
-    of_parts = getattr(settings, "incremental_options", None)
-    values = options.colmap
-    passed_on = {n: v for n, v in values.items() if not hasattr(settings, n) and hasattr(of_parts, n)}
-    if passed_on:
-        apply_options(settings, {"incremental_options": passed_on}, "sparse.colmap")
-    apply_options(settings, {n: v for n, v in values.items() if n not in passed_on}, "sparse.colmap")
-    if "random_seed" not in values:
-        fill(settings, {"random_seed": options.seed})
-    if held:
-        _hold(settings, held)
-    return settings
-
-
-def calibration_settings(options: SparseOptions) -> pycolmap.IncrementalPipelineOptions:
-    """Return COLMAP's options by which points are triangulated and filtered after a calibration: those of the mapper,
-    or its defaults where the mapper has others."""
-    settings = native_options(options)
-    settings = getattr(settings, "incremental_options", settings)
-    known = isinstance(settings, pycolmap.IncrementalPipelineOptions)
-    return settings if known else pycolmap.IncrementalPipelineOptions(random_seed=options.seed)
-
-
-def _hold(settings: Any, held: frozenset[int]) -> None:
-    """Have a mapper hold cameras, over all that other options say."""
-    if isinstance(settings, pycolmap.GlobalPipelineOptions):
-        adjustment = settings.mapper.bundle_adjustment
-        adjustment.refine_focal_length = adjustment.refine_principal_point = False
-        adjustment.refine_extra_params = False
-    else:
-        getattr(settings, "incremental_options", settings).constant_cameras = set(held)
+def _with_focal_lengths(given: MappingInput) -> Path:
+    """Return the database; for the global mapper, which begins with all cameras as they are, a copy in which COLMAP has
+    calibrated focal lengths that were guessed, from the pairs."""
+    with pycolmap.Database.open(given.database) as opened:
+        guessed = [c for c in opened.read_all_cameras() if not c.has_prior_focal_length]
+    if given.options.mapper != "global" or not guessed or given.held:
+        return given.database
+    copy = given.out / "focal-lengths.db"
+    shutil.copyfile(given.database, copy)
+    options = pycolmap.ViewGraphCalibrationOptions(random_seed=given.options.seed)
+    calibrated = called(pycolmap.calibrate_view_graph, copy, options, progress=SILENT, cancellable=False)
+    return copy if calibrated else given.database
 
 
 def describe(model: pycolmap.Reconstruction) -> ModelStatistics:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import shutil
-from collections.abc import Iterator, Sequence
+from collections.abc import Container, Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -88,6 +88,22 @@ def strongest_pairs(
     for _, pair in pairs[:_STRONGEST]:
         ids = pycolmap.pair_id_to_image_pair(pair)
         yield ids, np.asarray(opened.read_two_view_geometry(*ids).inlier_matches, np.intp).reshape(-1, 2)
+
+
+def joined_by_matches(database: Path, least: int, names: Container[str] | None = None) -> int:
+    """Count the images of the largest group that pairs of `least` verified matches or more join, of those in `names`
+    if given."""
+    with pycolmap.Database.open(database) as opened:
+        images = {i.image_id for i in opened.read_all_images() if names is None or i.name in names}
+        counts = zip(*opened.read_two_view_geometry_num_inliers(), strict=True)
+        pairs = [pycolmap.pair_id_to_image_pair(pair) for pair, count in counts if count >= least]
+    group_of = {image: {image} for image in images}
+    for first, second in pairs:
+        if first in images and second in images and group_of[first] is not group_of[second]:
+            smaller, larger = sorted((group_of[first], group_of[second]), key=len)
+            larger |= smaller
+            group_of.update(dict.fromkeys(smaller, larger))
+    return max(map(len, group_of.values()), default=0)
 
 
 def upright(cam_from_world: Sequence[NDArray[np.float64]]) -> NDArray[np.float64]:

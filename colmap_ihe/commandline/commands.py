@@ -28,7 +28,7 @@ from colmap_ihe.pipeline.convert_folder import convert_folder, tried_in
 from colmap_ihe.pipeline.develop_folder import develop_folder
 from colmap_ihe.pipeline.doctor import doctor
 from colmap_ihe.pipeline.fit_files import fit_files
-from colmap_ihe.pipeline.reconstruct import Reconstruction, reconstruct
+from colmap_ihe.pipeline.reconstruct import EndedEarlyError, Reconstruction, reconstruct
 from colmap_ihe.pipeline.repeat import read_run
 from colmap_ihe.pipeline.status import status
 from colmap_ihe.pipeline.summary import report
@@ -58,15 +58,23 @@ def _reconstruct(parsed: argparse.Namespace, display: Display) -> None:
     if parsed.weights:
         assignments.append(f"fit.weights={json.dumps(str(parsed.weights.absolute()))}")
     record = read_run(parsed.from_record, assignments) if parsed.from_record else None
-    done = reconstruct(
-        parsed.project,
-        record.options if record else project_options(parsed.project, assignments),
-        images=parsed.images,
-        start=parsed.start,
-        until=parsed.until,
-        progress=display,
-        noted=record,
-    )
+    try:
+        done = reconstruct(
+            parsed.project,
+            record.options if record else project_options(parsed.project, assignments),
+            images=parsed.images,
+            start=parsed.start,
+            until=parsed.until,
+            progress=display,
+            noted=record,
+        )
+    except EndedEarlyError as error:
+        _print_reconstruction(parsed, display, error.done)
+        raise
+    _print_reconstruction(parsed, display, done)
+
+
+def _print_reconstruction(parsed: argparse.Namespace, display: Display, done: Reconstruction) -> None:
     if _printed_as_json(parsed, display, dict(done.summary)):
         return
     print_summary(done.summary, title=str(parsed.project))

@@ -48,6 +48,7 @@ from colmap_ihe.photographs.readable import find_photographs
 from colmap_ihe.pipeline.given_calibration import given_calibration, held_cameras
 from colmap_ihe.pipeline.reconstruct import Reconstruction, reconstruct
 from colmap_ihe.pipeline.records import read_record
+from colmap_ihe.pipeline.stages.sparse import are_too_few
 from colmap_ihe.project.folder import Project
 from colmap_ihe.project.options import ClusterOptions, Options
 
@@ -101,7 +102,7 @@ def compare(
             )
             runs = {seed: _mapped(done, options, seed, truth, progress) for seed in range(seeds + 1)}
             if not results:
-                _require_cameras(method, runs[0])
+                _require_cameras(method, int(runs[0]["registered"]), _images_of(done), options)
             reconstructions.append(done)
             cameras = _seed_folder(reconstructions[0], 0) / "0"
             results.append(
@@ -128,12 +129,23 @@ def _check_names(methods: Sequence[str]) -> None:
             )
 
 
-def _require_cameras(method: str, run: Mapping[str, float]) -> None:
-    if not run["registered"]:
+def _require_cameras(method: str, registered: int, images: int, options: Options) -> None:
+    if not registered:
         raise MappingError(
             f"{method}: no photograph is registered in its model, whose cameras all methods would use",
             hint="name another method first",
         )
+    if are_too_few(registered, images, options):
+        raise MappingError(
+            f"{method}: only {registered} of {images} photographs are registered in its model, whose cameras all"
+            " methods would use",
+            hint="name another method first, or compare all the same by --set sparse.min_registered=0",
+        )
+
+
+def _images_of(done: Reconstruction) -> int:
+    """Count the photographs that could be used."""
+    return int(done.summary["images"]) - len(done.summary["left_out"])
 
 
 def _write(folder: Path, results: Sequence[MethodResult]) -> None:
@@ -190,7 +202,7 @@ def _mapped(
     """Return the figures of one run of the mapper: with all matches for seed 0, else without some."""
     project, folder = done.project, _seed_folder(done, seed)
     name = f"{project.root.name}, run {seed}"
-    images = int(done.summary["images"]) - len(done.summary["left_out"])
+    images = _images_of(done)
     held = held_cameras(project, options, read_record(project, "features") or {})
 
     def measure() -> _Row:
@@ -210,6 +222,7 @@ def _mapped(
                     images,
                     stage_progress,
                     known=Known(held=held),
+                    on_second_try=lambda each: progress.warn(f"{name}: {each.in_words()}"),
                 )
                 model = mapped.models[0]
         except MappingError as error:
@@ -227,7 +240,11 @@ def _mapped(
         }
         return row | (errors_against(truth, folder / "0") if truth else {})
 
-    inputs: tuple[Any, ...] = (options.sparse.model_dump(mode="json"), LEFT_OUT, plain_truth(truth))
+    inputs: tuple[Any, ...] = (
+        options.sparse.model_dump(mode="json", exclude={"min_registered"}),
+        LEFT_OUT,
+        plain_truth(truth),
+    )
     if held:
         inputs += (sorted(held),)
     return _once(project, f"run-{seed}", measure, *inputs)

@@ -13,7 +13,7 @@ from colmap_ihe.colmap.calibration_file import (
     read_calibration,
     write_calibration,
 )
-from colmap_ihe.colmap.mapping import camera_ids, refuse_partly_held
+from colmap_ihe.colmap.mapper_options import camera_ids, refuse_partly_held
 from colmap_ihe.colmap.native import pycolmap
 from colmap_ihe.errors import CalibrationFileError
 from colmap_ihe.photographs.camera_identity import read_identities

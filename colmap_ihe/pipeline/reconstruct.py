@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from colmap_ihe.colmap.native import logged_to
-from colmap_ihe.errors import OptionError
+from colmap_ihe.errors import MappingError, OptionError
 from colmap_ihe.machine import scratch
 from colmap_ihe.machine.cluster.connect import workers_for
 from colmap_ihe.machine.files import guard_folder, room_on_disk, write_json
@@ -26,7 +26,7 @@ from colmap_ihe.pipeline.records import fingerprints, inputs_of, read_record, wh
 from colmap_ihe.pipeline.repeat import RunRecord, differences_from, write_run_record
 from colmap_ihe.pipeline.resource_needs import Known, PhotoSetSize
 from colmap_ihe.pipeline.run_stages import run_stages, warn_of
-from colmap_ihe.pipeline.stage import RunContext
+from colmap_ihe.pipeline.stage import RunContext, Shortfall
 from colmap_ihe.pipeline.stages import STAGE_NAMES, STAGES
 from colmap_ihe.pipeline.stages.fit import write_weights_file
 from colmap_ihe.pipeline.summary import summarise
@@ -66,6 +66,15 @@ class Reconstruction:
         return self.project.mesh.with_suffix(".glb") if self.summary["mesh_texture"] else None
 
 
+class EndedEarlyError(MappingError):
+    """Report a run that ended before its last stage, since what it made is too poor to go on with; `done`: what it
+    left, which is whole."""
+
+    def __init__(self, shortfall: Shortfall, done: Reconstruction) -> None:
+        super().__init__(shortfall.reason, shortfall.hint)
+        self.done = done
+
+
 def reconstruct(
     project: str | Path,
     options: Options | None = None,
@@ -82,7 +91,8 @@ def reconstruct(
 
     `start` runs that stage and all after it again; `until` ends after a stage. `executor`: of any kind, for
     per-image work, instead of what `options.cluster` says. Raises `KnownError`s, and `Cancelled`; the records
-    then say how far it came, and the same call goes on from there. `noted`: the record of another run, of which this
+    then say how far it came, and the same call goes on from there. One of them, `EndedEarlyError`, comes after summary
+    and page are written, where too few photographs are registered. `noted`: the record of another run, of which this
     one is a repetition; differences are told. `developed`: a folder where RAW photographs are kept developed, for
     other runs on them.
     """
@@ -126,7 +136,10 @@ def reconstruct(
             write_found_calibration(folder, run.records["sparse"])
         page = _write_summary_and_page(run, summary, bool(ran), progress)
         outputs.remove_unfinished(folder)  # of workers that were killed, and whose tasks others did
-    return Reconstruction(folder, summary, ran, page)
+    done = Reconstruction(folder, summary, ran, page)
+    if run.shortfall is not None:
+        raise EndedEarlyError(run.shortfall, done)
+    return done
 
 
 def _write_summary_and_page(

@@ -22,7 +22,8 @@ def run_stages(run: RunContext, progress: RunProgress, stage_done: Callable[[str
     """Run the stages that are not up to date, in their order, and return the names of those that ran.
 
     Records of stages after `run.until` are removed where one before them runs. `stage_done` is called with the name of
-    each stage whose record is in `run`. Raises `KnownError`s and `Cancelled`; the records then say how far it came.
+    each stage whose record is in `run`. After a stage whose result is too poor for the next ones none runs, and
+    `run.shortfall` says why. Raises `KnownError`s and `Cancelled`; the records then say how far it came.
     """
     ran = []
     for number, stage in enumerate(STAGES[: STAGE_NAMES.index(run.until) + 1]):
@@ -40,6 +41,9 @@ def run_stages(run: RunContext, progress: RunProgress, stage_done: Callable[[str
             ran.append(stage.name)
         run.records[stage.name] = record
         stage_done(stage.name)
+        run.shortfall = stage.shortfall(run.options, record)
+        if run.shortfall is not None:
+            break
     return tuple(ran)
 
 

@@ -62,6 +62,14 @@ class StageRecord(StrictModel):
     left_out: dict[str, str] = {}
 
 
+@dataclass(frozen=True)
+class Shortfall:
+    """Say why what a stage made is too poor for the stages after it, and what to do."""
+
+    reason: str
+    hint: str
+
+
 @dataclass
 class RunContext:
     """Hold what a run was given, and what its stages have found so far. It ends with the stage `until`, and runs those
@@ -71,7 +79,7 @@ class RunContext:
     with the same fingerprint and not finished, so that its files may be kept. `developed`: where RAW photographs are
     kept developed for other runs on them, if anywhere. `digests` as `digests_of` found them when the run began, and
     `inputs` of them by stage, kind and name; `prints`: the fingerprint that the record of each stage is to have.
-    `needs` of its stages, by name, once `captures` is done.
+    `needs` of its stages, by name, once `captures` is done. `shortfall`: why it ended before its last stage, if it did.
     """
 
     project: Project
@@ -88,6 +96,7 @@ class RunContext:
     needs: Mapping[str, StageNeeds] = field(default_factory=dict)
     inputs: Mapping[str, Inputs] = field(default_factory=dict)
     prints: Mapping[str, str] = field(default_factory=dict)
+    shortfall: Shortfall | None = None
 
     @property
     def strict(self) -> bool:
@@ -138,8 +147,9 @@ class Stage:
     options what affects it, the sections as they are if None. `inputs`: the user's files that it reads. `files`: what
     it left that others need, from its record; `made`: all that it makes, which `remove` removes. `is_sound`: whether
     its files are whole, for a database, into which other programs may write too; files of other stages must be as they
-    were written. `check`: refuses options before any work, for so many photographs. `needs`: memory and disk; `parts`:
-    its parts with the time that each takes.
+    were written. `check`: refuses options before any work, for so many photographs. `shortfall`: why its result is too
+    poor for the stages after it, None if it is not. `needs`: memory and disk; `parts`: its parts with the time that
+    each takes.
     """
 
     name: str
@@ -155,6 +165,7 @@ class Stage:
     remove: Callable[[Project], None] | None = None
     is_sound: Callable[[Project], bool] | None = None
     check: Callable[[Options, int], None] = lambda options, images: None
+    shortfall: Callable[[Options, Record], Shortfall | None] = lambda options, record: None
     needs: Callable[[Options, PhotoSetSize], StageNeeds | None] = lambda options, size: None
     parts: Callable[[Options, Known], list[Part]] = lambda options, known: []
 

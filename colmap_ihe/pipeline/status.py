@@ -28,8 +28,8 @@ _FOLLOWS = "names of grey images"  # from the names of photographs, where those 
 
 @dataclass(frozen=True)
 class StageState:
-    """Say how far a stage is: "done", "stale" (and why), "to do" or "off". `takes`: the memory and disk that it needs,
-    in words, where it is to run and the photographs were surveyed."""
+    """Say how far a stage is: "done" (and why the run ends there, if it does), "stale" (and why), "to do" or "off".
+    `takes`: the memory and disk that it needs, in words, where it is to run and the photographs were surveyed."""
 
     name: str
     state: str
@@ -65,7 +65,8 @@ def status(
         elif stale:
             state = StageState(stage.name, "stale", f"{stale} comes before it", seconds)
         else:
-            state = StageState(stage.name, "done", "", seconds)
+            shortfall = stage.shortfall(options, record)
+            state = StageState(stage.name, "done", shortfall.reason if shortfall else "", seconds)
         states.append(state)
         if state.state in ("stale", "to do") and not stale:
             stale = stage.name

@@ -15,6 +15,7 @@ from colmap_ihe.pipeline.page import write_page
 from colmap_ihe.pipeline.records import read_record
 from colmap_ihe.pipeline.stage import Record, RunContext
 from colmap_ihe.pipeline.stages import STAGES
+from colmap_ihe.pipeline.stages.sparse import STAGE as SPARSE
 from colmap_ihe.project.folder import Project
 from colmap_ihe.project.options import Options
 from colmap_ihe.project.options_file import project_options
@@ -24,7 +25,8 @@ def summarise(records: Mapping[str, Mapping[str, Any]], options: Options) -> dic
     """Return what report/summary.json holds; a value is None where its stage has not run.
 
     `weights` are those of the kind of photograph (gamma-coded or linear) that most are of;
-    `weights_by_encoding` holds all. `tried` is what was measured against COLMAP's default grey.
+    `weights_by_encoding` holds all. `tried` is what was measured against COLMAP's default grey. `too_few_registered`
+    says that the run ended early, and not as a success.
     """
     by_encoding = records["fit"]["weights"] if "fit" in records else {}
     main = max(by_encoding.values(), key=lambda w: int(w["images"]), default=None)
@@ -34,11 +36,13 @@ def summarise(records: Mapping[str, Mapping[str, Any]], options: Options) -> dic
     model = models[0] if models else {}
     with_depth = 100 * dense["pixels_with_depth"] / dense["pixels"] if dense.get("pixels") else None
     left_out = {name: why for r in records.values() for name, why in r.get("left_out", {}).items()}
+    shortfall = SPARSE.shortfall(options, dict(sparse)) if sparse else None
     return {
         "images": records["captures"]["images"] + len(records["captures"]["left_out"]),
         "left_out": left_out,
         "registered_images": model.get("registered_images"),
         "unregistered": sparse.get("unregistered"),
+        "too_few_registered": shortfall is not None if sparse else None,
         "models": [m["registered_images"] for m in models] or None,
         "method": options.fit.method,
         "weights": main["weights"] if main else None,
@@ -64,7 +68,10 @@ def summarise(records: Mapping[str, Mapping[str, Any]], options: Options) -> dic
         "mesh_texture": [mesh["texture"]["width"], mesh["texture"]["height"]] if "texture" in mesh else None,
         "stages": {name: record["seconds"] for name, record in records.items()},
         "page_seconds": None,
-        "warnings": [text for record in records.values() for text in record["warnings"]],
+        "warnings": [
+            *(text for record in records.values() for text in record["warnings"]),
+            *([f"{shortfall.reason} ({shortfall.hint})"] if shortfall else []),
+        ],
     }
 
 

@@ -207,6 +207,9 @@ class SparseOptions(_Section):
     """`auto`: after mapping, the camera model and the principal point as the photographs determine them; `colmap`
     leaves the cameras as the mapper made them."""
     seed: Annotated[int, Field(ge=0, lt=2**31)] = 0
+    min_registered: Annotated[float, Field(ge=0, le=1)] = 0.33
+    """Share of the photographs that the largest model must hold. With less, or with two photographs of more, a run ends
+    before dense stereo, and not as a success; 0: any model will do."""
     colmap: ColmapOptions = Field(default_factory=dict)
     """For the pipeline options of the mapper in pycolmap, as pycolmap.IncrementalPipelineOptions."""
 

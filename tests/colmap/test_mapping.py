@@ -11,7 +11,8 @@ from running import StopsWhen
 
 from colmap_ihe.colmap import mapping
 from colmap_ihe.colmap.calibration.calibrate import Known
-from colmap_ihe.colmap.mapping import MappingInput, map_images, map_in_process, native_options
+from colmap_ihe.colmap.mapper_options import native_options
+from colmap_ihe.colmap.mapping import MappingInput, map_images, map_in_process
 from colmap_ihe.colmap.native import pycolmap, quiet
 from colmap_ihe.errors import Cancelled, OptionError
 from colmap_ihe.machine.progress import SILENT, Progress

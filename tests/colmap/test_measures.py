@@ -9,10 +9,12 @@ import numpy as np
 import pytest
 from doubled import doubled_model
 from lenses import POSES, Lens, fisheye
+from street import Street, name_of, write_street
 
 from colmap_ihe.colmap.checks.repeated_structure import _Points
 from colmap_ihe.colmap.mapping import describe
-from colmap_ihe.colmap.measures import images_seeing, rms_px
+from colmap_ihe.colmap.measures import images_seeing, joined_by_matches, rms_px
+from colmap_ihe.colmap.native import pycolmap
 
 MODEL = doubled_model([1, 2, 3, 4], [1, 2, 3, 3], [1, 1, 2])
 
@@ -58,3 +60,21 @@ def test_a_point_behind_a_camera_has_no_error(tmp_path: Path) -> None:
     model.points3D[1].xyz = np.array([0.0, 0.0, -9.0])
     model.write(tmp_path)
     assert rms_px(tmp_path) == pytest.approx(0.5)
+
+
+def test_the_largest_group_that_matches_join(tmp_path: Path) -> None:
+    """Of six photographs, 0 1 2 and 3 4 match, and 5 does so with none; 2 and 3 share 20 matches."""
+    database = tmp_path / "database.db"
+    write_street(Street(images=6, points=800), database)
+    counts = {(0, 1): 40, (1, 2): 30, (2, 3): 20, (3, 4): 50}
+    with pycolmap.Database.open(database) as opened:
+        for pair, geometry in zip(*opened.read_two_view_geometries(), strict=True):
+            one, other = pycolmap.pair_id_to_image_pair(pair)
+            count = counts.get((one - 1, other - 1), 0)
+            geometry.inlier_matches = np.zeros((count, 2), np.uint32)
+            opened.update_two_view_geometry(one, other, geometry)
+    assert joined_by_matches(database, 15) == 5
+    assert joined_by_matches(database, 21) == 3
+    assert joined_by_matches(database, 41) == 2
+    assert joined_by_matches(database, 99) == 1
+    assert joined_by_matches(database, 15, [name_of(number) for number in (0, 1, 3, 4)]) == 2

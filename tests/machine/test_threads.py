@@ -14,7 +14,6 @@ import pytest
 from small_demo import QUICK, Make
 from threadpoolctl import threadpool_info
 
-from colmap_ihe.colmap import mapping
 from colmap_ihe.colmap.matching import native_options
 from colmap_ihe.colmap.native import fill, pycolmap
 from colmap_ihe.machine import threads
@@ -70,15 +69,15 @@ def test_the_least_of_several_limits_counts_and_none_limits_nothing() -> None:
 
 def test_colmap_is_told_wherever_it_decides_for_itself() -> None:
     with limited(1):
-        incremental = mapping.native_options(SparseOptions(colmap={"mapper": {"num_threads": 3}}))
+        incremental = native_options(SparseOptions(colmap={"mapper": {"num_threads": 3}}))
         matching, pairing, _ = native_options(MatchesOptions(), "vocabtree")
-        hierarchical = mapping.native_options(SparseOptions(mapper="hierarchical"))
-        everywhere = mapping.native_options(SparseOptions(mapper="global"))
+        hierarchical = native_options(SparseOptions(mapper="hierarchical"))
+        everywhere = native_options(SparseOptions(mapper="global"))
     assert (incremental.num_threads, incremental.mapper.num_threads) == (1, 3)
     assert (matching.num_threads, pairing.num_threads) == (1, 1)
     assert (hierarchical.num_workers, hierarchical.incremental_options.num_threads) == (1, 1)
     assert everywhere.mapper.bundle_adjustment.ceres.solver_options.num_threads == 1
-    assert mapping.native_options(SparseOptions()).num_threads == -1
+    assert native_options(SparseOptions()).num_threads == -1
 
 
 def test_a_seed_goes_wherever_colmap_would_choose_one() -> None:

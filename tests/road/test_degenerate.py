@@ -135,6 +135,15 @@ def test_a_straight_row_stretches_the_model_and_the_advice_mends_it(
 
 
 @pytest.mark.slow
+def test_a_street_walked_forward_is_registered_by_a_second_try(run: Run) -> None:
+    done = run("street", "features.colmap.sift.first_octave=-1")
+    assert (done.summary["models"], done.summary["too_few_registered"]) == ([10], False)
+    assert "registered only 2 of 10 photographs, and 10 in a second try" in warnings(done)
+    steps = steps_of(pycolmap.Reconstruction(done.sparse_model))
+    assert steps.max() < 1.2 * steps.min()
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["repeated_facade", "two_wings"])
 def test_like_parts_taken_for_one_are_told(run: Run, name: str) -> None:
     done = run(name)

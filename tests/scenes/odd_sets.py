@@ -279,6 +279,22 @@ def two_halves(images: Path) -> None:
         shoot(relief(20 + place), row_of_views(4, width=3), images, "north" if place else "south")
 
 
+def street(images: Path) -> None:
+    """Between two facades with bays, walked forward: the camera moves along its own axis."""
+    long, draw, scene = 40.0, np.random.default_rng(3), []
+    for side in (-1, 1):
+        wall = Rect(0, 4.0 * side, (0, 0), (long, 6), -side)
+        scene.append(surface(wall, texture(long, 6, 40 + side)))
+        for bay in range(14):
+            y, z = 1.5 + 2.6 * bay + draw.uniform(-0.4, 0.4), draw.uniform(0.5, 3)
+            wide, high = draw.uniform(0.8, 1.8, 2)
+            oriel = Rect(0, side * (4 - draw.uniform(0.1, 0.6)), (y, z), (y + wide, z + high), -side)
+            scene.append(surface(oriel, texture(wide, high, 500 + 20 * side + bay)))
+    scene.append(panel(long, (-4, 0), (4, 6), 77))
+    steps = [(draw.normal(0, 0.08), 1.5 * number, draw.normal(0, 0.15)) for number in range(10)]
+    shoot(scene, [view((x, y, 1.7), (x + aside, y + 12, 1.9)) for x, y, aside in steps], images)
+
+
 def repeated_facade(images: Path) -> None:
     """Twelve bays, each like the next, walked along; and a few marks of which there is one each."""
     facade(images, marks=18)
@@ -310,6 +326,6 @@ SETS: Mapping[str, Callable[[Path], None]] = {
         sound, one, two, three, two_identical, two_from_one_place, sound_with_copies, straight_row, pure_rotation,
         partly_rotation, no_overlap, flat_wall_set, flat_wall_unknown, flat_wall_oblique, moving_crowd, thick_crowd,
         all_black, one_black, one_colour, wrong_focal_lengths, double_focal_lengths, lone_shot, two_halves, two_wings,
-        repeated_facade, like_bays,
+        repeated_facade, like_bays, street,
     )
 }  # fmt: skip

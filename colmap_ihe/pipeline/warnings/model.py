@@ -23,7 +23,7 @@ TURNED_TO = 45.0
 """Degrees between the directions of two photographs of a wall, from which on it tells their focal length."""
 SAME_PLACE = 0.1
 """Degrees between rays to one point of two photographs of one view."""
-_TO_BEGIN_WITH = 100  # verified matches, COLMAP's init_min_num_inliers
+_TO_BEGIN_WITH = 100  # verified matches; COLMAP looks for so many first, init_min_num_inliers
 
 Advice = tuple[str, str]
 """What was seen, and what to do."""
@@ -62,10 +62,8 @@ def why_no_model(database: Path, images: int) -> Advice:
     most = max((m.matches for m in motions), default=0)
     if most < _TO_BEGIN_WITH:
         return (
-            f"{said}: of {matching} the best shares {most} verified matches, and a model begins with"
-            f" {_TO_BEGIN_WITH}",
-            "more overlap, sharper photographs, masks over what moved (people, foliage, water); or, with less to go"
-            " by, `--set sparse.colmap.mapper.init_min_num_inliers=50`",
+            f"{said}: of {matching} the best shares {most} verified matches, which is little to begin a model with",
+            "more overlap, sharper photographs, masks over what moved (people, foliage, water)",
         )
     return said, "photographs need overlap and the camera must move sideways between them, not only turn"
 
