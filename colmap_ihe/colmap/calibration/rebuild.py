@@ -51,7 +51,13 @@ def adjust_poses(model: pycolmap.Reconstruction, progress: Progress) -> None:
     options = pycolmap.BundleAdjustmentOptions()
     options.refine_focal_length = options.refine_principal_point = options.refine_extra_params = False
     options.print_summary = False
-    called(pycolmap.bundle_adjustment, model, options, progress=progress, cancellable=False)
+    config = pycolmap.BundleAdjustmentConfig()
+    for image_id in model.reg_image_ids():
+        config.add_image(image_id)
+    config.fix_gauge(pycolmap.BundleAdjustmentGauge.TWO_CAMS_FROM_WORLD)
+    # Not pycolmap.bundle_adjustment, which sends COLMAP's log to stderr from then on.
+    adjuster = pycolmap.create_default_bundle_adjuster(options, config, model)
+    called(adjuster.solve, progress=progress, cancellable=False)
 
 
 def triangulate(model: pycolmap.Reconstruction, given: Triangulation) -> None:
