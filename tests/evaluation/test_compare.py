@@ -12,8 +12,10 @@ import pytest
 from calibrations import calibrated
 from command_line import Captured, output_of
 from small_demo import SETTINGS, Make, MakeOptions
+from told import Told
 
 from colmap_ihe.colmap.mapping import map_images
+from colmap_ihe.colmap.second_try import SecondTry
 from colmap_ihe.errors import CalibrationFileError, MappingError, OptionError
 from colmap_ihe.evaluation import compare as driver
 from colmap_ihe.evaluation.compare import compare
@@ -104,11 +106,16 @@ def test_a_method_without_a_model_is_told_and_does_not_end_the_others(
     def fails_in_green(database: Path, *rest: Any, **named: Any) -> Any:
         if "green" in database.parts:
             raise MappingError("none of the photographs could be registered")
+        named["on_second_try"](SecondTry({"init_max_forward_motion": 1.0}, 8, 2, 8))
         return map_images(database, *rest, **named)
 
     monkeypatch.setattr("colmap_ihe.evaluation.compare.map_images", fails_in_green)
     project, options = new_project(), quick_options("dense.enabled=false")
-    rec709, green = compare(project, options, methods=["rec709", "green"], seeds=0)
+    told = Told()
+    rec709, green = compare(project, options, methods=["rec709", "green"], seeds=0, progress=told)
+    assert any(
+        text.startswith("rec709, run 0: COLMAP registered only 2 of 8 photographs") for text in told.warnings
+    )
     assert (rec709.runs[0]["registered"], green.runs[0]["registered"]) == (8, 0)
     assert tables_of([rec709, green])[1].rows[1][1] == "0.0"
     with pytest.raises(MappingError, match=r"green: no photograph is registered"):
