@@ -14,6 +14,8 @@ from colmap_ihe.colmap.native import pycolmap
 
 _STEP = 1e-6
 """Of the distance of a point along the axis, and ten times that of a coefficient, in numeric derivatives."""
+_VECTORS = (("p2", "p1"), ("p0", "p1"), ("sx1", "sy1"), ("s0", "s2"), ("s1", "s3"))
+"""Coefficients of COLMAP's models that are an error across and the same down."""
 
 
 @dataclass(frozen=True)
@@ -137,15 +139,19 @@ def fitted(camera: pycolmap.Camera, model: str, coefficients: int, rounds: int =
 
 def turned(free: FreeCamera, camera: pycolmap.Camera, quarter: int) -> FreeCamera:
     """Return the same lens for pictures of the size of `camera` that are turned by so many quarters: the principal
-    point, seen from the middle, and the tangential coefficients (p2, p1) turn with them."""
+    point, seen from the middle, and coefficients that have a direction turn with them, and focal lengths across and
+    down change places."""
     start = free.camera
     params = np.asarray(start.params).copy()
-    centre, names = list(start.principal_point_idxs()), start.params_info.replace(" ", "").split(",")
+    centre, focal = list(start.principal_point_idxs()), list(start.focal_length_idxs())
+    names = start.params_info.replace(" ", "").split(",")
     cos, sin = ((1, 0), (0, 1), (-1, 0), (0, -1))[quarter % 4]
     turn = np.eye(len(params))
-    pairs = [centre, *([[names.index("p2"), names.index("p1")]] if "p1" in names else [])]
-    for pair in pairs:
+    vectors = [[names.index(name) for name in pair] for pair in _VECTORS if set(pair) <= set(names)]
+    for pair in (centre, *vectors):
         turn[np.ix_(pair, pair)] = (cos, -sin), (sin, cos)
+    if quarter % 2 and len(focal) == 2:
+        turn[np.ix_(focal, focal)] = (0, 1), (1, 0)
     params[centre] -= np.array([start.width, start.height]) / 2
     params = turn @ params
     params[centre] += np.array([camera.width, camera.height]) / 2
