@@ -111,7 +111,9 @@ def freed(
         among_all[:, offset : offset + basis.shape[1]] = basis
         offset += basis.shape[1]
         for camera, quarter in zip(lens.cameras, lens.quarters, strict=True):
-            free[camera] = turned(FreeCamera(start, among_all), cameras[camera], quarter)
+            as_first = FreeCamera(start, among_all)
+            held = FreeCamera(cameras[camera], np.zeros((len(cameras[camera].params), total)))
+            free[camera] = turned(as_first, cameras[camera], quarter) if lens.freedom else held
     prior = Prior(*(np.concatenate([getattr(p, name) for *_, p in parts]) for name in ("mean", "deviation")))
     return [free[n] for n in range(len(cameras))], prior
 
