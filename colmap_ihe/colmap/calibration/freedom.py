@@ -23,7 +23,7 @@ FOCAL = 0.05
 _ASPECT = (
     0.0003  # of focal lengths across and down: pixels are square, pictures were made smaller to whole ones
 )
-_COEFFICIENT = {"k": 0.3, "p": 0.001}
+_COEFFICIENT = {"k": 0.3, "p": 0.001, "s": 0.001}
 _TANGENTIAL = ("OPENCV", "FULL_OPENCV")
 _TWO_FOCAL_LENGTHS = (*_TANGENTIAL, "OPENCV_FISHEYE")
 
@@ -133,7 +133,7 @@ def _freed(
     exif = known.has_prior_focal_length
     means = [known.mean_focal_length() - start.mean_focal_length() if exif else 0.0, *-params[coefficients]]
     deviations = [FOCAL * known.mean_focal_length() if exif else np.inf]
-    deviations.extend(_COEFFICIENT[names[index][0]] for index in coefficients)
+    deviations.extend(_COEFFICIENT.get(names[index][0], np.inf) for index in coefficients)
     if freedom.centre:
         means.extend(middle - params[centre])
         deviations.extend([CENTRE * max(start.width, start.height)] * 2)
