@@ -60,7 +60,9 @@ class Freedom:
         ladder = next(
             (ladder for ladder in (PERSPECTIVE, FISHEYE) if (self.model, self.coefficients) in ladder), None
         )
-        return Freedom(*ladder[-1], True, True) if ladder else replace(self, centre=True)
+        if ladder:
+            return Freedom(*ladder[-1], True, True)
+        return replace(self, centre=True, aspect=self.model in _TWO_FOCAL_LENGTHS)
 
     @property
     def count(self) -> int:
