@@ -58,11 +58,10 @@ def adjust(
     cost = _cost(terms, scale, prior, values)
     damping = 1e-6
     for _ in range(most):
-        system = system_of(block, terms, scale, prior, values, damping)
-        move, gain = solve(system, damping)
+        progress.check()
+        ahead, there, gain = _step(block, terms, scale, prior, values, damping)
         if gain < _CLOSE and damping < 1e-3:
             break
-        ahead, there = moved(block, values, system, move)
         ahead_terms = derivatives(ahead, cameras, there)
         ahead_cost = _cost(ahead_terms, scale, prior, there)
         if ahead_cost > cost:
@@ -74,6 +73,17 @@ def adjust(
             scale = now
             cost = _cost(terms, scale, prior, values)
     return Adjusted(block, values, scale, terms.residuals, prior.cost(values))
+
+
+def _step(
+    block: Block, terms: Terms, sigma: float, prior: Prior, values: Float64, damping: float
+) -> tuple[Block, Float64, float]:
+    """Return the block and the free parameters (K,) a step further, and what the cost should gain by it. The equations
+    are left here: they are the largest arrays."""
+    system = system_of(block, terms, sigma, prior, values, damping)
+    move, gain = solve(system, damping)
+    ahead, there = moved(block, values, system, move)
+    return ahead, there, gain
 
 
 def place(block: Block, cameras: Sequence[pycolmap.Camera], sigma: float, *, rounds: int = 3) -> Block:

@@ -95,12 +95,11 @@ def _of_cameras(
     matrix = np.zeros((6 * images + count, 6 * images + count))
     gradient = np.zeros(6 * images + count)
     order = np.argsort(block.image, kind="stable")
-    rows = np.concatenate([by_pose, by_free], axis=2)[order]
-    residuals, bounds = residuals[order], np.searchsorted(block.image[order], np.arange(images + 1))
+    bounds = np.searchsorted(block.image[order], np.arange(images + 1))
     tail = np.arange(6 * images, 6 * images + count)
     for image in range(images):
-        mine = slice(bounds[image], bounds[image + 1])
-        flat = rows[mine].reshape(-1, 6 + count)
+        mine = order[bounds[image] : bounds[image + 1]]
+        flat = np.concatenate([by_pose[mine], by_free[mine]], axis=2).reshape(-1, 6 + count)
         columns = np.concatenate([np.arange(6 * image, 6 * image + 6), tail])
         matrix[np.ix_(columns, columns)] += flat.T @ flat
         gradient[columns] += flat.T @ residuals[mine].ravel()
