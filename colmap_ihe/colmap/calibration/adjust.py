@@ -17,6 +17,7 @@ from colmap_ihe.colmap.calibration.equations import Prior, moved, solve, sums, s
 from colmap_ihe.colmap.calibration.lens import FreeCamera, Terms, derivatives
 from colmap_ihe.colmap.calibration.robust import deviation_of, robust_cost
 from colmap_ihe.colmap.native import pycolmap
+from colmap_ihe.machine.progress import SILENT, Progress
 
 MOST_STEPS = 15
 """Of an adjustment, which takes four or five where the model is nearly right."""
@@ -49,9 +50,10 @@ def adjust(
     *,
     most: int = MOST_STEPS,
     sigma: float | None = None,
+    progress: Progress = SILENT,
 ) -> Adjusted:
     """Return the block and the free parameters where the robust cost is least, from `values` (K,) and the block's poses
-    and points on, after `most` iterations at the latest. `sigma`: in pixels, measured if None."""
+    and points on, after `most` iterations at the latest. `sigma`: in pixels, measured if None. Raises `Cancelled`."""
     freedom = 1 - (3 * len(block.points) + 6 * len(block.rotations)) / max(1, 2 * len(block.pixels))
     terms = derivatives(block, cameras, values)
     scale = sigma or deviation_of(terms.residuals, freedom)

@@ -17,6 +17,7 @@ from colmap_ihe.colmap.calibration.equations import system_of, without_poses
 from colmap_ihe.colmap.calibration.freedom import FISHEYE, PERSPECTIVE, Freedom, Lens, freed
 from colmap_ihe.colmap.calibration.lens import derivatives
 from colmap_ihe.colmap.native import pycolmap
+from colmap_ihe.machine.progress import SILENT, Progress
 
 A_PARAMETER = 9.0
 """By how much each parameter that is free must lower the cost, in units of sigma squared."""
@@ -37,10 +38,11 @@ class Fit:
 
 @dataclass(frozen=True)
 class Chooser:
-    """Fit lenses to a block. `known`: the cameras before any adjustment."""
+    """Fit lenses to a block. `known`: the cameras before any adjustment. All of it raises `Cancelled`."""
 
     block: Block
     known: Sequence[pycolmap.Camera]
+    progress: Progress = SILENT
 
     def fit(
         self,
@@ -51,7 +53,7 @@ class Chooser:
     ) -> Fit:
         """Return the block adjusted from these cameras on, with the lenses as free as they are."""
         free, prior = freed(lenses, cameras, self.known)
-        adjusted = adjust(block, free, np.zeros(len(prior.mean)), prior, most=most)
+        adjusted = adjust(block, free, np.zeros(len(prior.mean)), prior, most=most, progress=self.progress)
         return Fit(lenses, [one.at(adjusted.values) for one in free], adjusted)
 
     def again(self, fit: Fit) -> Fit:
