@@ -13,7 +13,7 @@ import numpy as np
 
 from colmap_ihe.colmap.calibration.adjust import MOST_STEPS, Adjusted, adjust, cleaned
 from colmap_ihe.colmap.calibration.block import Block
-from colmap_ihe.colmap.calibration.equations import system_of, without_poses
+from colmap_ihe.colmap.calibration.equations import solved, system_of, without_poses
 from colmap_ihe.colmap.calibration.freedom import FISHEYE, PERSPECTIVE, Freedom, Lens, freed
 from colmap_ihe.colmap.calibration.lens import derivatives
 from colmap_ihe.colmap.native import pycolmap
@@ -136,7 +136,7 @@ class Chooser:
         for one in tried:
             columns = [*others, *(before + column for column in one.columns_in(rich))]
             part = gradient[columns]
-            gains.append(float(part @ np.linalg.solve(matrix[np.ix_(columns, columns)], part)))
+            gains.append(float(part @ solved(matrix[np.ix_(columns, columns)], part)))
         return gains
 
 
