@@ -78,7 +78,10 @@ class Chooser:
             )
             for ladder in (PERSPECTIVE, FISHEYE)
         )
-        if not _is_wide(fisheye.cameras[first]) or _simplest_fit([perspective, fisheye]) == 0:
+        sigma = min(perspective.adjusted.sigma, fisheye.adjusted.sigma)
+        # Either shows a lens of little distortion, and then chance would choose.
+        no_better = perspective.adjusted.cost(sigma) < fisheye.adjusted.cost(sigma) + ABOUT
+        if no_better or not _is_wide(fisheye.cameras[first]):
             return start
         return self.again(
             self.fit(
