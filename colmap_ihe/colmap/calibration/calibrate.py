@@ -161,9 +161,10 @@ def _finish(
         best = replace(chooser, block=block).again(best)
         observations = model.compute_num_observations()
         give(model, image_ids, camera_ids, best)
+        progress.check()
         if not whole:
-            adjust_poses(model, progress)
-        triangulate(model, triangulation)
+            adjust_poses(model, progress, triangulation.threads)
+        triangulate(model, triangulation, progress)
         progress.check()
         if abs(model.compute_num_observations() - observations) < _CHANGED * observations:
             break

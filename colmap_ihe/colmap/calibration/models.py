@@ -118,5 +118,6 @@ def _calibrated(
         settings.get_triangulation(),
         mapper.filter_max_reproj_error,
         mapper.filter_min_tri_angle,
+        settings.num_threads,
     )
     return calibrate(model, known, triangulation, progress)
