@@ -138,10 +138,10 @@ def lenses_of(model: pycolmap.Reconstruction, camera_ids: Sequence[int], known: 
 
 
 def _calibrated(chooser: Chooser, start: Fit, number: int, given_model: bool) -> Fit:
-    freedom = start.lenses[number].freedom
-    if given_model and freedom is not None:  # the user's choice; its principal point is not
+    start = chooser.turned(start, number)
+    if given_model:  # the user's choice; its principal point is not
         return chooser.climb(start, number, steps=False)
-    return chooser.climb(chooser.begin(chooser.turned(start, number), number), number)
+    return chooser.climb(chooser.begin(start, number), number)
 
 
 def _finish(
