@@ -56,11 +56,15 @@ def calibrate_models(
         again = map_again(copy)
         if again and again[0].num_reg_images() >= models[0].num_reg_images():
             models, database = again, copy
+            found = [found[0] for _ in models]  # none of these is calibrated
         else:
             groups = []
     if any(isinstance(one, Apart) for one in found):
         known = known_of(database, replace(known, check_shared=False))
-        found = [_calibrated(model, database, known, settings, progress) for model in models]
+        found = [
+            _calibrated(model, database, known, settings, progress) if isinstance(one, Apart) else one
+            for model, one in zip(models, found, strict=True)
+        ]
     if isinstance(found[0], Calibration) and found[0].other_lens:
         models, found = _mapped_again(models, found, database, known, settings, map_again, scratch, progress)
     return models, [one if isinstance(one, Calibration) else None for one in found], groups
@@ -85,7 +89,7 @@ def _mapped_again(
     again = map_again(copy)
     if not again or again[0].num_reg_images() < models[0].num_reg_images():
         return models, found
-    starts = replace(known, starts=first.freedoms)
+    starts = replace(known, starts=first.freedoms, assumed=frozenset())
     return again, [_calibrated(model, database, starts, settings, progress) for model in again]
 
 
