@@ -36,6 +36,7 @@ from colmap_ihe.colmap.mapping import map_images
 from colmap_ihe.colmap.native import pycolmap
 from colmap_ihe.commandline.bars import print_table
 from colmap_ihe.errors import MappingError
+from colmap_ihe.machine import threads
 from colmap_ihe.machine.progress import SILENT
 from colmap_ihe.project.options import SparseOptions
 
@@ -72,8 +73,9 @@ def mapped(
 def outcome(made: LensSet, folder: Path) -> Outcome | None:
     known = Known(check_shared=True)
     try:
-        before, _ = mapped(made.database, folder, "colmap", made.images, known)
-        after, calibration = mapped(made.database, folder, "auto", made.images, known)
+        with threads.limited(1):  # so that both begin with the same model
+            before, _ = mapped(made.database, folder, "colmap", made.images, known)
+            after, calibration = mapped(made.database, folder, "auto", made.images, known)
     except MappingError:
         return None
     camera = next(iter(after.cameras.values()))

@@ -68,9 +68,8 @@ class Chooser:
         lens = start.lenses[number]
         step = (lens.freedom.model, lens.freedom.coefficients) if lens.freedom else ()
         first = lens.cameras[0]
-        known = self.known[first]
-        may_be_wide = not known.has_prior_focal_length or _is_wide(known) or _is_wide(start.cameras[first])
-        if step != PERSPECTIVE[0] or not may_be_wide:
+        wide = may_be_wide(self.known[first]) or _is_wide(start.cameras[first])
+        if step != PERSPECTIVE[0] or not wide:
             return start
         perspective, fisheye = (
             self.fit(
@@ -141,6 +140,11 @@ class Chooser:
             part = gradient[columns]
             gains.append(float(part @ solved(matrix[np.ix_(columns, columns)], part)))
         return gains
+
+
+def may_be_wide(camera: pycolmap.Camera) -> bool:
+    """Tell whether a camera, as it is before any adjustment, may have the lens of a fisheye."""
+    return not camera.has_prior_focal_length or _is_wide(camera)
 
 
 def _is_wide(camera: pycolmap.Camera) -> bool:
