@@ -9,6 +9,7 @@ from pathlib import Path
 
 from colmap_ihe.colmap.calibration.calibrate import Apart, Calibration, Known, calibrate
 from colmap_ihe.colmap.calibration.choose import may_be_wide
+from colmap_ihe.colmap.calibration.freedom import PERSPECTIVE
 from colmap_ihe.colmap.calibration.rebuild import Triangulation
 from colmap_ihe.colmap.native import pycolmap
 from colmap_ihe.colmap.part_databases import copy_with_cameras
@@ -119,7 +120,8 @@ def _mapped_as_fisheye(
 ) -> Models:
     """Return the models, or those that begin with a fisheye's cameras, where wide lenses have left little of a model
     and these hold clearly more."""
-    wide = [i for i, camera in known.cameras.items() if i not in known.held and may_be_wide(camera)]
+    plain = {i: camera for i, camera in known.cameras.items() if camera.model_name == PERSPECTIVE[0][0]}
+    wide = [i for i, camera in plain.items() if i not in known.held and may_be_wide(camera)]
     if known.given_model or not wide or _share_mapped(models[0], database, settings) > _LITTLE:
         return models
     copy = scratch / "fisheyes.db"

@@ -115,7 +115,8 @@ def test_what_has_no_projection_has_no_residual_and_warns_of_nothing() -> None:
     for model in ("SIMPLE_RADIAL", "OPENCV_FISHEYE"):
         lens = camera(model, MODELS[model])
         terms = derivatives(of_one_image(points, np.zeros((6, 2))), [every(lens)], np.zeros(len(lens.params)))
-        assert np.isfinite(terms.residuals).all(axis=1)[:5].tolist() == [True] + 4 * [False]
+        finite = np.isfinite(terms.residuals[:5, 0])
+        assert finite.tolist() == np.isfinite(terms.residuals[:5, 1]).tolist() == [True] + 4 * [False]
         assert np.isfinite(terms.by_point[0]).all()
         assert np.isfinite(terms.by_free[0]).all()
 

@@ -135,6 +135,40 @@ def test_poses_are_adjusted_with_as_many_threads_as_the_run_has(
     assert set(given) == {1}  # as SETTINGS says, which pipelines limit to those of a run
 
 
+def test_where_little_is_mapped_wide_lenses_begin_as_fisheyes_and_others_as_they_are(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    lenses = [
+        camera(params=(730, 600, 450, 0.02)),
+        camera(params=(2000, 600, 450, 0), camera_id=2, exif=True),
+        camera("OPENCV", (730, 740, 610, 440, 0.01, 0, 0, 0), camera_id=3),  # of a calibration of the user's
+        camera(params=(730, 600, 450, 0), camera_id=4),
+    ]
+    full = survey(lenses, 8, points=700)
+    database, little = write_database(full, tmp_path / "database.db"), pycolmap.Reconstruction(full)
+    for point_id in sorted(little.points3D)[len(little.points3D) // 8 :]:
+        little.delete_point3D(point_id)
+    starts: list[tuple[str, list[float]]] = []
+
+    def map_again(copy: Path) -> Models:
+        with pycolmap.Database.open(copy) as opened:
+            starts.extend((one.model_name, one.params.tolist()) for one in opened.read_all_cameras())
+        return [full]
+
+    outcomes(monkeypatch, PLAIN, PLAIN)
+    known = Known(held=frozenset({4}))
+    models, found, _ = run([little], database, map_again, known)
+    assert models == [full]
+    assert found == [PLAIN]
+    assert starts == [
+        ("SIMPLE_RADIAL_FISHEYE", [730, 600, 450, 0]),
+        ("SIMPLE_RADIAL", [2000, 600, 450, 0]),
+        ("OPENCV", [730, 740, 610, 440, 0.01, 0, 0, 0]),
+        ("SIMPLE_RADIAL", [730, 600, 450, 0]),
+    ]
+    assert run([little], database, lambda _: [little], known)[0] == [little]  # no more by it
+
+
 def outcomes(monkeypatch: pytest.MonkeyPatch, *scripted: Calibration | Apart | None) -> list[Known]:
     """Let calibrations come out so, one after another; what they were given."""
     given: list[Known] = []
