@@ -193,8 +193,6 @@ def triangulation_of(model: pycolmap.Reconstruction) -> Triangulation:
 def position_error(model: pycolmap.Reconstruction, truth: pycolmap.Reconstruction) -> float:
     """The mean distance of camera centres from the truth after the best similarity, in its units."""
     ids = sorted(model.reg_image_ids())
-    centres, true = (
-        np.array([one.images[i].projection_center() for i in ids]) for one in (model, truth)
-    )
+    centres, true = (np.array([one.images[i].projection_center() for i in ids]) for one in (model, truth))
     fit = pycolmap.estimate_sim3d(centres, true)
     return float(np.linalg.norm(fit * centres - true, axis=1).mean())
