@@ -24,7 +24,8 @@ def methods_sentence(summary: Mapping[str, Any], options: Options, pycolmap_vers
     driven = f"with COLMAP (pycolmap {pycolmap_version}) driven by colmap-ihe"
     done = f", and reconstructed {driven}" if summary["registered_images"] is not None else " by colmap-ihe"
     return (
-        f"The photographs were converted to grey by {_conversion(summary, options)}{done}{_dense(summary)}."
+        f"The photographs were converted to grey by {_conversion(summary, options)}{done}{_cameras(summary)}"
+        f"{_dense(summary)}."
     )
 
 
@@ -91,6 +92,15 @@ def _weights(summary: Mapping[str, Any]) -> str:
     kinds = {"linear": "raw", "coded": "gamma-coded"}
     named = [f"{kinds[kind]}: {weights_in_words(w)}" for kind, w in sorted(every.items())]
     return f" ({'; '.join(named)})" if named else ""
+
+
+def _cameras(summary: Mapping[str, Any]) -> str:
+    """Name the camera models of those that were calibrated by the photographs."""
+    models = sorted({c["model"] for c in summary["cameras"] or () if c["by"] == "calibration"})
+    if not models:
+        return ""
+    named = f"camera model{'s' if len(models) > 1 else ''} {' and '.join(models)}"
+    return f", with cameras calibrated by the photographs themselves ({named})"
 
 
 def _dense(summary: Mapping[str, Any]) -> str:

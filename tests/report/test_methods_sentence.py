@@ -11,7 +11,7 @@ from colmap_ihe.report.methods_sentence import citation, is_default, methods_sen
 
 SUMMARY: dict[str, Any] = {
     "weights_by_encoding": {"coded": [0.61, 0.34, 0.05]}, "tried": None, "registered_images": 8,
-    "dense_points": None, "dense_backend": None,
+    "dense_points": None, "dense_backend": None, "cameras": None,
 }  # fmt: skip
 DEFAULT = {"weights_by_encoding": {"coded": [0.21, 0.72, 0.07]}}
 
@@ -25,6 +25,14 @@ def test_the_whole_sentence() -> None:
         "The photographs were converted to grey by one conversion for the whole set, intensity histogram equalisation"
         " (IHE) with a guard against noise (61 % red, 34 % green, 5 % blue), and reconstructed with COLMAP"
         " (pycolmap 4.2.1) driven by colmap-ihe."
+    )
+
+
+def test_cameras_that_were_calibrated() -> None:
+    cameras = [{"model": model, "by": by} for model, by in (("RADIAL", "calibration"), ("OPENCV", "given"))]
+    said = sentence({}, cameras=cameras)
+    assert said.endswith(
+        "driven by colmap-ihe, with cameras calibrated by the photographs themselves (camera model RADIAL)."
     )
 
 
