@@ -4,6 +4,9 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
+from typing import Literal
+
+from pydantic import model_validator
 
 from colmap_ihe.colmap.calibration.calibrate import Calibration
 from colmap_ihe.colmap.measures import cameras_of_images, has_turned_sizes
@@ -27,7 +30,14 @@ class CameraRecord(StrictModel):
     standard_deviations: list[float] | None
     correlated: list[tuple[str, str, float]]
     photographs: Count
-    by: str
+    by: Literal["calibration", "colmap", "given"]
+
+    @model_validator(mode="after")
+    def _one_number_a_name(self) -> CameraRecord:
+        deviations = self.standard_deviations
+        if len(self.params) != len(self.names) or len(deviations or self.names) != len(self.names):
+            raise ValueError("expected a parameter and a standard deviation for each name")
+        return self
 
 
 class HeldOutRecord(StrictModel):
@@ -50,6 +60,7 @@ def camera_records(
     for camera_id, count in sorted(photographs.items(), key=lambda item: (-item[1], item[0])):
         camera = model.cameras[camera_id]
         deviations = found.deviations.get(camera_id) if found else None
+        by: Literal["calibration", "colmap", "given"]
         by = "calibration" if deviations else "given" if camera_id in held else "colmap"
         cameras.append(
             CameraRecord(

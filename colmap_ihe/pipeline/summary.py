@@ -50,7 +50,7 @@ def summarise(records: Mapping[str, Mapping[str, Any]], options: Options) -> dic
         "tones": main["tones"] if main else None,
         "tried": records["fit"]["tried"].get(main["encoding"]) if main else None,
         "weights_by_encoding": {e: w["weights"] for e, w in by_encoding.items()},
-        "cameras": [_camera(camera) for camera in sparse["cameras"]] if sparse else None,
+        "cameras": [_camera(camera) for camera in sparse.get("cameras", [])] if sparse else None,
         "held_out_error_px": _held_out(sparse.get("held_out")),
         "with_focal_prior": features.get("with_focal_prior"),
         "features": features.get("features"),
