@@ -33,6 +33,11 @@ def camera(
     return made
 
 
+def pixels_of(lens: pycolmap.Camera, in_camera: Float64) -> Float64:
+    """(N, 2): where a lens shows points (N, 3) of its own axes."""
+    return np.asarray(lens.img_from_cam(in_camera), np.float64).reshape(-1, 2)
+
+
 def poses(count: int, rolls: Sequence[float]) -> list[Float64]:
     """cam_from_world (3, 4) of stations in two lines before a wall in z = 0, which look to +z and its middle. `rolls`
     are degrees about the axis, one after another."""
@@ -64,7 +69,7 @@ def shown(lens: pycolmap.Camera, in_camera: Float64) -> tuple[NDArray[np.intp], 
     widest = np.arctan(np.linalg.norm(np.asarray(lens.cam_from_img(sides)), axis=1)).max()
     angles = np.arctan2(np.hypot(in_camera[:, 0], in_camera[:, 1]), in_camera[:, 2])
     near = np.flatnonzero(angles < widest)
-    pixels = np.asarray(lens.img_from_cam(in_camera[near]), np.float64).reshape(-1, 2)
+    pixels = pixels_of(lens, in_camera[near])
     inside = ((pixels > 0) & (pixels < (lens.width, lens.height))).all(axis=1)
     return near[inside], pixels[inside]
 
@@ -152,10 +157,10 @@ def write_database(
     model: pycolmap.Reconstruction, file: Path, cameras: Mapping[int, pycolmap.Camera] | None = None
 ) -> Path:
     """Write images, keypoints and verified matches of a model, with other cameras by their ids where given."""
-    cameras = cameras or model.cameras
+    lenses = dict(model.cameras.items()) | dict(cameras or {})
     images = [model.images[i] for i in sorted(model.images)]
     write_images(
-        file, {i.image_id: cameras[i.camera_id] for i in images}, {i.image_id: i.name for i in images}
+        file, {i.image_id: lenses[i.camera_id] for i in images}, {i.image_id: i.name for i in images}
     )
     with pycolmap.Database.open(file) as opened, pycolmap.DatabaseTransaction(opened):
         for image in images:

@@ -17,6 +17,7 @@ from colmap_ihe.colmap.calibration.equations import Prior, moved, solve, sums, s
 from colmap_ihe.colmap.calibration.lens import FreeCamera, Terms, derivatives
 from colmap_ihe.colmap.calibration.robust import deviation_of, robust_cost
 from colmap_ihe.colmap.native import pycolmap
+from colmap_ihe.machine.progress import SILENT, Progress
 
 MOST_STEPS = 15
 """Of an adjustment, which takes four or five where the model is nearly right."""
@@ -49,20 +50,20 @@ def adjust(
     *,
     most: int = MOST_STEPS,
     sigma: float | None = None,
+    progress: Progress = SILENT,
 ) -> Adjusted:
     """Return the block and the free parameters where the robust cost is least, from `values` (K,) and the block's poses
-    and points on, after `most` iterations at the latest. `sigma`: in pixels, measured if None."""
+    and points on, after `most` iterations at the latest. `sigma`: in pixels, measured if None. Raises `Cancelled`."""
     freedom = 1 - (3 * len(block.points) + 6 * len(block.rotations)) / max(1, 2 * len(block.pixels))
     terms = derivatives(block, cameras, values)
     scale = sigma or deviation_of(terms.residuals, freedom)
     cost = _cost(terms, scale, prior, values)
     damping = 1e-6
     for _ in range(most):
-        system = system_of(block, terms, scale, prior, values, damping)
-        move, gain = solve(system, damping)
+        progress.check()
+        ahead, there, gain = _step(block, terms, scale, prior, values, damping)
         if gain < _CLOSE and damping < 1e-3:
             break
-        ahead, there = moved(block, values, system, move)
         ahead_terms = derivatives(ahead, cameras, there)
         ahead_cost = _cost(ahead_terms, scale, prior, there)
         if ahead_cost > cost:
@@ -74,6 +75,17 @@ def adjust(
             scale = now
             cost = _cost(terms, scale, prior, values)
     return Adjusted(block, values, scale, terms.residuals, prior.cost(values))
+
+
+def _step(
+    block: Block, terms: Terms, sigma: float, prior: Prior, values: Float64, damping: float
+) -> tuple[Block, Float64, float]:
+    """Return the block and the free parameters (K,) a step further, and what the cost should gain by it. The equations
+    are left here: they are the largest arrays."""
+    system = system_of(block, terms, sigma, prior, values, damping)
+    move, gain = solve(system, damping)
+    ahead, there = moved(block, values, system, move)
+    return ahead, there, gain
 
 
 def place(block: Block, cameras: Sequence[pycolmap.Camera], sigma: float, *, rounds: int = 3) -> Block:

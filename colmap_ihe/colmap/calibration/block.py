@@ -13,6 +13,7 @@ from colmap_ihe.colmap.native import pycolmap
 
 Float64 = NDArray[np.float64]
 Ints = NDArray[np.intp]
+_AN_IMAGE = 30  # observations that fix its pose
 
 
 @dataclass(frozen=True)
@@ -100,8 +101,8 @@ def block_of(
 
 
 def thinned(block: Block, most: int) -> Ints:
-    """Return the numbers of at most about `most` points (n,): in every image those of most observations, and among
-    these every so many one."""
+    """Return the numbers of about `most` points (n,): of those that begin in an image, as many of each in proportion,
+    those of most observations; and so many more that each image keeps `_AN_IMAGE` of its own, if it has them."""
     if len(block.points) <= most:
         return np.arange(len(block.points))
     lengths = np.diff(block.starts)
@@ -113,4 +114,9 @@ def thinned(block: Block, most: int) -> Ints:
         mine = np.flatnonzero(firsts == image)
         longest = mine[np.argsort(-lengths[mine], kind="stable")]
         chosen[longest[: round(share * len(mine))]] = True
+    for image in range(images):  # whose pose would stay behind, and with it all that the image sees
+        mine = block.point[block.image == image]
+        others = mine[~chosen[mine]]
+        missing = max(0, _AN_IMAGE - (len(mine) - len(others)))
+        chosen[others[np.argsort(-lengths[others], kind="stable")[:missing]]] = True
     return np.flatnonzero(chosen)

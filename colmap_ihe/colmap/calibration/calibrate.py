@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
@@ -18,6 +19,8 @@ from colmap_ihe.colmap.calibration.sharing import focal_lengths, groups_of
 from colmap_ihe.colmap.native import pycolmap
 from colmap_ihe.machine import threads
 from colmap_ihe.machine.progress import SILENT, Progress
+
+logger = logging.getLogger(__name__)
 
 FEWEST = 3
 """Photographs by a camera from which on it is calibrated: with two, no point is seen once more than it takes."""
@@ -70,7 +73,21 @@ def calibrate(
     model: pycolmap.Reconstruction, known: Known, triangulation: Triangulation, progress: Progress = SILENT
 ) -> Calibration | Apart | None:
     """Change cameras, poses and points of a model to what its observations say of its lenses. None where no camera took
-    enough photographs, and `Apart` where one clearly did not take all of its own: then nothing was changed."""
+    enough photographs, too many points are wrong, or equations have no solution, which the log says; and `Apart` where
+    a camera clearly did not take all of its own: then nothing was changed. Raises `Cancelled`."""
+    try:
+        return _calibrate(model, known, triangulation, progress)
+    except np.linalg.LinAlgError as error:
+        logger.warning(
+            "the cameras are left as COLMAP has them: the equations of their calibration have no solution (%s)",
+            error,
+        )
+        return None
+
+
+def _calibrate(
+    model: pycolmap.Reconstruction, known: Known, triangulation: Triangulation, progress: Progress
+) -> Calibration | Apart | None:
     camera_ids = sorted({model.images[i].camera_id for i in model.reg_image_ids()})
     if any(model.cameras[i].is_spherical() for i in camera_ids):
         return None  # a panorama has no focal length
@@ -80,11 +97,15 @@ def calibrate(
     block, _ = block_of(model, image_ids, camera_ids)
     if not free or len(block.points) < FEWEST_POINTS:
         return None
-    chooser = Chooser(block.of_points(thinned(block, _TO_CHOOSE)), [known.cameras[i] for i in camera_ids])
+    chooser = Chooser(
+        block.of_points(thinned(block, _TO_CHOOSE)), [known.cameras[i] for i in camera_ids], progress
+    )
     progress.start(len(free) + 2, "calibration steps")
     with threads.limited(1):  # the matrices are small; and one thread gives the same to the bit
         base = chooser.again(chooser.fit(chooser.block, lenses, [model.cameras[i] for i in camera_ids]))
         progress.advance()
+        if len(base.adjusted.block.points) < FEWEST_POINTS // 2:
+            return None
         best, number = base, 0
         while number < len(best.lenses):  # a lens whose pictures were turned may become two
             best = _calibrated(chooser, best, number, known.given_model)
@@ -92,7 +113,7 @@ def calibrate(
             number += 1
         assumed = [camera_ids.index(i) for i in sorted(known.assumed) if i in camera_ids]
         # Not what only COLMAP's model sees, of a lens that it cannot show; nor as the richer one, which bent to them.
-        groups = _apart(base, assumed) if _apart(best, assumed) else []
+        groups = _apart(base, assumed, progress) if _apart(best, assumed, progress) else []
         if groups:
             return Apart([[str(model.images[image_ids[i]].name) for i in group] for group in groups])
         gain = held_out(chooser, base, best)
@@ -107,13 +128,13 @@ def calibrate(
     )
 
 
-def _apart(fit: Fit, assumed: Sequence[int]) -> list[list[int]]:
+def _apart(fit: Fit, assumed: Sequence[int], progress: Progress) -> list[list[int]]:
     """Return the images of the block, by number, in groups, of each camera by its place that took several groups."""
     counts = np.bincount(fit.adjusted.block.cameras, minlength=len(fit.cameras))
     several = [
         groups
         for camera in assumed
-        if counts[camera] >= FEWEST and len(groups := groups_of(*focal_lengths(fit, camera))) > 1
+        if counts[camera] >= FEWEST and len(groups := groups_of(*focal_lengths(fit, camera, progress))) > 1
     ]
     return [[one.image for one in group] for groups in several for group in groups]
 
@@ -138,10 +159,10 @@ def lenses_of(model: pycolmap.Reconstruction, camera_ids: Sequence[int], known: 
 
 
 def _calibrated(chooser: Chooser, start: Fit, number: int, given_model: bool) -> Fit:
-    freedom = start.lenses[number].freedom
-    if given_model and freedom is not None:  # the user's choice; its principal point is not
+    start = chooser.turned(start, number)
+    if given_model:  # the user's choice; its principal point is not
         return chooser.climb(start, number, steps=False)
-    return chooser.climb(chooser.begin(chooser.turned(start, number), number), number)
+    return chooser.climb(chooser.begin(start, number), number)
 
 
 def _finish(
@@ -155,15 +176,21 @@ def _finish(
 ) -> Fit:
     """Adjust the images by all points, and rebuild the model; once more where that brought other observations."""
     whole = len(image_ids) == model.num_reg_images()
-    for _ in range(2):
+    for rebuilt in (False, True):
         block, _ = block_of(model, image_ids, camera_ids)
         block = block.of_points(thinned(block, _POINTS_AN_IMAGE * len(image_ids)))
-        best = replace(chooser, block=block).again(best)
+        try:
+            best = replace(chooser, block=block).again(best)
+        except np.linalg.LinAlgError:
+            if rebuilt:  # the model is one of these cameras
+                break
+            raise
         observations = model.compute_num_observations()
         give(model, image_ids, camera_ids, best)
+        progress.check()
         if not whole:
-            adjust_poses(model, progress)
-        triangulate(model, triangulation)
+            adjust_poses(model, progress, triangulation.threads)
+        triangulate(model, triangulation, progress)
         progress.check()
         if abs(model.compute_num_observations() - observations) < _CHANGED * observations:
             break

@@ -13,10 +13,11 @@ import numpy as np
 
 from colmap_ihe.colmap.calibration.adjust import MOST_STEPS, Adjusted, adjust, cleaned
 from colmap_ihe.colmap.calibration.block import Block
-from colmap_ihe.colmap.calibration.equations import system_of, without_poses
+from colmap_ihe.colmap.calibration.equations import solved, system_of, without_poses
 from colmap_ihe.colmap.calibration.freedom import FISHEYE, PERSPECTIVE, Freedom, Lens, freed
 from colmap_ihe.colmap.calibration.lens import derivatives
 from colmap_ihe.colmap.native import pycolmap
+from colmap_ihe.machine.progress import SILENT, Progress
 
 A_PARAMETER = 9.0
 """By how much each parameter that is free must lower the cost, in units of sigma squared."""
@@ -37,10 +38,11 @@ class Fit:
 
 @dataclass(frozen=True)
 class Chooser:
-    """Fit lenses to a block. `known`: the cameras before any adjustment."""
+    """Fit lenses to a block. `known`: the cameras before any adjustment. All of it raises `Cancelled`."""
 
     block: Block
     known: Sequence[pycolmap.Camera]
+    progress: Progress = SILENT
 
     def fit(
         self,
@@ -51,7 +53,7 @@ class Chooser:
     ) -> Fit:
         """Return the block adjusted from these cameras on, with the lenses as free as they are."""
         free, prior = freed(lenses, cameras, self.known)
-        adjusted = adjust(block, free, np.zeros(len(prior.mean)), prior, most=most)
+        adjusted = adjust(block, free, np.zeros(len(prior.mean)), prior, most=most, progress=self.progress)
         return Fit(lenses, [one.at(adjusted.values) for one in free], adjusted)
 
     def again(self, fit: Fit) -> Fit:
@@ -75,7 +77,10 @@ class Chooser:
             )
             for ladder in (PERSPECTIVE, FISHEYE)
         )
-        if not _is_wide(fisheye.cameras[first]) or _simplest_fit([perspective, fisheye]) == 0:
+        sigma = min(perspective.adjusted.sigma, fisheye.adjusted.sigma)
+        # Either shows a lens of little distortion, and then chance would choose.
+        no_better = perspective.adjusted.cost(sigma) < fisheye.adjusted.cost(sigma) + ABOUT
+        if no_better or not _is_wide(fisheye.cameras[first]):
             return start
         return self.again(
             self.fit(
@@ -133,7 +138,7 @@ class Chooser:
         for one in tried:
             columns = [*others, *(before + column for column in one.columns_in(rich))]
             part = gradient[columns]
-            gains.append(float(part @ np.linalg.solve(matrix[np.ix_(columns, columns)], part)))
+            gains.append(float(part @ solved(matrix[np.ix_(columns, columns)], part)))
         return gains
 
 

@@ -24,6 +24,7 @@ def covisible(model: pycolmap.Reconstruction, lenses: Sequence[Sequence[int]], m
 def _grown(model: pycolmap.Reconstruction, image_ids: Sequence[int], most: int) -> set[int]:
     left = set(image_ids)
     chosen: set[int] = set()
+    seen_by: dict[int, list[int]] = {}  # asking COLMAP for a track takes long
     shared: Counter[int] = Counter({i: model.images[i].num_points3D for i in image_ids})
     while left and len(chosen) < most:
         newest = max(sorted(left), key=lambda i: shared[i])
@@ -32,7 +33,8 @@ def _grown(model: pycolmap.Reconstruction, image_ids: Sequence[int], most: int) 
         chosen.add(newest)
         left.discard(newest)
         for point in model.images[newest].get_observation_points2D():
-            for element in model.points3D[point.point3D_id].track.elements:
-                if element.image_id in left:
-                    shared[element.image_id] += 1
+            if point.point3D_id not in seen_by:
+                elements = model.points3D[point.point3D_id].track.elements
+                seen_by[point.point3D_id] = [element.image_id for element in elements]
+            shared.update(seen_by[point.point3D_id])
     return chosen

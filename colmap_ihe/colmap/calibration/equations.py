@@ -95,12 +95,11 @@ def _of_cameras(
     matrix = np.zeros((6 * images + count, 6 * images + count))
     gradient = np.zeros(6 * images + count)
     order = np.argsort(block.image, kind="stable")
-    rows = np.concatenate([by_pose, by_free], axis=2)[order]
-    residuals, bounds = residuals[order], np.searchsorted(block.image[order], np.arange(images + 1))
+    bounds = np.searchsorted(block.image[order], np.arange(images + 1))
     tail = np.arange(6 * images, 6 * images + count)
     for image in range(images):
-        mine = slice(bounds[image], bounds[image + 1])
-        flat = rows[mine].reshape(-1, 6 + count)
+        mine = order[bounds[image] : bounds[image + 1]]
+        flat = np.concatenate([by_pose[mine], by_free[mine]], axis=2).reshape(-1, 6 + count)
         columns = np.concatenate([np.arange(6 * image, 6 * image + 6), tail])
         matrix[np.ix_(columns, columns)] += flat.T @ flat
         gradient[columns] += flat.T @ residuals[mine].ravel()
@@ -137,9 +136,18 @@ def solve(system: System, damping: float) -> tuple[Float64, float]:
     """Return the move (C,) of poses and free parameters, and what the cost should gain by it."""
     scaled = system.matrix * system.scale[:, None] * system.scale
     scaled[np.diag_indices(len(scaled))] += max(damping, 1e-9)
-    move = -np.linalg.solve(scaled, system.gradient * system.scale) * system.scale
+    move = -solved(scaled, system.gradient * system.scale) * system.scale
     own = np.einsum("pij,pj->pi", system.factors, system.right)
     return move, float(-system.gradient @ move + (own**2).sum())
+
+
+def solved(matrix: Float64, right: Float64) -> Float64:
+    """Return the solution (n, ...) of equations (n, n); of those that are singular the shortest."""
+    try:
+        solution = np.linalg.solve(matrix, right)
+    except np.linalg.LinAlgError:
+        solution = np.linalg.lstsq(matrix, right, rcond=None)[0]
+    return np.asarray(solution, np.float64)
 
 
 def moved(block: Block, values: Float64, system: System, move: Float64) -> tuple[Block, Float64]:
@@ -165,9 +173,7 @@ def without_poses(system: System) -> tuple[Float64, Float64]:
     scaled[np.diag_indices(len(scaled))] += _GAUGE
     gradient = system.gradient * system.scale
     poses, free = slice(0, len(scaled) - count), slice(len(scaled) - count, len(scaled))
-    moved_poses = np.linalg.solve(
-        scaled[poses, poses], np.column_stack([scaled[poses, free], gradient[poses]])
-    )
+    moved_poses = solved(scaled[poses, poses], np.column_stack([scaled[poses, free], gradient[poses]]))
     matrix = scaled[free, free] - scaled[free, poses] @ moved_poses[:, :-1]
     gradient = gradient[free] - scaled[free, poses] @ moved_poses[:, -1]
     back = 1 / system.scale[free]
@@ -180,7 +186,7 @@ def inverse_of(system: System) -> Float64:
     scaled = system.matrix * system.scale[:, None] * system.scale
     scaled[np.diag_indices(len(scaled))] += _GAUGE
     free = np.arange(len(scaled) - count, len(scaled))
-    columns = np.linalg.solve(scaled, np.eye(len(scaled))[:, free])
+    columns = solved(scaled, np.eye(len(scaled))[:, free])
     return np.asarray(columns * system.scale[:, None] * system.scale[free])
 
 
@@ -189,8 +195,10 @@ def covariance(block: Block, system: System) -> Float64:
     variance, of that of independent observations and those where the errors at a point, or in a part of the picture,
     are alike (White 1980, "A heteroskedasticity-consistent covariance matrix estimator")."""
     count = system.by_free.shape[2]
-    inverse = inverse_of(system)
-    own, by_pose = inverse[-count:], inverse[:-count].reshape(-1, 6, count)
+    poses, own = np.split(inverse_of(system), [len(system.matrix) - count])
+    if own.size == 0 or len(block.pixels) == 0:
+        return own
+    by_pose = poses.reshape(-1, 6, count)
     along = np.einsum("mkj,mji->mki", system.by_pose, by_pose[block.image]) + system.by_free @ own
     moved_points = sums(block, np.einsum("mki,mkj->mij", system.by_world, along))
     moved_points = np.einsum("pji,pjk,pkl->pil", system.factors, system.factors, moved_points, optimize=True)

@@ -23,7 +23,7 @@ FOCAL = 0.05
 _ASPECT = (
     0.0003  # of focal lengths across and down: pixels are square, pictures were made smaller to whole ones
 )
-_COEFFICIENT = {"k": 0.3, "p": 0.001}
+_COEFFICIENT = {"k": 0.3, "p": 0.001, "s": 0.001}
 _TANGENTIAL = ("OPENCV", "FULL_OPENCV")
 _TWO_FOCAL_LENGTHS = (*_TANGENTIAL, "OPENCV_FISHEYE")
 
@@ -60,7 +60,9 @@ class Freedom:
         ladder = next(
             (ladder for ladder in (PERSPECTIVE, FISHEYE) if (self.model, self.coefficients) in ladder), None
         )
-        return Freedom(*ladder[-1], True, True) if ladder else replace(self, centre=True)
+        if ladder:
+            return Freedom(*ladder[-1], True, True)
+        return replace(self, centre=True, aspect=self.model in _TWO_FOCAL_LENGTHS)
 
     @property
     def count(self) -> int:
@@ -111,7 +113,9 @@ def freed(
         among_all[:, offset : offset + basis.shape[1]] = basis
         offset += basis.shape[1]
         for camera, quarter in zip(lens.cameras, lens.quarters, strict=True):
-            free[camera] = turned(FreeCamera(start, among_all), cameras[camera], quarter)
+            as_first = FreeCamera(start, among_all)
+            held = FreeCamera(cameras[camera], np.zeros((len(cameras[camera].params), total)))
+            free[camera] = turned(as_first, cameras[camera], quarter) if lens.freedom else held
     prior = Prior(*(np.concatenate([getattr(p, name) for *_, p in parts]) for name in ("mean", "deviation")))
     return [free[n] for n in range(len(cameras))], prior
 
@@ -131,7 +135,7 @@ def _freed(
     exif = known.has_prior_focal_length
     means = [known.mean_focal_length() - start.mean_focal_length() if exif else 0.0, *-params[coefficients]]
     deviations = [FOCAL * known.mean_focal_length() if exif else np.inf]
-    deviations.extend(_COEFFICIENT[names[index][0]] for index in coefficients)
+    deviations.extend(_COEFFICIENT.get(names[index][0], np.inf) for index in coefficients)
     if freedom.centre:
         means.extend(middle - params[centre])
         deviations.extend([CENTRE * max(start.width, start.height)] * 2)

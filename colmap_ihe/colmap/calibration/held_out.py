@@ -54,4 +54,6 @@ def _judged(chooser: Chooser, held: Block, fit: Fit, sigma: float) -> tuple[floa
     there = place(there, made.cameras, sigma)
     residuals = residuals_of(there, made.cameras)
     costs = np.add.reduceat(robust_cost(residuals, sigma), there.starts[:-1])
-    return float(np.nanmedian(np.hypot(residuals[:, 0], residuals[:, 1]))), costs
+    errors = np.hypot(residuals[:, 0], residuals[:, 1])
+    errors[np.isnan(errors)] = np.inf  # a point that is behind a camera
+    return float(np.median(errors)), costs

@@ -7,6 +7,7 @@ from copy import copy
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from colmap_ihe.colmap.calibration.block import Block, Float64
 from colmap_ihe.colmap.field_of_view import certain
@@ -14,6 +15,8 @@ from colmap_ihe.colmap.native import pycolmap
 
 _STEP = 1e-6
 """Of the distance of a point along the axis, and ten times that of a coefficient, in numeric derivatives."""
+_VECTORS = (("p2", "p1"), ("p0", "p1"), ("sx1", "sy1"), ("s0", "s2"), ("s1", "s3"))
+"""Coefficients of COLMAP's models that are an error across and the same down."""
 
 
 @dataclass(frozen=True)
@@ -32,7 +35,8 @@ class FreeCamera:
 @dataclass(frozen=True)
 class Terms:
     """Hold, of M observations, `in_camera` (M, 3), `residuals` (M, 2) in pixels, and the derivatives of the projection
-    by the point in the camera (M, 2, 3) and by the free parameters (M, 2, K); nan where nothing is projected."""
+    by the point in the camera (M, 2, 3) and by the free parameters (M, 2, K). Where a point has no projection or no
+    derivative, its residual is nan."""
 
     in_camera: Float64
     residuals: Float64
@@ -61,9 +65,17 @@ def derivatives(block: Block, free: Sequence[FreeCamera], values: Float64) -> Te
         camera = one.at(values)
         at = np.asarray(camera.img_from_cam(xyz))
         residuals[mine] = at - block.pixels[mine]
-        by_point[mine] = _by_point(camera, xyz)
-        by_free[mine] = _by_params(camera, xyz, at) @ one.basis
+        with np.errstate(all="ignore"):  # at the limits of a projection; what is not finite is left out below
+            by_point[mine] = _by_point(camera, xyz)
+            by_free[mine] = _by_params(camera, xyz, at) @ one.basis
+    residuals[~_finite(residuals, by_point, by_free)] = np.nan
     return Terms(points, residuals, by_point, by_free)
+
+
+def _finite(*arrays: Float64) -> NDArray[np.bool_]:
+    """Tell of which of m rows all values are finite, (m,)."""
+    finite = [np.isfinite(array).all(axis=tuple(range(1, array.ndim))) for array in arrays]
+    return np.asarray(np.logical_and.reduce(finite))
 
 
 def _by_point(camera: pycolmap.Camera, xyz: Float64) -> Float64:
@@ -130,22 +142,28 @@ def fitted(camera: pycolmap.Camera, model: str, coefficients: int, rounds: int =
     for _ in range(rounds):
         now = with_params(other, params)
         at = np.asarray(now.img_from_cam(xyz))
-        jacobian = (_by_params(now, xyz, at) @ basis).reshape(-1, basis.shape[1])
-        params = params - basis @ np.linalg.lstsq(jacobian, (at - pixels).ravel(), rcond=None)[0]
+        jacobian = _by_params(now, xyz, at) @ basis
+        kept = _finite(at, jacobian)
+        rows, off = jacobian[kept].reshape(-1, basis.shape[1]), (at - pixels)[kept].ravel()
+        params = params - basis @ np.linalg.lstsq(rows, off, rcond=None)[0]
     return with_params(other, params)
 
 
 def turned(free: FreeCamera, camera: pycolmap.Camera, quarter: int) -> FreeCamera:
     """Return the same lens for pictures of the size of `camera` that are turned by so many quarters: the principal
-    point, seen from the middle, and the tangential coefficients (p2, p1) turn with them."""
+    point, seen from the middle, and coefficients that have a direction turn with them, and focal lengths across and
+    down change places."""
     start = free.camera
     params = np.asarray(start.params).copy()
-    centre, names = list(start.principal_point_idxs()), start.params_info.replace(" ", "").split(",")
+    centre, focal = list(start.principal_point_idxs()), list(start.focal_length_idxs())
+    names = start.params_info.replace(" ", "").split(",")
     cos, sin = ((1, 0), (0, 1), (-1, 0), (0, -1))[quarter % 4]
     turn = np.eye(len(params))
-    pairs = [centre, *([[names.index("p2"), names.index("p1")]] if "p1" in names else [])]
-    for pair in pairs:
+    vectors = [[names.index(name) for name in pair] for pair in _VECTORS if set(pair) <= set(names)]
+    for pair in (centre, *vectors):
         turn[np.ix_(pair, pair)] = (cos, -sin), (sin, cos)
+    if quarter % 2 and len(focal) == 2:
+        turn[np.ix_(focal, focal)] = (0, 1), (1, 0)
     params[centre] -= np.array([start.width, start.height]) / 2
     params = turn @ params
     params[centre] += np.array([camera.width, camera.height]) / 2

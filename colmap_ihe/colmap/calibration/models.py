@@ -9,6 +9,7 @@ from pathlib import Path
 
 from colmap_ihe.colmap.calibration.calibrate import Apart, Calibration, Known, calibrate
 from colmap_ihe.colmap.calibration.choose import may_be_wide
+from colmap_ihe.colmap.calibration.freedom import PERSPECTIVE
 from colmap_ihe.colmap.calibration.rebuild import Triangulation
 from colmap_ihe.colmap.native import pycolmap
 from colmap_ihe.colmap.part_databases import copy_with_cameras
@@ -63,11 +64,15 @@ def calibrate_models(
         again = map_again(copy)
         if again and again[0].num_reg_images() >= models[0].num_reg_images():
             models, database = again, copy
+            found = [found[0] for _ in models]  # none of these is calibrated
         else:
             groups = []
     if any(isinstance(one, Apart) for one in found):
         known = known_of(database, replace(known, check_shared=False))
-        found = [_calibrated(model, database, known, settings, progress) for model in models]
+        found = [
+            _calibrated(model, database, known, settings, progress) if isinstance(one, Apart) else one
+            for model, one in zip(models, found, strict=True)
+        ]
     if isinstance(found[0], Calibration) and found[0].other_lens:
         models, found = _mapped_again(models, found, database, known, settings, map_again, scratch, progress)
     return models, [one if isinstance(one, Calibration) else None for one in found], groups
@@ -92,7 +97,7 @@ def _mapped_again(
     again = map_again(copy)
     if not again or again[0].num_reg_images() < models[0].num_reg_images():
         return models, found
-    starts = replace(known, starts=first.freedoms)
+    starts = replace(known, starts=first.freedoms, assumed=frozenset())
     return again, [_calibrated(model, database, starts, settings, progress) for model in again]
 
 
@@ -115,7 +120,8 @@ def _mapped_as_fisheye(
 ) -> Models:
     """Return the models, or those that begin with a fisheye's cameras, where wide lenses have left little of a model
     and these hold clearly more."""
-    wide = [i for i, camera in known.cameras.items() if i not in known.held and may_be_wide(camera)]
+    plain = {i: camera for i, camera in known.cameras.items() if camera.model_name == PERSPECTIVE[0][0]}
+    wide = [i for i, camera in plain.items() if i not in known.held and may_be_wide(camera)]
     if known.given_model or not wide or _share_mapped(models[0], database, settings) > _LITTLE:
         return models
     copy = scratch / "fisheyes.db"
@@ -170,4 +176,5 @@ def _triangulation(
         settings.get_triangulation(),
         mapper.filter_max_reproj_error,
         mapper.filter_min_tri_angle,
+        settings.num_threads,
     )

@@ -10,13 +10,14 @@ import numpy as np
 from colmap_ihe.colmap.calibration.adjust import place
 from colmap_ihe.colmap.calibration.block import block_of
 from colmap_ihe.colmap.calibration.choose import Fit
-from colmap_ihe.colmap.native import called, pycolmap
-from colmap_ihe.machine.progress import Progress
+from colmap_ihe.colmap.native import called, fill, pycolmap
+from colmap_ihe.machine.progress import SILENT, Progress
 
 
 @dataclass(frozen=True)
 class Triangulation:
-    """Hold the matches of the database, and COLMAP's options and limits for points, as its mapper has them."""
+    """Hold the matches of the database, COLMAP's options and limits for points, as its mapper has them, and how many
+    threads may adjust poses, -1 for all."""
 
     graph: pycolmap.CorrespondenceGraph
     options: pycolmap.IncrementalTriangulatorOptions = field(
@@ -24,6 +25,7 @@ class Triangulation:
     )
     most_error_px: float = 4.0
     least_angle: float = 1.5
+    threads: int = -1
 
 
 def give(
@@ -46,11 +48,12 @@ def give(
         model.points3D[point_id].xyz = xyz
 
 
-def adjust_poses(model: pycolmap.Reconstruction, progress: Progress) -> None:
+def adjust_poses(model: pycolmap.Reconstruction, progress: Progress, threads: int = -1) -> None:
     """Adjust poses and points of a model by COLMAP, with the cameras held: of those too large to adjust here."""
     options = pycolmap.BundleAdjustmentOptions()
     options.refine_focal_length = options.refine_principal_point = options.refine_extra_params = False
     options.print_summary = False
+    fill(options, {"num_threads": threads})
     config = pycolmap.BundleAdjustmentConfig()
     for image_id in model.reg_image_ids():
         config.add_image(image_id)
@@ -60,15 +63,16 @@ def adjust_poses(model: pycolmap.Reconstruction, progress: Progress) -> None:
     called(adjuster.solve, progress=progress, cancellable=False)
 
 
-def triangulate(model: pycolmap.Reconstruction, given: Triangulation) -> None:
-    """Add to a model, merge and filter what its cameras and poses say of the matches, as COLMAP's mapper does."""
+def triangulate(model: pycolmap.Reconstruction, given: Triangulation, progress: Progress = SILENT) -> None:
+    """Add to a model, merge and filter what its cameras and poses say of the matches, as COLMAP's mapper does. Raises
+    `Cancelled`."""
     observed = pycolmap.ObservationManager(model, given.graph)
     triangulator = pycolmap.IncrementalTriangulator(given.graph, model, observed)
     observed.filter_all_points3D(given.most_error_px, given.least_angle)
-    triangulator.complete_all_tracks(given.options)
-    triangulator.merge_all_tracks(given.options)
-    triangulator.retriangulate(given.options)
+    for step in (triangulator.complete_all_tracks, triangulator.merge_all_tracks, triangulator.retriangulate):
+        called(step, given.options, progress=progress, cancellable=False)
     for image_id in sorted(model.reg_image_ids()):
         triangulator.triangulate_image(given.options, image_id)
+        progress.check()
     observed.filter_all_points3D(given.most_error_px, given.least_angle)
     model.update_point_3d_errors()

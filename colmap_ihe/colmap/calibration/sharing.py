@@ -14,6 +14,7 @@ from colmap_ihe.colmap.calibration.choose import A_PARAMETER, Fit
 from colmap_ihe.colmap.calibration.equations import Prior, inverse_of, system_of
 from colmap_ihe.colmap.calibration.lens import FreeCamera, derivatives, tied
 from colmap_ihe.colmap.native import pycolmap
+from colmap_ihe.machine.progress import SILENT, Progress
 
 APART = 0.04
 """Between two focal lengths, from which on they are two settings of a zoom: focus moves one by less."""
@@ -30,15 +31,15 @@ class FocalLength:
     deviation: float
 
 
-def focal_lengths(fit: Fit, camera: int) -> tuple[list[FocalLength], float]:
+def focal_lengths(fit: Fit, camera: int, progress: Progress = SILENT) -> tuple[list[FocalLength], float]:
     """Return a focal length for each image of the block by the camera of this place in the fit's list, and by how much
-    the cost falls with them free, in units of sigma squared beyond what chance does."""
+    the cost falls with them free, in units of sigma squared beyond what chance does. Raises `Cancelled`."""
     block = fit.adjusted.block
     images = np.flatnonzero(block.cameras == camera)
     shared = fit.cameras[camera]
     alone, free = _each_its_own(block, fit.cameras, camera, images)
     prior = Prior(np.zeros(len(images)), np.full(len(images), _LOOSE * shared.mean_focal_length()))
-    adjusted = adjust(alone, free, np.zeros(len(images)), prior)
+    adjusted = adjust(alone, free, np.zeros(len(images)), prior, progress=progress)
     terms = derivatives(adjusted.block, free, adjusted.values)
     system = system_of(adjusted.block, terms, adjusted.sigma, prior, adjusted.values, 0.0)
     deviations = np.sqrt(np.diag(inverse_of(system)[-len(images) :]))
