@@ -22,10 +22,15 @@ def camera_rows(summary: Mapping[str, Any]) -> list[tuple[str, str]]:
     if len(cameras) > _ROWS:
         rows.append(("camera", f"and {len(cameras) - _ROWS} more, in report/summary.json"))
     if error := summary["held_out_error_px"]:
-        colmap = f"with COLMAP's model {error['colmap']:.3f} px"
-        kept = "" if error["confirmed"] else ", which was kept"
-        rows.append(("held-out error", f"{error['calibrated']:.3f} px, {colmap}{kept}"))
+        rows.append(("held-out error", _error_in_words(**error)))
     return rows
+
+
+def _error_in_words(calibrated: float, colmap: float, confirmed: bool) -> str:
+    if calibrated == colmap:
+        return f"{calibrated:.3f} px, which no richer camera model than COLMAP's betters"
+    kept = "" if confirmed else ", which was kept"
+    return f"{calibrated:.3f} px, with COLMAP's model {colmap:.3f} px{kept}"
 
 
 def gain_in_words(summary: Mapping[str, Any]) -> str:

@@ -17,8 +17,9 @@ DRAWN = 4  # lenses
 _COLUMNS = 8  # cameras of the table
 _BY = {"calibration": "calibrated", "colmap": "COLMAP's", "given": "given, held"}
 _GRID = (13, 9)
-_LONGEST = 0.9  # of the distance between arrows
-_SEEN_PX = 0.01  # a shorter arrow, or a smaller distance, is none
+_LONGEST = 0.9  # of the distance between lines
+_MOST_TIMES = 100.0  # as long as they are: half a pixel looks like little
+_SEEN_PX = 0.01  # a shorter line, or a smaller distance, is none
 _DOT = 3.0  # units of the drawing: the radius of the principal point, where its ellipse is smaller
 Float64 = NDArray[np.float64]
 
@@ -80,7 +81,7 @@ def _chart(camera: Camera, name: str) -> LensChart:
     scale = CHART_WIDTH / camera["width"]
     places, moved = _distortion(camera)
     longest = float(np.hypot(*moved.T).max(initial=0.0))
-    times = _LONGEST * camera["width"] / _GRID[0] / longest if longest > _SEEN_PX else 0.0
+    times = _times(places, moved, camera["width"], camera["height"]) if longest > _SEEN_PX else 0.0
     middle = np.array([camera["width"], camera["height"]]) / 2
     principal = np.array([camera["parameters"]["cx"], camera["parameters"]["cy"]])
     radii = (
@@ -88,7 +89,7 @@ def _chart(camera: Camera, name: str) -> LensChart:
     )
     off = float(np.hypot(*(principal - middle)))
     return LensChart(
-        title=f"{name}{camera['model']}, {camera['width']}x{camera['height']}: distortion up to {longest:.1f} px,"
+        title=f"{name}{camera['model']}, {camera['width']}x{camera['height']}: distortion up to {longest:.3g} px,"
         f" principal point {off:.1f} px off the middle",
         caption=f"{name}{_arrows_in_words(camera, longest, times)} {_centre_in_words(radii, off)}",
         height=camera["height"] * scale,
@@ -124,6 +125,14 @@ def _distortion(camera: Camera) -> tuple[Float64, Float64]:
     return places[seen], (there - places)[seen]
 
 
+def _times(places: Float64, moved: Float64, width: int, height: int) -> float:
+    """Return how many times as long lines can be drawn, without one that leaves the picture."""
+    room = np.where(moved > 0, np.array([width, height]) - places, places)
+    inside = (room / np.maximum(np.abs(moved), 1e-9)).min()
+    longest = np.hypot(*moved.T).max()
+    return float(min(_LONGEST * width / _GRID[0] / longest, inside, _MOST_TIMES))
+
+
 def _grid(width: int, height: int) -> Float64:
     """Return the middles (n, 2) of the fields of a picture."""
     across, down = ((np.arange(n) + 0.5) / n * side for n, side in zip(_GRID, (width, height), strict=True))
@@ -140,7 +149,7 @@ def _arrows_in_words(camera: Camera, longest: float, times: float) -> str:
         return f"The dots are where {ideal} without distortion shows places, and so does this one."
     return (
         f"The dots are where {ideal} without distortion shows places; lines lead to where this one does, up to"
-        f" {longest:.1f} px off, drawn {times:.1f} times as long."
+        f" {longest:.3g} px off, drawn {times:.3g} times as long."
     )
 
 

@@ -7,9 +7,10 @@ from typing import Any
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from colmap_ihe.report.camera_words import camera_rows, gain_in_words
-from colmap_ihe.report.cameras import cameras_table, lens_charts
+from colmap_ihe.report.cameras import LensChart, cameras_table, lens_charts
 
 
 def camera(**changes: Any) -> dict[str, Any]:
@@ -93,7 +94,9 @@ def test_what_points_held_out_say() -> None:
         "as COLMAP begins with it (25 % less)."
     )
     assert gain_in_words(summary(colmap=0.4, calibrated=0.5)).endswith("(25 % more).")
-    assert "call for no camera model that is richer" in gain_in_words(summary(colmap=0.4, calibrated=0.4))
+    same = summary(colmap=0.4, calibrated=0.4)
+    assert "call for no camera model that is richer" in gain_in_words(same)
+    assert camera_rows(same)[0][1] == "0.400 px, which no richer camera model than COLMAP's betters"
     refused = summary(camera(), colmap=0.4, calibrated=0.5, confirmed=False)
     assert "by 0.400 px with COLMAP's own. So COLMAP's is kept" in gain_in_words(refused)
     assert camera_rows(refused)[1][1] == "0.500 px, with COLMAP's model 0.400 px, which was kept"
@@ -119,6 +122,22 @@ def test_the_table_has_a_column_for_each_camera() -> None:
     assert many is not None and len(many.columns) == 9 and many.title == "Cameras, the first 8 of 12"
 
 
+def ends_of(chart: LensChart) -> NDArray[np.float64]:
+    """(n, 2): where the lines end."""
+    return np.array([float(v) for v in re.findall(r"-?[\d.]+", chart.arrows)]).reshape(-1, 4)[:, 2:]
+
+
+def test_no_line_leaves_the_picture_or_makes_much_of_little() -> None:
+    def drawn(k: float) -> LensChart:
+        return lens_charts([camera(parameters={"f": 1000.0, "cx": 500.0, "cy": 250.0, "k": k})])[0]
+
+    outwards, little = drawn(0.1), drawn(-0.0001)
+    ends = ends_of(outwards)
+    assert ends.min() == pytest.approx(0, abs=0.06) and (ends.max(axis=0) <= (640.05, 320.05)).all()
+    assert little.times == 100
+    assert "up to 0.0134 px off, drawn 100 times as long" in little.caption
+
+
 def test_a_lens_is_drawn_where_it_shows_things() -> None:
     """Barrel distortion: at the corner of the grid r = 0.4485 focal lengths, so 10 % of its cube further in."""
     (chart,) = lens_charts([camera(parameters={"f": 1000.0, "cx": 500.0, "cy": 250.0, "k": -0.1}), STRANGER])
@@ -132,6 +151,8 @@ def test_a_lens_is_drawn_where_it_shows_things() -> None:
     x, y, u, v = (float(value) for value in re.findall(r"-?[\d.]+", chart.arrows)[:4])
     assert (x, y) == pytest.approx((24.6, 17.8), abs=0.06)  # the first of 13 by 9
     assert u > x and v > y  # inwards
+    ends = ends_of(chart)
+    assert np.hypot(*(ends[0] - (24.6, 17.8))) == pytest.approx(0.9 * 640 / 13, abs=0.1)
     (held,) = lens_charts([HELD])
     assert held.radii == (3, 3) and held.off_px == pytest.approx(116**0.5)
     assert held.caption.endswith("the blue dot the principal point, held 10.8 px off it.")
