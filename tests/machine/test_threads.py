@@ -14,7 +14,8 @@ import pytest
 from small_demo import QUICK, Make
 from threadpoolctl import threadpool_info
 
-from colmap_ihe.colmap.matching import native_options
+from colmap_ihe.colmap import matching
+from colmap_ihe.colmap.mapper_options import native_options
 from colmap_ihe.colmap.native import fill, pycolmap
 from colmap_ihe.machine import threads
 from colmap_ihe.machine.executor import local_executor, width_of
@@ -70,11 +71,11 @@ def test_the_least_of_several_limits_counts_and_none_limits_nothing() -> None:
 def test_colmap_is_told_wherever_it_decides_for_itself() -> None:
     with limited(1):
         incremental = native_options(SparseOptions(colmap={"mapper": {"num_threads": 3}}))
-        matching, pairing, _ = native_options(MatchesOptions(), "vocabtree")
+        pairs, pairing, _ = matching.native_options(MatchesOptions(), "vocabtree")
         hierarchical = native_options(SparseOptions(mapper="hierarchical"))
         everywhere = native_options(SparseOptions(mapper="global"))
     assert (incremental.num_threads, incremental.mapper.num_threads) == (1, 3)
-    assert (matching.num_threads, pairing.num_threads) == (1, 1)
+    assert (pairs.num_threads, pairing.num_threads) == (1, 1)
     assert (hierarchical.num_workers, hierarchical.incremental_options.num_threads) == (1, 1)
     assert everywhere.mapper.bundle_adjustment.ceres.solver_options.num_threads == 1
     assert native_options(SparseOptions()).num_threads == -1

@@ -7,7 +7,7 @@ import re
 import shutil
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -25,7 +25,7 @@ from colmap_ihe.colmap.native import pycolmap
 from colmap_ihe.errors import Cancelled, OptionError, PhotographError, ProjectError
 from colmap_ihe.grey.weights import Weights, grey_from_dict
 from colmap_ihe.machine.files import write_bytes
-from colmap_ihe.machine.progress import Silent
+from colmap_ihe.machine.progress import Progress, Silent
 from colmap_ihe.photographs.camera_identity import read_identities
 from colmap_ihe.pipeline.reconstruct import reconstruct
 from colmap_ihe.pipeline.stages import STAGE_NAMES
@@ -569,6 +569,15 @@ def test_the_calibration_file_goes_with_its_model(finished: Path, quick_options:
     file.unlink()
     assert reconstruct(finished, quick_options()).stages_run == ()
     assert file.read_bytes() == first
+    there = {}
+
+    class Looks(Silent):
+        def stage(self, name: str) -> AbstractContextManager[Progress]:
+            there[name] = file.exists()
+            return super().stage(name)
+
+    reconstruct(finished, quick_options(), start="mesh", progress=Looks())
+    assert there["mesh"]
     reconstruct(finished, quick_options(), start="matches", until="matches")
     assert not file.exists()
     reconstruct(finished, quick_options("sparse.seed=3"), until="sparse")
