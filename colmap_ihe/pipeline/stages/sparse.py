@@ -9,7 +9,7 @@ from typing import Annotated, Any
 from pydantic import Field
 
 from colmap_ihe.colmap import mapping
-from colmap_ihe.colmap.calibration.calibrate import Known
+from colmap_ihe.colmap.calibration.calibrate import MOST_IMAGES, Known
 from colmap_ihe.colmap.mapper_options import native_options
 from colmap_ihe.colmap.second_try import SecondTry
 from colmap_ihe.errors import MappingError
@@ -27,6 +27,7 @@ from colmap_ihe.project.folder import Project
 from colmap_ihe.project.options import Options
 
 _FEATURE = 45  # bytes on disk of a feature, in the model
+_CALIBRATED = 4_000_000  # bytes of memory for an image, of 600 points that five images see
 _SURE = 3  # photographs; where only two see a point, nothing checks it
 
 
@@ -140,13 +141,16 @@ def _check(options: Options, images: int) -> None:
 
 def _needs(options: Options, size: PhotoSetSize) -> StageNeeds:
     features = size.images * features_an_image(options, size)
-    memory, disk = BASE_BYTES + round(400 * features), round(features * _FEATURE)
+    calibrated = _CALIBRATED * min(size.images, MOST_IMAGES) if options.sparse.calibration == "auto" else 0
+    memory, disk = BASE_BYTES + round(400 * features) + calibrated, round(features * _FEATURE)
     return StageNeeds("sparse", memory, 0, disk, saves=FEWER_FEATURES)
 
 
 def _parts(options: Options, known: resource_needs.Known) -> list[Part]:
+    steps = Part("sparse", "calibration steps", 0.3 * min(known.images, MOST_IMAGES))
     return [
         Part("sparse", "images", 1e-4 * known.inliers),
+        *([steps] if options.sparse.calibration == "auto" else []),
         Part("sparse", "coloured models", 0.02 * known.registered_megapixels),
     ]
 
