@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import io
 import logging
 import os
 import signal
@@ -86,6 +87,10 @@ def _display(parsed: argparse.Namespace) -> Display:
 def entry_point() -> None:
     """Run the command line as a process of its own."""
     memory.begin_sparing()
+    if isinstance(
+        sys.stdout, io.TextIOWrapper
+    ):  # a terminal without a character shows its code, as on stderr
+        sys.stdout.reconfigure(errors="backslashreplace")
     status_code = main()
     sys.stderr.flush()
     # A mapper that cannot be asked to stop may still be on its thread: Python's own exit would wait for it.

@@ -59,6 +59,18 @@ def test_a_broken_tiff_leaves_no_warnings_of_libraries(tmp_path: Path) -> None:
     assert "site-packages" not in done.stderr
 
 
+def test_a_terminal_without_a_character_shows_its_code(tmp_path: Path) -> None:
+    """The summary has plus-minus signs, and names of files may have any."""
+    images, out = tmp_path / "images", tmp_path / "caf\u00e9"
+    images.mkdir()
+    Image.fromarray(np.random.default_rng(1).integers(0, 256, (80, 80, 3), np.uint8)).save(
+        images / "whole.png"
+    )
+    done = run("convert", images, out, "--method", "green", "-q", PYTHONIOENCODING="ascii")
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.startswith("1 grey images in ") and "caf\\xe9 (green" in done.stdout
+
+
 @pytest.mark.parametrize("unbuffered", ["1", ""])
 def test_a_pipe_that_closes_early_is_no_error(unbuffered: str) -> None:
     """As `colmap-ihe doctor | head`. Python writes at once where it is told to, else as it ends."""

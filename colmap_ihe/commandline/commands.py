@@ -80,6 +80,9 @@ def _print_reconstruction(parsed: argparse.Namespace, display: Display, done: Re
     print_summary(done.summary, title=str(parsed.project))
     _print_report(done)
     mesh = done.textured_mesh or done.mesh
+    calibration = done.project.calibration_file
+    if done.summary["cameras"] and calibration.exists():
+        print(f"cameras   {calibration}")
     for name, path in (("sparse", done.sparse_model), ("dense", done.dense_cloud), ("mesh", mesh)):
         if path.exists() and done.summary["stages"].get(name) is not None:
             print(f"{name:<9} {path}")

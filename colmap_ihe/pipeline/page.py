@@ -26,6 +26,7 @@ from colmap_ihe.pipeline.stage import RunContext
 from colmap_ihe.project.folder import Project
 from colmap_ihe.project.options import Options
 from colmap_ihe.report import contents, pictures
+from colmap_ihe.report.camera_words import gain_in_words
 from colmap_ihe.report.contents import Contents, PhotographEntry
 from colmap_ihe.report.methods_sentence import citation, is_default, methods_sentence
 from colmap_ihe.report.page import render_page
@@ -104,7 +105,7 @@ def gather(run: RunContext, summary: Mapping[str, Any], progress: Progress) -> C
         cloud=cloud,
         cameras=_cameras(grey_of, model) if model else (),
         lenses=summary["cameras"] or (),
-        calibration=_calibration(summary),
+        calibration=gain_in_words(summary),
         sliders=[
             _slider(project, name, grey_of[name]) for name in _spread(sorted(looks), _SLIDERS) if compared
         ],
@@ -128,18 +129,6 @@ def _result(summary: Mapping[str, Any]) -> str:
         parts.append(f"the dense cloud has {summary['dense_points']:,} points")
     error = f"mean reprojection error {summary['mean_reprojection_error_px']:.2f} px"
     return f"{', '.join(parts)}; {error}."
-
-
-def _calibration(summary: Mapping[str, Any]) -> str:
-    error = summary["held_out_error_px"]
-    if not error:
-        return ""
-    less = 100 * (1 - error["calibrated"] / error["colmap"]) if error["colmap"] else 0.0
-    share = f"{abs(less):.0f} % {'less' if less >= 0 else 'more'}"
-    return (
-        f"Points that the calibration did not see are off by {error['calibrated']:.3f} px in the median, by"
-        f" {error['colmap']:.3f} px with the camera model as COLMAP begins with it ({share})."
-    )
 
 
 def _look(project: Project, name: str, grey_name: str) -> _Look:

@@ -61,8 +61,9 @@ def _run_stage(stage: Stage, later: Sequence[Stage], run: RunContext, progress: 
         _set_aside(each, run, progress)
     for each in later:
         project.drop_record(each.name)
-    for file in (project.summary_file, project.calibration_file):
-        file.unlink(missing_ok=True)
+    project.summary_file.unlink(missing_ok=True)
+    if "sparse" in (stage.name, *(each.name for each in later)):
+        project.calibration_file.unlink(missing_ok=True)
     run.resumed = stage.name not in run.forced and project.was_begun(stage.name, fingerprint)
     if not run.resumed:
         project.drop_record(stage.name)

@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from colmap_ihe.colmap.calibration.held_out import HeldOut
 from colmap_ihe.errors import ProjectError
 from colmap_ihe.machine.executor import local_executor
 from colmap_ihe.machine.files import read_json
@@ -50,7 +51,7 @@ def summarise(records: Mapping[str, Mapping[str, Any]], options: Options) -> dic
         "tones": main["tones"] if main else None,
         "tried": records["fit"]["tried"].get(main["encoding"]) if main else None,
         "weights_by_encoding": {e: w["weights"] for e, w in by_encoding.items()},
-        "cameras": [_camera(camera) for camera in sparse.get("cameras", [])] if sparse else None,
+        "cameras": [_camera(camera) for camera in sparse.get("cameras", ())] or None,
         "held_out_error_px": _held_out(sparse.get("held_out")),
         "with_focal_prior": features.get("with_focal_prior"),
         "features": features.get("features"),
@@ -82,11 +83,15 @@ def _camera(record: Mapping[str, Any]) -> dict[str, Any]:
         "parameters": dict(zip(record["names"], record["params"], strict=True)),
         "standard_deviations": dict(zip(record["names"], deviations, strict=True)) if deviations else None,
         "doubtful": record["correlated"],
+        "exif": record.get("exif"),
     }
 
 
-def _held_out(record: Mapping[str, Any] | None) -> dict[str, float] | None:
-    return {"colmap": record["colmap_px"], "calibrated": record["calibrated_px"]} if record else None
+def _held_out(record: Mapping[str, Any] | None) -> dict[str, Any] | None:
+    if record is None:
+        return None
+    gain = HeldOut(record["colmap_px"], record["calibrated_px"], record["standard_errors"])
+    return {"colmap": gain.colmap_px, "calibrated": gain.chosen_px, "confirmed": not gain.worse}
 
 
 def report(

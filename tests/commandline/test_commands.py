@@ -101,12 +101,14 @@ def test_reconstruct_prints_its_summary(capsys: Captured, finished: Path) -> Non
     assert str(finished / "workspace/dense/0/fused.ply") in text
     assert str(finished / "workspace/dense/0/mesh.glb") in text
     assert str(finished / "report/index.html") in text
+    assert f"cameras   {finished / 'report/calibration.yaml'}" in text
+    assert re.search(r"camera  .*focal length 4\d\d\.\d ± \d", text)
     assert re.search(r"dense \d+ s, mesh \d+ s, page \d+ s: ", text)
 
 
 def test_the_page_of_an_earlier_run_is_not_named(capsys: Captured, finished: Path) -> None:
     text = output_of(capsys, "reconstruct", finished, *SETTINGS, "--from", "fit", "--until", "convert")
-    assert "index.html" not in text
+    assert "index.html" not in text and "calibration.yaml" not in text
     assert str(finished / "report/summary.json") in text
 
 

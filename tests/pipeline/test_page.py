@@ -42,7 +42,9 @@ def test_a_page_shows_the_whole_project(finished: Path, quick_options: MakeOptio
     html = (finished / "report/index.html").read_text()
     assert "portico_01" in html
     assert "8 of 8 photographs are registered" in html
+    assert '<h2 id="cameras-heading">Cameras</h2>' in html and '<a href="calibration.yaml">' in html
     found = contents_of(finished, quick_options())
+    assert found.calibration.startswith("Points that the calibration did not see are off by 0.")
     assert len(found.photographs) == len(found.cameras) == 8
     assert all(p.points > 30 and p.error_px and p.coverage and p.thumbnail for p in found.photographs)
     assert found.cloud is not None

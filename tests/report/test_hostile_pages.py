@@ -21,7 +21,7 @@ from colmap_ihe.batch.folder import BatchFolder
 from colmap_ihe.batch.state import BatchState, project_state, publish
 from colmap_ihe.project.folder import Project
 from colmap_ihe.report import pictures
-from colmap_ihe.report.contents import Comparison, MethodFigures, Picture
+from colmap_ihe.report.contents import Comparison, Contents, MethodFigures, Picture
 from colmap_ihe.report.page import render_batch, render_comparison, render_page
 from colmap_ihe.report.tables import Table
 
@@ -52,8 +52,12 @@ def spoilt(value: Any, payload: str) -> Any:
     if isinstance(value, Picture):
         return dataclasses.replace(value, alt=value.alt + payload)
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
-        names = {field.name for field in dataclasses.fields(value)} - {"kind", "page", "log"}
-        return dataclasses.replace(value, **{name: spoilt(getattr(value, name), payload) for name in names})
+        names = {field.name for field in dataclasses.fields(value)} - {"kind", "page", "log", "lenses"}
+        changed = {name: spoilt(getattr(value, name), payload) for name in names}
+        if isinstance(value, Contents):  # of a lens only what EXIF says is another's text
+            lenses = [lens | {"exif": lens["exif"] | {"model": payload}} for lens in map(dict, value.lenses)]
+            changed["lenses"] = lenses
+        return dataclasses.replace(value, **changed)
     if isinstance(value, Mapping):
         return {spoilt(k, payload): spoilt(v, payload) for k, v in value.items()}
     if isinstance(value, list | tuple):

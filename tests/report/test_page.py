@@ -52,7 +52,7 @@ def test_name_that_is_not_utf8_can_be_written() -> None:
         ({"grey": None}, "The grey that the set was matched in"), ({"pairs": ()}, "Matches, side by side"),
         ({"sliders": ()}, "Before and after"), ({"warnings": ()}, "Warnings"), ({"versions": {}}, "Versions"),
         ({"points_by_images": {}}, "How many photographs see a point"), ({"cloud": None}, "The dense cloud"),
-        ({"matches": None}, "Which photographs match"), ({"options": ""}, "All options"),
+        ({"lenses": ()}, "Cameras"), ({"matches": None}, "Which photographs match"), ({"options": ""}, "All options"),
     ],
 )  # fmt: skip
 def test_sections_without_contents_are_left_out(whole: str, left_out: dict[str, Any], heading: str) -> None:

@@ -7,7 +7,7 @@ import re
 import shutil
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -20,12 +20,12 @@ from same_results import contents, pixels_of
 from small_demo import Make, MakeOptions
 from told import Told
 
-from colmap_ihe.colmap.calibration_file import write_calibration
+from colmap_ihe.colmap.calibration_file import read_calibration, write_calibration
 from colmap_ihe.colmap.native import pycolmap
 from colmap_ihe.errors import Cancelled, OptionError, PhotographError, ProjectError
 from colmap_ihe.grey.weights import Weights, grey_from_dict
 from colmap_ihe.machine.files import write_bytes
-from colmap_ihe.machine.progress import Silent
+from colmap_ihe.machine.progress import Progress, Silent
 from colmap_ihe.photographs.camera_identity import read_identities
 from colmap_ihe.pipeline.reconstruct import reconstruct
 from colmap_ihe.pipeline.stages import STAGE_NAMES
@@ -537,6 +537,53 @@ def test_cameras_start_from_a_calibration_file(new_project: Make, quick_options:
     assert state() == ["stale"]
     write_calibration(project / "given.yaml", [own])
     assert state(given) == ["stale"]
+
+
+def test_a_calibration_found_by_one_campaign_is_held_in_the_next(
+    finished: Path, new_project: Make, quick_options: MakeOptions
+) -> None:
+    """Written, read and held through the mapping to the last bit; the next campaign passes the same file on."""
+    (found,) = read_calibration(finished / "report/calibration.yaml")
+    (camera,) = pycolmap.Reconstruction(finished / "workspace/sparse/0").cameras.values()
+    assert (found.camera_model, found.params) == (camera.model_name, camera.params.tolist())
+    (told,) = json.loads((finished / "report/summary.json").read_text())["cameras"]
+    assert [*told["parameters"].values()] == found.params
+    assert [*told["standard_deviations"].values()] == found.standard_deviations
+    assert (told["exif"]["model"], told["exif"]["focal_length_mm"]) == (found.model, found.focal_length_mm)
+    project = new_project(4)
+    shutil.copy(finished / "report/calibration.yaml", project / "calibration.yaml")
+    given = quick_options("camera.calibration=calibration.yaml", "camera.fixed=true")
+    done = reconstruct(project, given, until="sparse")
+    (held,) = pycolmap.Reconstruction(project / "workspace/sparse/0").cameras.values()
+    assert (held.model_name, held.params.tolist()) == (found.camera_model, found.params)
+    (told,) = done.summary["cameras"]
+    assert (told["by"], told["standard_deviations"], told["photographs"]) == ("given", None, 4)
+    assert done.summary["held_out_error_px"] is None
+    (passed_on,) = read_calibration(project / "report/calibration.yaml")
+    assert passed_on == found.model_copy(update={"standard_deviations": None, "photographs": 4})
+
+
+def test_the_calibration_file_goes_with_its_model(finished: Path, quick_options: MakeOptions) -> None:
+    file = finished / "report/calibration.yaml"
+    first = file.read_bytes()
+    file.unlink()
+    assert reconstruct(finished, quick_options()).stages_run == ()
+    assert file.read_bytes() == first
+    there = {}
+
+    class Looks(Silent):
+        def stage(self, name: str) -> AbstractContextManager[Progress]:
+            there[name] = file.exists()
+            return super().stage(name)
+
+    reconstruct(finished, quick_options(), start="mesh", progress=Looks())
+    assert there["mesh"]
+    reconstruct(finished, quick_options(), start="matches", until="matches")
+    assert not file.exists()
+    reconstruct(finished, quick_options("sparse.seed=3"), until="sparse")
+    (camera,) = pycolmap.Reconstruction(finished / "workspace/sparse/0").cameras.values()
+    (found,) = read_calibration(file)
+    assert found.params == camera.params.tolist()
 
 
 def test_holding_the_calibration_is_an_option_of_the_mapping(

@@ -29,6 +29,7 @@ from colmap_ihe.pipeline.stages.fit import fit_of
 from colmap_ihe.pipeline.summary import summarise
 from colmap_ihe.project.folder import Project
 from colmap_ihe.project.options import Options
+from colmap_ihe.report.cameras import cameras_table, lens_charts
 from colmap_ihe.report.contents import Contents, PhotographEntry
 from colmap_ihe.report.page import render_page
 from colmap_ihe.report.tables import summary_rows
@@ -66,6 +67,8 @@ def test_stage_records(data: bytes, folder: Path) -> object:
         return None
     summary = summarise(found, Options())
     summary_rows(summary)
+    cameras_table(summary["cameras"] or ())
+    lens_charts(summary["cameras"] or ())
     json.dumps(summary).encode("utf-8", "surrogatepass")
     RunContext(place, Options(), _DISCOVERY, None, records=found).captures()  # type: ignore[arg-type]
     return fit_of(found["fit"]) if "fit" in found else summary

@@ -24,6 +24,20 @@ def records() -> dict[str, dict[str, Any]]:
         "reason": "",
     }
     model = {"registered_images": 2, "points3d": 9, "points_over_3_views": 3, "mean_track_length": 2.5}
+    camera = {
+        "camera_id": 1,
+        "model": "SIMPLE_RADIAL",
+        "width": 90,
+        "height": 66,
+        "names": ["f", "cx", "cy", "k"],
+        "params": [101.5, 45.5, 33.0, -0.1],
+        "standard_deviations": [0.5, 0.25, 0.0, 0.01],
+        "correlated": [["f", "k", 0.97]],
+        "photographs": 2,
+        "by": "calibration",
+        "exif": {"make": "Foo", "model": "Bar", "focal_length_mm": 35.0, "focal_length_35mm": 0.0},
+    }
+    held_out = {"colmap_px": 0.4, "calibrated_px": 0.3, "standard_errors": 2.5}
     return {
         "captures": whole
         | {"images": 2, "raw": 0, "paired": {}, "with_gps": 0, "pixels": 99, "largest": 50}
@@ -33,7 +47,8 @@ def records() -> dict[str, dict[str, Any]]:
         "features": whole | {"images": 2, "cameras": 1, "with_focal_prior": 2, "features": 99, "missing": []},
         "matches": whole | {"strategy": "exhaustive", "pairs_verified": 1, "inliers": 20, "pairs_matched": 1},
         "sparse": whole
-        | {"models": [model | {"mean_reprojection_error_px": 0.5, "image_names": ["a.png"]}], "unregistered": []},
+        | {"models": [model | {"mean_reprojection_error_px": 0.5, "image_names": ["a.png"]}], "unregistered": []}
+        | {"cameras": [camera], "held_out": held_out},
         "dense": whole | {"points": 99, "backend": "sgm", "pixels": 100, "pixels_with_depth": 60},
         "mesh": whole | {"files": ["mesh.ply"], "faces": 9, "texture": {"width": 9, "height": 9}},
     }  # fmt: skip

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from functools import partial
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -83,6 +84,27 @@ def facade_cameras(names: list[str]) -> list[CameraPose]:
     return cameras
 
 
+def facade_lens(hostile: str, by: str) -> dict[str, Any]:
+    """A camera as in a summary; `hostile` stands in what EXIF says of it."""
+    parameters = {"f": 1210.4, "cx": 498.2, "cy": 331.7, "k": -0.11}
+    return {
+        "model": "SIMPLE_RADIAL",
+        "width": 1000,
+        "height": 667,
+        "photographs": 12,
+        "by": by,
+        "parameters": parameters,
+        "standard_deviations": {"f": 0.9, "cx": 4.1, "cy": 2.8, "k": 0.0012} if by == "calibration" else None,
+        "doubtful": [],
+        "exif": {
+            "make": f"NIKON{hostile}",
+            "model": f"D850{hostile}",
+            "focal_length_mm": 35.0,
+            "focal_length_35mm": 35.0,
+        },
+    }
+
+
 def synthetic_contents(points: int = 20_000, photographs: int = 24, hostile: str = "") -> Contents:
     """A whole page. `hostile` stands in every text that a user gives."""
     names = [f"{hostile}DSC_{4100 + i}.NEF" for i in range(photographs)]
@@ -134,6 +156,8 @@ def synthetic_contents(points: int = 20_000, photographs: int = 24, hostile: str
         photographs=set_of,
         cloud=facade_cloud(points),
         cameras=facade_cameras(names),
+        lenses=[facade_lens(hostile, by) for by in ("calibration", "calibration", "colmap")],
+        calibration=f"{hostile}Points that the calibration did not see are off by 0.38 px in the median.",
         sliders=sliders,
         pairs=pairs,
         points_by_images={2: 9120, 3: 4210, 4: 2310, 5: 1200, 6: 730, 7: 402, 8: 210, 9: 120, 11: 31},

@@ -84,6 +84,7 @@ def run(run: RunContext, progress: Progress) -> SparseRecord:
         *warnings,
         *camera_warnings.apart_warnings([[by_grey[name] for name in group] for group in mapped.apart]),
         *camera_warnings.doubtful_calibrations([camera.model_dump() for camera in cameras]),
+        *camera_warnings.refused_calibrations(mapped.calibration.gain if mapped.calibration else None),
     ]
     record = SparseRecord(
         models=described, unregistered=missing, cameras=cameras, held_out=held_out, warnings=warnings

@@ -5,11 +5,14 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from colmap_ihe.colmap.calibration.held_out import HeldOut
 from colmap_ihe.colmap.known_calibration import CalibrationUse
 from colmap_ihe.machine.words import counted, listed
 
 _WEAK_FOCAL = 0.005  # standard deviation, of the focal length
-_WEAK_CENTRE = 0.01  # of a principal point, in longer sides
+_WEAK_CENTRE = (
+    0.005  # of a principal point, in longer sides: half of what is known of it before any photograph
+)
 _FAR_OFF = 0.03  # of a principal point from the middle, in longer sides
 _BETTER = (
     "Photographs that are turned by 90 degrees about the line of sight, or look from the sides, tell it; so does"
@@ -58,19 +61,11 @@ def doubtful_calibrations(cameras: Sequence[Mapping[str, Any]]) -> list[str]:
     warnings = []
     for camera in (one for one in cameras if one["standard_deviations"]):
         who = f"the camera of {counted(camera['photographs'], 'photograph')} ({camera['model']})"
-        value = dict(zip(camera["names"], camera["params"], strict=True))
-        spread = dict(zip(camera["names"], camera["standard_deviations"], strict=True))
-        longer = max(camera["width"], camera["height"])
-        weak = [
-            f"{name} {value[name]:.0f} ± {spread[name]:.0f} px"
-            for name in value
-            if _is_weak(name, value, spread, longer)
-        ]
-        weak += [f"{a} and {b} stand for each other ({found:.2f})" for a, b, found in camera["correlated"]]
-        if weak:
+        if weak := _weak_parameters(camera):
             warnings.append(
                 f"these photographs hardly tell the calibration of {who}: {listed(weak, separator='; ')}. {_BETTER}"
             )
+        value, longer = _by_name(camera, "params"), max(camera["width"], camera["height"])
         off = max(abs(value["cx"] - camera["width"] / 2), abs(value["cy"] - camera["height"] / 2)) / longer
         if off > _FAR_OFF:
             warnings.append(
@@ -80,10 +75,40 @@ def doubtful_calibrations(cameras: Sequence[Mapping[str, Any]]) -> list[str]:
     return warnings
 
 
+def _weak_parameters(camera: Mapping[str, Any]) -> list[str]:
+    """Name the parameters that are not sure, and pairs of which one may stand for the other."""
+    value, spread = _by_name(camera, "params"), _by_name(camera, "standard_deviations")
+    longer = max(camera["width"], camera["height"])
+    one_focal_length = value.get("fx") == value.get("fy")
+    names = [name for name in value if not (name == "fy" and one_focal_length)]
+    weak = [
+        f"{name} {value[name]:.0f} ± {spread[name]:.0f} px"
+        for name in names
+        if _is_weak(name, value, spread, longer)
+    ]
+    pairs = [(a, b, found) for a, b, found in camera["correlated"] if a in names and b in names]
+    return weak + [f"{a} and {b} stand for each other ({found:.2f})" for a, b, found in pairs]
+
+
+def _by_name(camera: Mapping[str, Any], numbers: str) -> dict[str, float]:
+    return dict(zip(camera["names"], camera[numbers], strict=True))
+
+
 def _is_weak(name: str, value: Mapping[str, float], spread: Mapping[str, float], longer: float) -> bool:
     if name in ("f", "fx", "fy"):
         return spread[name] > _WEAK_FOCAL * value[name]
     return name in ("cx", "cy") and spread[name] > _WEAK_CENTRE * longer
+
+
+def refused_calibrations(gain: HeldOut | None) -> list[str]:
+    """Say that COLMAP's camera model was kept, since points held out spoke against a richer one."""
+    if gain is None or not gain.worse:
+        return []
+    return [
+        f"a richer camera model fits these photographs better, but not the points that it did not see"
+        f" ({gain.chosen_px:.3f} px off, by COLMAP's own model {gain.colmap_px:.3f} px): COLMAP's is kept. Were all"
+        " photographs of a camera taken with one lens, zoom and focus?"
+    ]
 
 
 def calibration_warnings(use: CalibrationUse, by_grey: Mapping[str, str]) -> list[str]:

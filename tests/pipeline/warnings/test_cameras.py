@@ -5,12 +5,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
+from colmap_ihe.colmap.calibration.held_out import HeldOut
 from colmap_ihe.colmap.known_calibration import CalibrationUse
 from colmap_ihe.pipeline.warnings.cameras import (
     apart_warnings,
     calibration_warnings,
     doubtful_calibrations,
     focal_length_warnings,
+    refused_calibrations,
     shared_camera_warnings,
 )
 
@@ -77,3 +79,31 @@ def test_calibrations_that_are_doubtful() -> None:
     assert "f and k stand for each other (-0.97)" in said
     (off,) = doubtful_calibrations([camera([1200, 540, 400, -0.1], [1.0, 2.0, 2.0, 0.001])])
     assert "came out 4.0 % of the longer side off the middle" in off
+
+
+def test_principal_points_that_photographs_hardly_tell() -> None:
+    """Of any lens it is known to 1 % of the longer side: photographs cannot leave it less sure than that."""
+    half = camera([1200, 505, 396, -0.1], [1.0, 4.9, 5.1, 0.001])
+    (weak,) = doubtful_calibrations([half])
+    assert "(SIMPLE_RADIAL): cy 396 ± 5 px. Photographs" in weak
+
+
+def test_one_focal_length_is_named_once() -> None:
+    names = ["fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2"]
+    pairs = [("fx", "cx", 0.96), ("fy", "cx", 0.96)]
+
+    def said(down: float) -> str:
+        params, spread = [1200.0, down, 505, 396, 0.1, 0, 0, 0], [9.0, 9.0, 2, 2, 0.1, 0, 0, 0]
+        (warning,) = doubtful_calibrations(
+            [camera(params, spread, pairs) | {"model": "OPENCV", "names": names}]
+        )
+        return warning.partition("(OPENCV): ")[2].partition(". Photographs")[0]
+
+    assert said(1200.0) == "fx 1200 ± 9 px; fx and cx stand for each other (0.96)"
+    assert said(1190.0).startswith("fx 1200 ± 9 px; fy 1190 ± 9 px; fx and cx")
+
+
+def test_a_richer_model_that_points_held_out_speak_against() -> None:
+    assert refused_calibrations(None) == refused_calibrations(HeldOut(0.4, 0.41, -1.9)) == []
+    (warning,) = refused_calibrations(HeldOut(0.4, 0.5, -2.1))
+    assert "(0.500 px off, by COLMAP's own model 0.400 px): COLMAP's is kept" in warning
