@@ -62,6 +62,7 @@ def options_of_then() -> Options:
     for record in RECORDS.values():
         sections |= {n: v for n, v in record["options"].items() if n not in ("cameras", "trial")}
     sections["fit"]["weights"] = None
+    sections["sparse"]["calibration"] = "colmap"
     return Options.model_validate(sections | {"dense": {**sections["dense"], "enabled": True}})
 
 

@@ -127,6 +127,8 @@ def _shortfall(options: Options, record: Record) -> Shortfall | None:
 def _result_options(options: Options) -> dict[str, Any]:
     values = options.sections("sparse")
     del values["sparse"]["min_registered"]
+    if options.sparse.calibration == "colmap":  # as before there was another
+        del values["sparse"]["calibration"]
     return values | {"camera": {"fixed": True}} if options.camera.fixed else values
 
 
