@@ -45,6 +45,11 @@ def cuda_devices() -> int:
     return count.value
 
 
+def parameter_names(camera: pycolmap.Camera) -> list[str]:
+    """Return the names of a camera's parameters, in COLMAP's order."""
+    return camera.params_info.replace(" ", "").split(",")
+
+
 class _Mergeable(Protocol):
     def mergedict(self, arg0: dict[Any, Any]) -> None: ...
 

@@ -10,7 +10,7 @@ from pydantic import Field, Strict, model_validator
 
 from colmap_ihe.colmap.calibration.calibrate import Calibration
 from colmap_ihe.colmap.measures import cameras_of_images, has_turned_sizes
-from colmap_ihe.colmap.native import pycolmap
+from colmap_ihe.colmap.native import parameter_names, pycolmap
 from colmap_ihe.photographs.camera_identity import identities_of_cameras, read_identities, turned_partners
 from colmap_ihe.pipeline.stage import Count, StrictModel
 from colmap_ihe.project.folder import Project
@@ -55,7 +55,7 @@ class CameraRecord(StrictModel):
         numbers = (
             [self.params] if self.standard_deviations is None else [self.params, self.standard_deviations]
         )
-        if self.names != _names(camera) or any(len(each) != len(self.names) for each in numbers):
+        if self.names != parameter_names(camera) or any(len(each) != len(self.names) for each in numbers):
             raise ValueError(f"{self.model} has the parameters {camera.params_info}")
         return self
 
@@ -88,7 +88,7 @@ def camera_records(
                 model=camera.model_name,
                 width=camera.width,
                 height=camera.height,
-                names=_names(camera),
+                names=parameter_names(camera),
                 params=[float(value) for value in camera.params],
                 standard_deviations=list(deviations.values) if deviations else None,
                 correlated=list(deviations.correlated) if deviations else [],
@@ -117,10 +117,6 @@ def _exif_of_cameras(project: Project, model: pycolmap.Reconstruction) -> dict[i
         )
         for camera_id, identity in identities.items()
     }
-
-
-def _names(camera: pycolmap.Camera) -> list[str]:
-    return camera.params_info.replace(" ", "").split(",")
 
 
 def turned_cameras(project: Project, grey_names: Sequence[str]) -> list[tuple[int, int]]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor
 from contextlib import ExitStack
 from dataclasses import dataclass
@@ -130,16 +130,21 @@ def reconstruct(
         ran = _run(run, progress)
         _add_records(run)
         summary = summarise(run.records, options)
-        if "fit" in run.records:
-            write_weights_file(run)
-        if "sparse" in run.records and ("sparse" in ran or not folder.calibration_file.exists()):
-            write_found_calibration(folder, run.records["sparse"])
+        _write_for_other_campaigns(run, ran)
         page = _write_summary_and_page(run, summary, bool(ran), progress)
         outputs.remove_unfinished(folder)  # of workers that were killed, and whose tasks others did
     done = Reconstruction(folder, summary, ran, page)
     if run.shortfall is not None:
         raise EndedEarlyError(run.shortfall, done)
     return done
+
+
+def _write_for_other_campaigns(run: RunContext, ran: Sequence[str]) -> None:
+    """Write report/weights.yaml and report/calibration.yaml, as far as the run came."""
+    if "fit" in run.records:
+        write_weights_file(run)
+    if "sparse" in run.records and ("sparse" in ran or not run.project.calibration_file.exists()):
+        write_found_calibration(run.project, run.records["sparse"])
 
 
 def _write_summary_and_page(

@@ -13,7 +13,7 @@ from colmap_ihe.colmap.calibration.choose import Fit
 from colmap_ihe.colmap.calibration.equations import System, covariance, inverse_of, system_of
 from colmap_ihe.colmap.calibration.freedom import Freedom, Lens, freed
 from colmap_ihe.colmap.calibration.lens import FreeCamera, derivatives
-from colmap_ihe.colmap.native import pycolmap
+from colmap_ihe.colmap.native import parameter_names, pycolmap
 
 DOUBTFUL = 0.95
 """Correlation of two parameters from which on one of them may stand for the other."""
@@ -67,7 +67,7 @@ def _of_camera(free: FreeCamera, own: Float64, rich: FreeCamera, considered: Flo
         for index, other in zip(here, there, strict=False):
             spread = float(np.sqrt(max(0.0, rich.basis[other] @ considered @ rich.basis[other])))
             values[index] = max(values[index], spread) if values[index] else 0.0
-    names = camera.params_info.replace(" ", "").split(",")
+    names = parameter_names(camera)
     correlated = []
     telling = [*camera.focal_length_idxs(), *camera.principal_point_idxs()]
     for one, other in combinations(np.flatnonzero(np.diag(matrix) > 0), 2):

@@ -10,7 +10,7 @@ import numpy as np
 from colmap_ihe.colmap.calibration.block import Float64
 from colmap_ihe.colmap.calibration.equations import Prior
 from colmap_ihe.colmap.calibration.lens import FreeCamera, fitted, tied, turned
-from colmap_ihe.colmap.native import pycolmap
+from colmap_ihe.colmap.native import parameter_names, pycolmap
 
 PERSPECTIVE = (("SIMPLE_RADIAL", 1), ("RADIAL", 2), ("OPENCV", 4), ("FULL_OPENCV", 5))
 FISHEYE = (("SIMPLE_RADIAL_FISHEYE", 1), ("RADIAL_FISHEYE", 2), ("OPENCV_FISHEYE", 4))
@@ -130,7 +130,7 @@ def _freed(
     coefficients = list(start.extra_params_idxs())[: freedom.coefficients]
     centre = list(start.principal_point_idxs()) if freedom.centre else []
     basis = tied(start, [*coefficients, *centre])
-    params, names = np.asarray(start.params), start.params_info.replace(" ", "").split(",")
+    params, names = np.asarray(start.params), parameter_names(start)
     middle = np.array([start.width, start.height]) / 2
     exif = known.has_prior_focal_length
     means = [known.mean_focal_length() - start.mean_focal_length() if exif else 0.0, *-params[coefficients]]

@@ -26,7 +26,7 @@ class HeldOut:
 
     @property
     def worse(self) -> bool:
-        """Tell whether the choice is clearly no better."""
+        """Tell whether the choice is clearly worse."""
         return self.standard_errors < -_CLEARLY
 
 

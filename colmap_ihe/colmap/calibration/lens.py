@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from colmap_ihe.colmap.calibration.block import Block, Float64
 from colmap_ihe.colmap.field_of_view import certain
-from colmap_ihe.colmap.native import pycolmap
+from colmap_ihe.colmap.native import parameter_names, pycolmap
 
 _STEP = 1e-6
 """Of the distance of a point along the axis, and ten times that of a coefficient, in numeric derivatives."""
@@ -156,7 +156,7 @@ def turned(free: FreeCamera, camera: pycolmap.Camera, quarter: int) -> FreeCamer
     start = free.camera
     params = np.asarray(start.params).copy()
     centre, focal = list(start.principal_point_idxs()), list(start.focal_length_idxs())
-    names = start.params_info.replace(" ", "").split(",")
+    names = parameter_names(start)
     cos, sin = ((1, 0), (0, 1), (-1, 0), (0, -1))[quarter % 4]
     turn = np.eye(len(params))
     vectors = [[names.index(name) for name in pair] for pair in _VECTORS if set(pair) <= set(names)]
