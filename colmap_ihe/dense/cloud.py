@@ -14,8 +14,10 @@ from colmap_ihe.dense.cost import dense_cost
 from colmap_ihe.dense.depth_maps import sgm_depth_maps
 from colmap_ihe.dense.flat_parts import FlatPart
 from colmap_ihe.dense.fusion import FUSION_BYTES, fuse
+from colmap_ihe.dense.second_grey import add_second_grey
 from colmap_ihe.dense.undistort import sizes_of, undistort
 from colmap_ihe.errors import MappingError
+from colmap_ihe.grey.second import SecondGrey
 from colmap_ihe.machine import memory
 from colmap_ihe.machine.executor import shares_memory, width_of
 from colmap_ihe.machine.progress import Progress
@@ -38,10 +40,12 @@ def dense_cloud(
     executor: Executor,
     progress: Progress,
     require_room: Callable[[int], None],
+    second: SecondGrey | None = None,
 ) -> dict[str, Any]:
     """Make `dense_dir/fused.ply`, and return how, for the record. Existing depth maps are kept.
 
     The folder `masks` may be missing. `require_room` is called with the bytes that will be written, and may raise.
+    The `second` grey adds to the pictures that stereo sees, not to those of COLMAP's workspace.
     Raises `MappingError` for a model of fewer than two images, and other `KnownError`s.
     """
     sizes = sizes_of(sparse_model, options.max_image_size)
@@ -57,6 +61,8 @@ def dense_cloud(
     size = options.max_image_size
     folders = (sparse_model, grey, colour, dense_dir)
     parts = undistort(*folders, masks_dir=masks, max_image_size=size, progress=progress)
+    if second is not None:
+        add_second_grey(dense_dir, second, progress)
     record: dict[str, Any] = {"backend": cost.backend, "warnings": _cut_warnings(parts)}
     if cost.backend == "sgm":
         at_once = cost.at_once if shares_memory(executor) else 2 * width_of(executor)

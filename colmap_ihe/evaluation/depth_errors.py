@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from colmap_ihe.evaluation.truth import F32, F64, TrueImage
 
@@ -68,17 +69,8 @@ def depth_errors(estimated: F32, calibration: F64, truth: TrueImage, metres_per_
     one, perhaps of another size. `metres_per_unit` is the scale of `PoseErrors.world_from_model`.
     Each estimated pixel is compared with the true pixel nearest to its ray, and next to an edge with those around it.
     """
-    if estimated.ndim != 2:
-        raise ValueError(f"{estimated.shape=}, expected (H, W)")
-    true = truth.depth_m()
-    # Pinhole to pinhole at one place and attitude: each axis is a shift and a scale.
-    to_true = truth.calibration @ np.linalg.inv(calibration)
-    column = to_true[0, 0] * (np.arange(estimated.shape[1]) + 0.5) + to_true[0, 2]
-    row = to_true[1, 1] * (np.arange(estimated.shape[0]) + 0.5) + to_true[1, 2]
-    inside = ((row >= 0) & (row < true.shape[0]))[:, None] & (column >= 0) & (column < true.shape[1])
-    rows = np.clip(np.floor(row), 0, true.shape[0] - 1).astype(np.intp)
-    columns = np.clip(np.floor(column), 0, true.shape[1] - 1).astype(np.intp)
-    rays = np.ix_(rows, columns)
+    rows, columns, inside = true_pixels(estimated.shape, calibration, truth)
+    rays, true = (rows, columns), truth.depth_m()
     nearest, farthest = (np.asarray(f(true, _AROUND), np.float32) for f in (cv2.erode, cv2.dilate))
     edge = np.asarray(farthest > (1 + _EDGE) * nearest)
     near = np.asarray(cv2.dilate(edge.astype(np.uint8), np.ones((2 * _NEAR + 1,) * 2, np.uint8)), bool)[rays]
@@ -94,6 +86,23 @@ def depth_errors(estimated: F32, calibration: F64, truth: TrueImage, metres_per_
         for part in (inside, near)
     )
     return DepthErrors(compared.astype(np.float32), judged, near_edges)
+
+
+def true_pixels(
+    shape: tuple[int, ...], calibration: F64, truth: TrueImage
+) -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.bool_]]:
+    """Return row (H, 1) and column (1, W) of the true pixel nearest to the ray of each pixel of a map (H, W), and
+    whether it is in the true image, (H, W). Raises as `depth_errors`."""
+    if len(shape) != 2:
+        raise ValueError(f"{shape=}, expected (H, W)")
+    # Pinhole to pinhole at one place and attitude: each axis is a shift and a scale.
+    to_true = truth.calibration @ np.linalg.inv(calibration)
+    row = (to_true[1, 1] * (np.arange(shape[0]) + 0.5) + to_true[1, 2])[:, None]
+    column = (to_true[0, 0] * (np.arange(shape[1]) + 0.5) + to_true[0, 2])[None, :]
+    inside = (row >= 0) & (row < truth.height) & (column >= 0) & (column < truth.width)
+    rows = np.clip(np.floor(row), 0, truth.height - 1).astype(np.intp)
+    columns = np.clip(np.floor(column), 0, truth.width - 1).astype(np.intp)
+    return rows, columns, inside
 
 
 def pooled(errors: Iterable[DepthErrors]) -> DepthErrors:

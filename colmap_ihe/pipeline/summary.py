@@ -50,6 +50,7 @@ def summarise(records: Mapping[str, Mapping[str, Any]], options: Options) -> dic
         "score": main["score"] if main else None,
         "tones": main["tones"] if main else None,
         "tried": records["fit"]["tried"].get(main["encoding"]) if main else None,
+        "second_grey": _second(records.get("convert", {}).get("second"), features),
         "weights_by_encoding": {e: w["weights"] for e, w in by_encoding.items()},
         "cameras": [_camera(camera) for camera in sparse.get("cameras", ())] or None,
         "held_out_error_px": _held_out(sparse.get("held_out")),
@@ -74,6 +75,26 @@ def summarise(records: Mapping[str, Mapping[str, Any]], options: Options) -> dic
             *([f"{shortfall.reason} ({shortfall.hint})"] if shortfall else []),
         ],
     }
+
+
+def _second(record: Mapping[str, Any] | None, features: Mapping[str, Any]) -> dict[str, Any] | None:
+    """Return the second grey, with its features and what the first loses, in percent of the places with detail; None
+    where nobody looked."""
+    if record is None:
+        return None
+    second = record["second"]
+    return {
+        "weights": [second[name] for name in ("red", "green", "blue")] if second else None,
+        "name": second["name"] if second else None,
+        "lost_percent": 100 * record["lost"],
+        "shown_percent": 100 * record["regained"] if second else 0.0,
+        "features": features.get("of_second"),
+    }
+
+
+def _is_measured(value: object) -> bool:
+    """Tell whether a value of the section `truth` is a number, or numbers by name."""
+    return all(type(v) in (int, float) for v in (value.values() if isinstance(value, dict) else [value]))
 
 
 def _camera(record: Mapping[str, Any]) -> dict[str, Any]:
@@ -116,7 +137,7 @@ def report(
         )
     summary = summarise(records, options)
     truth = (read_json(folder.summary_file) or {}).get("truth")  # of this very model, else it were gone
-    if isinstance(truth, dict) and all(type(value) in (int, float) for value in truth.values()):
+    if isinstance(truth, dict) and all(map(_is_measured, truth.values())):
         summary["truth"] = truth
     with folder.locked(), local_executor() as executor, progress.stage("page") as stage_progress:
         run = RunContext(folder, options, find_photographs(folder.images), executor, records=records)

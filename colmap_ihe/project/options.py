@@ -21,7 +21,7 @@ from pydantic import (
 
 from colmap_ihe.errors import WeightsError
 from colmap_ihe.grey.conversions import CONVERSIONS
-from colmap_ihe.grey.weights import triplets
+from colmap_ihe.grey.weights import FIXED, triplets
 from colmap_ihe.project.recipe import Demosaic
 
 ColmapOptions = dict[str, Any]
@@ -109,6 +109,9 @@ class FitOptions(_Section):
     weights: str | None = None
     """A weights file of another campaign: nothing is fitted then. In the project's folder, or absolute where the user
     names it."""
+    second: str = "auto"
+    """A second grey for what the first loses, from the colours of the set. `auto`: where that is enough to matter;
+    `none`; or the name of a fixed triplet, as `red`, which is then the second."""
     measure: bool = True
     """Tell what the grey brings against COLMAP's default, from one to three pairs of the photographs."""
 
@@ -118,6 +121,13 @@ class FitOptions(_Section):
         if method not in CONVERSIONS:
             raise ValueError(f"expected one of {', '.join(CONVERSIONS)}")
         return method
+
+    @field_validator("second")
+    @classmethod
+    def _second_is_known(cls, second: str) -> str:
+        if second not in ("auto", "none", *FIXED):
+            raise ValueError(f"expected one of auto, none, {', '.join(FIXED)}")
+        return second
 
     @model_validator(mode="after")
     def _weights_or_method(self) -> FitOptions:

@@ -54,6 +54,8 @@ def summary_rows(summary: Mapping[str, Any]) -> list[tuple[str, str]]:
         rows.append((f"grey ({summary['method']})", weights_in_words(summary["weights"])))
     if summary["tried"]:
         rows.append(("measured", summary["tried"]["in_words"]))
+    if summary["second_grey"] and summary["second_grey"]["weights"]:
+        rows.append(("second grey", second_in_words(summary["second_grey"])))
     if summary["registered_images"] is not None:
         over_3 = f"{summary['points_over_3_views']:,} seen in more than 3 images"
         rows += [
@@ -73,7 +75,9 @@ def summary_rows(summary: Mapping[str, Any]) -> list[tuple[str, str]]:
         look = f"a texture of {size[0]}x{size[1]}" if size else "vertex colours"
         rows.append(("mesh", f"{summary['mesh_faces']:,} triangles with {look}"))
     for name, value in summary.get("truth", {}).items():
-        rows.append((f"truth: {name.replace('_', ' ')}", f"{value:.4g}"))
+        values = value.items() if isinstance(value, Mapping) else [("", value)]
+        text = ", ".join(f"{part} {number:.4g}".strip() for part, number in values)
+        rows.append((f"truth: {name.replace('_', ' ')}", text))
     page = summary.get("page_seconds")
     times = {**summary["stages"], **({} if page is None else {"page": page})}
     stages = ", ".join(f"{name} {seconds:.0f} s" for name, seconds in times.items())
@@ -88,3 +92,16 @@ def weights_in_words(weights: Sequence[float]) -> str:
 def _photographs(summary: Mapping[str, Any]) -> str:
     left_out = len(summary["left_out"])
     return f"{summary['images']}" + (f", {left_out} left out" if left_out else "")
+
+
+def second_in_words(second: Mapping[str, Any]) -> str:
+    """Return the second grey, and what it brings, in a sentence; `second` is that of the summary."""
+    weights = ", ".join(
+        f"{weight:+.2f} {name}" for weight, name in zip(second["weights"], "RGB", strict=True)
+    )
+    lost, shown = second["lost_percent"], second["shown_percent"]
+    added = "" if second["features"] is None else f"; {second['features']:,} features are from it"
+    return (
+        f"{weights}, where the first shows little of what colour shows: in {lost:.1f} % of the places with detail, of"
+        f" which the second shows {100 * shown / lost if lost else 0:.0f} %{added}"
+    )

@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
+
+import numpy as np
 
 from colmap_ihe.colmap.measures import poses_of
 from colmap_ihe.colmap.native import pycolmap
-from colmap_ihe.dense.depth_maps import depth_file
+from colmap_ihe.dense.depth_maps import depth_file, read_planes
 from colmap_ihe.errors import ProjectError
+from colmap_ihe.evaluation.demo.paintings import painted_depth_percent
 from colmap_ihe.evaluation.demo.render import render_demo
-from colmap_ihe.evaluation.depth_errors import DepthErrors, depth_errors, pooled
-from colmap_ihe.evaluation.truth import Truth, key_of, pose_errors, read_truth
+from colmap_ihe.evaluation.depth_errors import depth_errors, pooled
+from colmap_ihe.evaluation.truth import F32, F64, TrueImage, Truth, key_of, pose_errors, read_truth
 from colmap_ihe.machine.files import write_json
 from colmap_ihe.machine.progress import RunProgress
 from colmap_ihe.pipeline.reconstruct import Reconstruction, reconstruct
@@ -37,32 +42,34 @@ def demo(folder: Path, assignments: list[str], progress: RunProgress) -> Reconst
     return replace(done, summary=summary)
 
 
-def truth_summary(done: Reconstruction, truth: Truth) -> dict[str, float]:
+def truth_summary(done: Reconstruction, truth: Truth) -> dict[str, Any]:
     """Return the section `truth` of summary.json; without a dense cloud, only the errors of poses. A depth is right
-    within 2 %: shares of right ones are of the pixels that see the scene, of wrong ones of the depths."""
+    within 2 %: shares of right ones are of the pixels that see the scene, of wrong ones of the depths;
+    painted panels have their shares by name."""
     poses = pose_errors(poses_of(done.sparse_model), truth)
-    section = {
+    section: dict[str, Any] = {
         "rotation_error_deg": poses.rotation_error_deg,
         "position_error_percent": poses.position_error_percent,
     }
     if done.summary["dense_points"] is not None:
-        depth = _depth_errors(done.project.dense, truth, poses.world_from_model.scale)
+        scale = poses.world_from_model.scale
+        depth = pooled(depth_errors(*each, scale) for each in _depth_maps(done.project.dense, truth))
         section["dense_median_error_percent"] = depth.median_percent
         section["depth_right_percent"] = depth.all.right_percent
         section["depth_wrong_percent"] = depth.all.wrong_percent
         section["depth_right_near_edges_percent"] = depth.near_edges.right_percent
         section["depth_wrong_near_edges_percent"] = depth.near_edges.wrong_percent
+        section["painted_depth_percent"] = painted_depth_percent(
+            _depth_maps(done.project.dense, truth), scale
+        )
     return section
 
 
-def _depth_errors(dense: Path, truth: Truth, metres_per_unit: float) -> DepthErrors:
+def _depth_maps(dense: Path, truth: Truth) -> Iterator[tuple[F32, F64, TrueImage]]:
+    """Yield depth, calibration and truth of each image."""
     model = pycolmap.Reconstruction(dense / "sparse")
-    errors = []
     for image_id in model.reg_image_ids():
         image = model.images[image_id]
-        depth_map = pycolmap.DepthMap()
-        depth_map.read(depth_file(dense, image.name))
+        depth = np.asarray(read_planes(depth_file(dense, image.name))[0])
         calibration = model.cameras[image.camera_id].calibration_matrix()
-        true_image = truth.images[key_of(image.name)]
-        errors.append(depth_errors(depth_map.to_array(), calibration, true_image, metres_per_unit))
-    return pooled(errors)
+        yield depth, calibration, truth.images[key_of(image.name)]

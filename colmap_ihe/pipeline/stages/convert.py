@@ -31,6 +31,7 @@ from colmap_ihe.photographs.each import LeftOut, each_usable
 from colmap_ihe.photographs.encode import SUFFIXES, encode_image
 from colmap_ihe.photographs.survey import Surveyed, survey
 from colmap_ihe.pipeline.resource_needs import BASE_BYTES, Known, PhotoSetSize, StageNeeds
+from colmap_ihe.pipeline.second_grey import SecondGreyRecord, fit_second_grey
 from colmap_ihe.pipeline.stage import NameBelow, Record, RunContext, Stage, StageRecord
 from colmap_ihe.pipeline.stages.fit import fit_of
 from colmap_ihe.pipeline.warnings import photographs as set_warnings
@@ -48,9 +49,11 @@ _GREY_AND_COLOUR = {
 
 
 class ConvertRecord(StageRecord):
-    """Name the grey image of each photograph, by its path in the folder of grey images."""
+    """Name the grey image of each photograph, by its path in the folder of grey images; tell what that grey does not
+    show, unless nobody asked."""
 
     grey: Annotated[dict[str, NameBelow], Field(min_length=1)]
+    second: SecondGreyRecord | None = None
 
 
 @dataclass(frozen=True)
@@ -121,7 +124,8 @@ def run(run: RunContext, progress: Progress) -> ConvertRecord:
     warnings = set_warnings.fit_warnings(captures, fit.weights.values())
     warnings += set_warnings.wallis_warnings(run.options.convert.wallis)
     decoder_pool.end_idle()  # COLMAP, which comes next, has a use for their memory
-    return ConvertRecord(grey=grey, left_out=left_out, warnings=warnings)
+    second = fit_second_grey(run, sorted(grey.values()), progress)
+    return ConvertRecord(grey=grey, left_out=left_out, warnings=warnings, second=second)
 
 
 def convert_captures(

@@ -16,6 +16,7 @@ from colmap_ihe.machine.progress import Progress
 from colmap_ihe.machine.remaining_time import Part
 from colmap_ihe.pipeline.outputs import size_of
 from colmap_ihe.pipeline.resource_needs import BASE_BYTES, Known, PhotoSetSize, StageNeeds
+from colmap_ihe.pipeline.second_grey import second_of
 from colmap_ihe.pipeline.stage import Count, RunContext, Stage, StageRecord
 from colmap_ihe.project.folder import Project
 from colmap_ihe.project.options import Options
@@ -48,6 +49,7 @@ def run(run: RunContext, progress: Progress) -> DenseRecord:
         run.executor,
         progress,
         lambda needed: require_room(project.root, needed - there),
+        second_of(run.records),
     )
     return DenseRecord(**values)
 

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, replace
+from pathlib import Path
 from typing import Any
 
 from colmap_ihe.colmap import features
 from colmap_ihe.colmap.database import database_is_sound, looks_whole, remove_database
+from colmap_ihe.colmap.features import FeatureCounts
 from colmap_ihe.colmap.features_on_workers import extraction_options
+from colmap_ihe.colmap.second_features import add_second_features
 from colmap_ihe.dense.cost import pixels_within
 from colmap_ihe.errors import OptionError
 from colmap_ihe.machine.progress import Progress
@@ -18,6 +21,7 @@ from colmap_ihe.pipeline.given_calibration import given_calibration, held_camera
 from colmap_ihe.pipeline.input_digests import digest_if_there, masks_in
 from colmap_ihe.pipeline.masks import make_masks
 from colmap_ihe.pipeline.resource_needs import BASE_BYTES, Known, PhotoSetSize, StageNeeds
+from colmap_ihe.pipeline.second_grey import pictures_of, second_of
 from colmap_ihe.pipeline.stage import Count, Inputs, RunContext, Stage, StageRecord, StrictModel
 from colmap_ihe.pipeline.warnings import cameras as camera_warnings
 from colmap_ihe.pipeline.warnings import photographs as set_warnings
@@ -36,13 +40,14 @@ class _CalibrationRecord(StrictModel):
 
 
 class FeaturesRecord(StageRecord):
-    """Count images, cameras, those with a focal length from EXIF, and features; tell which cameras, by id, start from
-    the calibration file."""
+    """Count images, cameras, those with a focal length from EXIF, and features, with those that
+    are of the second grey; tell which cameras, by id, start from the calibration file."""
 
     images: Count
     cameras: Count
     with_focal_prior: Count
     features: Count
+    of_second: Count = 0
     calibration: _CalibrationRecord = _CalibrationRecord()
 
 
@@ -67,6 +72,7 @@ def run(run: RunContext, progress: Progress) -> FeaturesRecord:
         progress,
         calibration=given_calibration(project, run.options),
     )
+    counts, of_second = _with_second(run, counts, masks, progress)
     by_grey = run.photographs_by_grey()
     left_out = {
         by_grey[name]: "COLMAP did not take its grey image; with camera.mode single all need the same size"
@@ -79,7 +85,20 @@ def run(run: RunContext, progress: Progress) -> FeaturesRecord:
         warnings += camera_warnings.focal_length_warnings(counts.images, counts.with_focal_prior)
         warnings += camera_warnings.shared_camera_warnings(counts.assumed)
     warnings += camera_warnings.calibration_warnings(counts.calibration, by_grey)
-    return FeaturesRecord(**asdict(counts), left_out=left_out, warnings=warnings)
+    return FeaturesRecord(**asdict(counts), of_second=of_second, left_out=left_out, warnings=warnings)
+
+
+def _with_second(
+    run: RunContext, counts: FeatureCounts, masks: Path | None, progress: Progress
+) -> tuple[FeatureCounts, int]:
+    """Add the features of the second grey, if there is one: return the counts with them, and how many they are."""
+    second, database = second_of(run.records), run.project.database
+    if second is None:
+        return counts, 0
+    pictures, names = pictures_of(run.project, second, masks), run.grey_names()
+    added = add_second_features(database, names, pictures, run.options.features, run.executor, progress)
+    now = features.count_features(database, names)
+    return replace(counts, features=now.features, poor=now.poor), sum(added.values())
 
 
 def features_an_image(options: Options, size: PhotoSetSize) -> float:
