@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from painted import PAINTED, grey_of, painted_wall
 
 from colmap_ihe.grey.second import SecondGrey, shrunk
 from colmap_ihe.grey.second_fit import blocks_of, fit_second
-from tests.scenes.painted import PAINTED, grey_of, painted_wall
 
 RED_GREEN = SecondGrey(1.5, -1.5, 0.0, 1.0, 1.0)
 
@@ -37,7 +37,7 @@ def test_without_colour_the_grey_is_handed_back_as_it_is() -> None:
 
 
 def test_a_twin_of_another_size_is_refused() -> None:
-    with pytest.raises(ValueError, match="colour.shape"):
+    with pytest.raises(ValueError, match=r"colour\.shape"):
         RED_GREEN.shares(np.zeros((8, 8), np.uint8), np.zeros((8, 9, 3), np.uint8))
 
 
