@@ -3,9 +3,9 @@
     python benchmarks/painted_sets.py [--sets brick mosaic ceiling] [--views 8]
 
 The demo's renderer with other walls: brick and tile, where all is seen in grey; a wall with three mosaics in two
-colours of one Rec.709 grey each, among plaster; a painted ceiling, six panels of a coffered frieze. Photographs are the
-demo's JPEGs. "on paintings" are points of the sparse model within 3 cm of a painted surface, brought to the truth by the
-cameras; "position" is the error of the cameras.
+colours of one Rec.709 grey each, among plaster; a painted ceiling, six panels of a coffered frieze. Photographs are
+the demo's JPEGs. "on paintings" are points of the sparse model within 3 cm of a painted surface, brought to the truth
+by the cameras; "position" is the error of the cameras.
 """
 
 from __future__ import annotations

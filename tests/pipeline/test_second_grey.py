@@ -17,8 +17,10 @@ from colmap_ihe.grey.second import SecondGrey
 from colmap_ihe.machine.progress import SILENT
 from colmap_ihe.pipeline.reconstruct import reconstruct
 from colmap_ihe.pipeline.second_grey import pictures_of
+from colmap_ihe.pipeline.summary import report
 from colmap_ihe.project.folder import Project
 from colmap_ihe.project.options_file import load_options
+from colmap_ihe.report.tables import summary_rows
 
 UNTIL_FEATURES = ("fit.method=rec709", "fit.measure=false")
 
@@ -78,6 +80,16 @@ def test_the_summary_tells_it(project: Path) -> None:
     summary = json.loads((project / "report" / "summary.json").read_text())
     assert len(summary["second_grey"]["weights"]) == 3
     assert summary["second_grey"]["features"] > 300
+    lost = summary["colour_detail_lost_percent"]
+    assert lost["grey"] == pytest.approx(lost["rec709"], rel=0.1)
+    assert 5 < lost["grey"] < 50
+    rows = dict(summary_rows(summary))
+    assert rows["colour detail lost"].startswith(f"{lost['grey']:.2f} %; by Rec.709 ")
+    assert "of the places that the grey loses" in rows["second grey"]
+    page = report(project, UNTIL_FEATURES).read_text()
+    assert "What the grey does not show" in page
+    assert "as features and stereo see it" in page
+    assert "with a second grey of the set" in page
 
 
 def test_stereo_sees_the_painting_and_the_workspace_keeps_its_grey(project: Path) -> None:
@@ -106,3 +118,6 @@ def test_stone_gets_no_second_grey(tmp_path: Path) -> None:
     converted, features = run(tmp_path)
     assert converted["second"]["second"] is None  # type: ignore[index]
     assert features["of_second"] == 0
+    page = report(tmp_path, UNTIL_FEATURES).read_text()
+    assert "What the grey does not show" in page
+    assert "features and stereo see it" not in page
