@@ -22,6 +22,8 @@ from colmap_ihe.report import pictures
 from colmap_ihe.report.contents import LostColour
 from colmap_ihe.report.tables import lost_in_words, second_in_words
 
+UNIT = "photographs judged"
+"""What is counted of the look for what the grey does not show."""
 _MOST = 200  # photographs that are looked at, spread over the set
 _SHOWN = 0.0005  # of the places with detail: where less is lost, there is nothing to see
 _PICTURE = 1000  # pixels
@@ -56,7 +58,7 @@ def fit_second_grey(
         return None
     step = max(1, -(-len(grey_names) // _MOST))
     names = list(grey_names)[::step]
-    progress.start(len(names), "photographs, for colours that the grey does not show")
+    progress.start(len(names), UNIT)
 
     def measured(name: str) -> Blocks:
         return blocks_of(read_grey(project.grey / name), read_colour(project.colour / name))

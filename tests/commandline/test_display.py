@@ -113,8 +113,10 @@ def test_a_run_as_lines_of_json(capsys: Captured, new_project: Make) -> None:
     assert captured.err == ""
     events = [json.loads(line) for line in captured.out.splitlines()]
     assert [e["stage"] for e in events if e["event"] == "done"] == ["content", *STAGE_NAMES[:3]]
-    last = [e for e in events if e["event"] == "progress" and e["stage"] == "convert"][-1]
-    assert (last["done"], last["total"], last["unit"]) == (2, 2, "images")
+    converted = [e for e in events if e["event"] == "progress" and e["stage"] == "convert"]
+    last = [e for e in converted if e["unit"] == "images"][-1]
+    assert (last["done"], last["total"]) == (2, 2)
+    assert (converted[-1]["done"], converted[-1]["unit"]) == (2, "photographs judged")
     assert last["run_seconds_left"] >= last["stage_seconds_left"] >= 0
     assert any("broken.jpg" in e["text"] for e in events if e["event"] == "warning")
     assert (events[-1]["event"], events[-1]["result"]["images"]) == ("result", 3)

@@ -31,7 +31,7 @@ from colmap_ihe.photographs.each import LeftOut, each_usable
 from colmap_ihe.photographs.encode import SUFFIXES, encode_image
 from colmap_ihe.photographs.survey import Surveyed, survey
 from colmap_ihe.pipeline.resource_needs import BASE_BYTES, Known, PhotoSetSize, StageNeeds
-from colmap_ihe.pipeline.second_grey import SecondGreyRecord, fit_second_grey
+from colmap_ihe.pipeline.second_grey import UNIT, SecondGreyRecord, fit_second_grey
 from colmap_ihe.pipeline.stage import NameBelow, Record, RunContext, Stage, StageRecord
 from colmap_ihe.pipeline.stages.fit import fit_of
 from colmap_ihe.pipeline.warnings import photographs as set_warnings
@@ -197,7 +197,10 @@ def _needs(options: Options, size: PhotoSetSize) -> StageNeeds:
 
 
 def _parts(options: Options, known: Known) -> list[Part]:
-    return [Part("convert", "images", 0.015 * known.decoded_megapixels)]
+    parts = [Part("convert", "images", 0.015 * known.decoded_megapixels)]
+    if options.fit.second != "none":
+        parts.append(Part("convert", UNIT, 0.03e-6 * known.pixels))
+    return parts
 
 
 STAGE = Stage(
