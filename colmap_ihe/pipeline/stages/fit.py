@@ -120,7 +120,9 @@ def trial_of(options: Options) -> Trial:
 def _result_options(options: Options) -> dict[str, Any]:
     values = options.sections("fit")
     values["fit"]["weights"] = options.fit.weights is not None  # their content counts, not where they lie
-    return values | ({"trial": trial_of(options).as_dict()} if _trial_decides(options.fit) else {})
+    if _trial_decides(options.fit):
+        values |= options.sections("features") | {"convert": {"tone": options.convert.tone}}
+    return values
 
 
 def _trial_decides(options: FitOptions) -> bool:
