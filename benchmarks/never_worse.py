@@ -2,8 +2,8 @@
 
     python benchmarks/never_worse.py [SET ...] [--greys ihe,green] [--work DIR]
 
-Every row is one grey of one set against COLMAP's default grey: the gain in verified matches over all pairs of the set
-(of RAW those up to three photographs apart), as the mapper would get them, the gain that the trial states with two
+Every row is one grey of one set against COLMAP's default grey: the gain in verified matches over all pairs of the set,
+as the mapper would get them, the gain that the trial states with two
 standard errors, and the core seconds of the trial. `ihe` is the grey that .998 of the best contrast admits, without
 the rule that keeps Rec.709 at .97 of it.
 The sets are photographs of ../shared/data at half their size or less, and RAW made from them as `guard_sets.py` makes
@@ -16,6 +16,7 @@ import argparse
 import json
 import time
 from collections.abc import Mapping, Sequence
+from functools import partial
 from itertools import combinations
 from pathlib import Path
 from typing import Any
@@ -43,45 +44,48 @@ from colmap_ihe.photographs.decode import read_photograph
 from colmap_ihe.photographs.discover import Capture, discover
 from colmap_ihe.project.options import FeaturesOptions, FitOptions
 
-SIDE = 1416
+LARGE, SMALL = 1416, 708
 QUALITY = 92
 
 
-def _small(path: Path) -> NDArray[np.uint8]:
-    """Return a photograph with its longer side at most `SIDE`, a whole number of times smaller."""
+def _smaller(path: Path, side: int) -> NDArray[np.uint8]:
+    """Return a photograph a whole number of times smaller, with its longer side at most about `side`."""
     rgb = read_rgb(path)
-    return read_rgb(path, -(-max(rgb.shape) // SIDE)) if max(rgb.shape) > SIDE * 1.1 else rgb
+    return read_rgb(path, -(-max(rgb.shape) // side)) if max(rgb.shape) > side * 1.1 else rgb
 
 
-def jpeg_set(name: str, folder: Path, step: int = 1) -> None:
-    for path in sorted((DATA / name).glob("*.[jJ]*"))[::step]:
+def jpeg_set(name: str, side: int, folder: Path) -> None:
+    for path in sorted((DATA / name).glob("*.[jJ]*")):
         options = [cv2.IMWRITE_JPEG_QUALITY, QUALITY]
-        cv2.imwrite(str(folder / f"{path.stem}.jpg"), _small(path)[..., ::-1], options)
+        cv2.imwrite(str(folder / f"{path.stem}.jpg"), _smaller(path, side)[..., ::-1], options)
 
 
-def raw_set(name: str, folder: Path, iso: int) -> None:
-    scenes = [linear_of(_small(path)) for path in sorted((DATA / name).glob("*.[jJ]*"))]
+def raw_set(name: str, side: int, iso: int, folder: Path) -> None:
+    scenes = [linear_of(_smaller(path, side)) for path in sorted((DATA / name).glob("*.[jJ]*"))]
     scenes = [s[: s.shape[0] // 2 * 2, : s.shape[1] // 2 * 2] for s in scenes]
     brightest = float(np.percentile(np.stack([s[::4, ::4] for s in scenes]), 99.8))
     expose([np.asarray(s / brightest, np.float32) for s in scenes], folder, GAINS["a"], iso)
 
 
 SETS = {
-    "sceaux": lambda folder: jpeg_set("sceaux", folder),
-    "fountain-p11": lambda folder: jpeg_set("fountain-p11", folder),
-    "sacre-coeur": lambda folder: jpeg_set("sacre-coeur", folder),
-    "fountain-raw-400": lambda folder: raw_set("fountain-p11", folder, 400),
-    "sceaux-raw-1600": lambda folder: raw_set("sceaux", folder, 1600),
+    "sceaux": partial(jpeg_set, "sceaux", LARGE),
+    "fountain-p11": partial(jpeg_set, "fountain-p11", LARGE),
+    "sacre-coeur": partial(jpeg_set, "sacre-coeur", LARGE),
+    "sceaux-small": partial(jpeg_set, "sceaux", SMALL),
+    "fountain-p11-small": partial(jpeg_set, "fountain-p11", SMALL),
+    "sacre-coeur-small": partial(jpeg_set, "sacre-coeur", SMALL),
+    "sceaux-raw-1600-small": partial(raw_set, "sceaux", SMALL, 1600),
+    "fountain-raw-400-small": partial(raw_set, "fountain-p11", SMALL, 400),
 }
 
 
-def whole(captures: Sequence[Capture], grey: Grey, reach: int = 99) -> dict[str, Any]:
-    """Return verified matches of all pairs, or of those up to `reach` apart, features, and core seconds of both."""
+def whole(captures: Sequence[Capture], grey: Grey) -> dict[str, Any]:
+    """Return verified matches of all pairs, features, and core seconds of both."""
     began = time.process_time()
     images = [to_grey(read_photograph(c).rgb, grey, "sqrt") for c in captures]
     found = features_kept_of(images, FeaturesOptions())
     features_s = time.process_time() - began
-    pairs = [(a, b) for a, b in combinations(range(len(images)), 2) if b - a <= reach]
+    pairs = list(combinations(range(len(images)), 2))
     inliers = [_inliers(found[a], found[b], images[a], images[b]) for a, b in pairs]
     seconds = time.process_time() - began - features_s
     features = [len(f) for f in found]
@@ -125,7 +129,7 @@ def rows_of(name: str, folder: Path, wanted: Sequence[str]) -> list[tuple[str, .
     for grey in (REFERENCE, *wanted):
         if grey not in known:
             with quiet():
-                known[grey] = whole(captures, greys[grey], 3 if "raw" in name else len(captures))
+                known[grey] = whole(captures, greys[grey])
             notes.write_text(json.dumps(known))
         if grey == REFERENCE:
             continue

@@ -54,7 +54,7 @@ def test_a_guard_that_kept_the_default_is_said_and_ihe_not_claimed() -> None:
          " the method decolorize, and reconstructed"),
         ({}, {"tried": {"chosen": "rec709", "fitted": [0.2, 0.4, 0.4], "in_words": "", "pairs": [1, 2],
                         "held_out": {"pairs": [3, 4, 5, 6]}}, **DEFAULT},
-         "for the whole set, COLMAP's default grey, Rec.709, since the weights of intensity histogram equalisation (IHE)"
+         "COLMAP's default grey, Rec.709, since the weights of intensity histogram equalisation (IHE)"
          " with a guard against noise were not clearly better on 4 pairs of the photographs (21 %"),
         ({}, {"tried": {"chosen": "rec709", "fitted": [0.2, 0.4, 0.4], "in_words": "Rec.709 after white balance",
                         "pairs": [1, 2], "held_out": {"pairs": [3, 4, 5, 6]}}},
