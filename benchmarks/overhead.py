@@ -1,10 +1,10 @@
 """Measure the time of `reconstruct` beside bare pycolmap calls on the same grey images with the same options.
 
-    python benchmarks/overhead.py [PHOTOGRAPHS] [--rounds 2]
+    python benchmarks/overhead.py [PHOTOGRAPHS] [--rounds 2] [--no-calibration]
 
 Both run in turn, each from nothing, as often as `--rounds` says; the ratio is of the least times. Bare is
-features, exhaustive matching and incremental mapping. The
-photographs are those of ../shared/data/sceaux if none are named.
+features, exhaustive matching and incremental mapping. `--no-calibration` leaves out our own calibration after
+mapping, which bare pycolmap has not either. The photographs are those of ../shared/data/sceaux if none are named.
 """
 
 from __future__ import annotations
@@ -41,8 +41,10 @@ def main() -> None:
     )
     parser.add_argument("photographs", type=Path, nargs="?", default=SCEAUX)
     parser.add_argument("--rounds", type=int, default=2)
+    parser.add_argument("--no-calibration", action="store_true")
     parsed = parser.parse_args()
-    options = load_options(None, ["dense.enabled=false"])
+    calibration = ["sparse.calibration=colmap"] if parsed.no_calibration else []
+    options = load_options(None, ["dense.enabled=false", *calibration])
     whole, colmap_part, bare_times = [], [], []
     with tempfile.TemporaryDirectory() as temporary:
         project = Path(temporary) / "project"

@@ -12,9 +12,9 @@ from typing import Any
 
 import numpy as np
 
-from colmap_ihe.colmap import matching_in_blocks
 from colmap_ihe.colmap.database import counting_rows
 from colmap_ihe.colmap.gps_fixes import forget_impossible_fixes, useful_fixes
+from colmap_ihe.colmap.match_block import matching_options, verification_options
 from colmap_ihe.colmap.matching_in_blocks import BlockMatching, match_in_blocks, match_in_processes
 from colmap_ihe.colmap.native import apply_options, called, cuda_devices, pycolmap
 from colmap_ihe.colmap.part_databases import Pair
@@ -209,8 +209,7 @@ def native_options(
     """Return pycolmap's options for matching, pairing by `strategy` and verification. Raises `OptionError`."""
     pairing = getattr(pycolmap, f"{_CLASSES[strategy]}ingOptions")()
     apply_options(pairing, options.pairing, "matches.pairing")
-    matching = matching_in_blocks.matching_options(options)
-    return matching, pairing, matching_in_blocks.verification_options(options)
+    return matching_options(options.colmap), pairing, verification_options(options.verification)
 
 
 def forget_matches(database: Path) -> None:

@@ -45,6 +45,11 @@ class ColmapProcesses:
         while self._idle:
             self._idle.pop().end()
 
+    def start(self, count: int, function: Callable[..., Any]) -> None:
+        """Start processes for so many calls of `function` at a time, which import it while this one goes on."""
+        for _ in range(count):
+            self._idle.append(_Process(self._threads, function))
+
     def call(
         self,
         function: Callable[[_Item, Progress], _Result],
@@ -72,7 +77,7 @@ class ColmapProcesses:
 
 
 class _Process:
-    def __init__(self, most_threads: int | None) -> None:
+    def __init__(self, most_threads: int | None, first: Callable[..., Any] | None = None) -> None:
         heard = bool(native.pycolmap.logging.alsologtostderr)
         self._pipe, theirs = Pipe()
         with theirs:
@@ -84,7 +89,7 @@ class _Process:
                 environment={"OMP_WAIT_POLICY": "passive"} | threads.environment(most_threads),
                 errors=_STDERR if heard else None,
             )
-        self._send((most_threads, native.log_file(), heard))
+        self._send((most_threads, native.log_file(), heard, first))
 
     def call(
         self, function: Callable[..., Any], argument: Any, progress: Progress, grace_seconds: float
@@ -144,7 +149,7 @@ def main() -> None:
     """Do what comes through the pipe whose descriptor is the first argument."""
     die_with_parent()
     pipe = Connection(int(sys.argv[1]))
-    most_threads, log, heard = pipe.recv()
+    most_threads, log, heard, _ = pipe.recv()  # the last is imported by that
     progress = _Teller(pipe)
     asked: SimpleQueue[tuple[Callable[..., Any], Any]] = SimpleQueue()
     if heard:

@@ -6,7 +6,7 @@ Every image is an independent job, so any `concurrent.futures.Executor` runs the
 from __future__ import annotations
 
 import secrets
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from concurrent.futures import FIRST_COMPLETED, Executor, Future, ThreadPoolExecutor, wait
 from contextlib import nullcontext
 from dataclasses import dataclass, field
@@ -62,8 +62,10 @@ def sgm_depth_maps(
     executor: Executor | None = None,
     at_once: int | None = None,
     progress: Progress = SILENT,
+    only: Collection[str] = (),
 ) -> DepthCounts:
-    """Make the depth and normal maps of every image of `dense_dir` by semi-global matching on the CPU.
+    """Make the depth and normal maps of every image of `dense_dir`, or `only` of those named, by semi-global matching
+    on the CPU.
 
     Keeps a map that exists already: the caller sees to it that the folder belongs to the same inputs. Works on
     `at_once` at most at a time, on all cores without an `executor`. When `progress` cancels, the maps under way stop
@@ -72,13 +74,14 @@ def sgm_depth_maps(
     model = pycolmap.Reconstruction(dense_dir / "sparse")
     cameras = {image_id: camera_of(model, image_id) for image_id in sorted(model.reg_image_ids())}
     names = {image_id: str(model.images[image_id].name) for image_id in cameras}
+    references = [image_id for image_id in cameras if not only or names[image_id] in only]
     points = sparse_points(model, progress)
     counts = DepthCounts()
     jobs = []
-    progress.start(len(cameras), "depth maps planned")
+    progress.start(len(references), "depth maps planned")
     plan = partial(_plan, dense_dir, names, cameras, points, sources_per_image)
     with ThreadPoolExecutor(cores()) as threads:
-        for job, left_out in in_order(threads, plan, cameras, progress=progress):
+        for job, left_out in in_order(threads, plan, references, progress=progress):
             jobs.append(job)
             counts.pairs_used += len(job.names) - 1
             for image_id, reason in left_out.items():

@@ -11,7 +11,7 @@ that all photographs share.
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import Any
 
 import cv2
@@ -22,14 +22,10 @@ LARGEST = 1600
 """Pixels of the longer side at which detail is measured, of photographs that are larger."""
 _SIGMA, _WIDTH = 1.0, 1.6  # the band, at half that size
 _WINDOW = 4.0  # sigma of the window in which it is measured, pixels of the half size
-_KEPT = (
-    0.3,
-    0.6,
-)  # of the second's detail: with the lower share the second counts in full, with the higher not
-_CLEAR = (
-    1.6,
-    2.4,
-)  # times its noise: below the lower the second has nothing to show, above the higher it has
+_KEPT = (0.2, 0.35)
+"""Of the second's detail: where the first shows the lower share the second counts in full, with the higher not."""
+_CLEAR = (1.2, 1.8)
+"""Times its noise: below the lower the second has nothing to show, above the higher it has."""
 _LEVEL = 64  # of the longer side: coarser brightness than this part of it stays the first grey's
 
 F32 = NDArray[np.float32]
@@ -49,10 +45,6 @@ class SecondGrey:
     noise: float
     own_noise: float
     name: str = "fitted"
-
-    def as_dict(self) -> dict[str, Any]:
-        """Return plain values; `SecondGrey(**values)` reads them back."""
-        return asdict(self)
 
     def levels(self, colour: U8) -> F32:
         """Return the second grey of (H, W, 3) uint8 RGB: (H, W) float32, of any sign."""

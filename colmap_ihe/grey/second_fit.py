@@ -18,13 +18,14 @@ _LOST = 0.3  # a grey that keeps less than this share of a block's contrast has 
 _SEES = 0.5  # a second grey that keeps so much of it shows it
 _DETAIL = 3.0  # times the noise: contrast of a block that holds detail
 _FLATTEST = 0.05  # of the blocks, which noise is measured in
-_FLOOR = 0.04  # levels squared, of noise: rounding, and flat areas of strong compression
+_FLOOR = 0.02  # levels squared, of noise: rounding, and flat areas of strong compression
 _MOST_GAIN = 3.0  # levels of the second grey for a level of a channel
 _DIRECTIONS = 4000
 _MOST_BLOCKS = 20_000  # that the direction is sought with
 ENOUGH, ENOUGH_OF_PHOTOGRAPH = 0.01, 0.03
 """Shares of the blocks with detail, of the set or of two of its photographs, which the grey must lose and the second
-show. Measured (benchmarks/colour.py): stone below 0.003 and 0.005, the demo's paintings 0.04 and more."""
+show. Measured (benchmarks/colours.py): stone below 0.003 and 0.005, the demo's paintings 0.04 and more."""
+_ALL = slice(None)
 _OF_SIX = np.array([[0, 3, 4], [3, 1, 5], [4, 5, 2]])
 
 F64 = NDArray[np.float64]
@@ -40,26 +41,47 @@ class Blocks:
 
 
 @dataclass(frozen=True)
+class Noise:
+    """Hold what the band holds where there is no detail: `colours`, the covariance RR GG BB RG RB GB, and the variance
+    of `grey`, in levels squared."""
+
+    colours: tuple[float, ...]
+    grey: float
+
+    @property
+    def matrix(self) -> F64:
+        """Return the covariance of the colours, (3, 3)."""
+        return np.asarray(np.array(self.colours)[_OF_SIX])
+
+
+@dataclass(frozen=True)
 class SecondFit:
-    """Hold what came of the fit. `lost`: the share of the blocks with detail of which the grey keeps little, of the
-    set; `by_photograph` the same of each; `regained`: the part of them, of all blocks, that the second shows. `second`
-    is None where the first does without."""
+    """Hold what came of the fit, as shares of the blocks with detail. `lost`: those of which the grey keeps little;
+    `lost_by_rec709` the same of COLMAP's default; `regained`: those that the grey loses and the second shows;
+    `by_photograph` what the grey loses of each. `second` is None where the first does without."""
 
     lost: float
+    lost_by_rec709: float
     regained: float
     by_photograph: tuple[float, ...]
+    noise: Noise
     second: SecondGrey | None
 
 
 def blocks_of(grey: U8, colour: U8) -> Blocks:
     """Measure a photograph from its grey (H, W) and its colours (H, W, 3), both uint8. Blocks that are clipped or
     without any change are left out."""
-    colours, greys = band(shrunk(colour)), band(shrunk(grey))
-    pairs = [(0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2)]
-    products = np.stack([_means(colours[..., i] * colours[..., j]) for i, j in pairs], axis=-1).reshape(-1, 6)
-    variance = _means(np.square(greys)).ravel()
-    shows = (products[:, :3] > 0).all(axis=1)
-    return Blocks(products[shows], variance[shows])
+    colours, variance = _grids(grey, colour)
+    shows = (colours[..., :3] > 0).all(axis=-1)
+    return Blocks(colours[shows], variance[shows])
+
+
+def lost_places(grey: U8, colour: U8, noise: Noise) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+    """Return where the grey (H, W) of a photograph keeps little of the detail of its colours (H, W, 3), and where
+    Rec.709 does: (h, w) bool each, a block of the smaller copy that is measured a pixel."""
+    colours, variance = _grids(grey, colour)
+    judged = _judge(Blocks(colours.reshape(-1, 6), variance.ravel()), noise)
+    return judged.lost.reshape(variance.shape), judged.lost_by_rec709.reshape(variance.shape)
 
 
 def fit_second(photographs: Sequence[Blocks], name: str | None = None) -> SecondFit:
@@ -69,64 +91,104 @@ def fit_second(photographs: Sequence[Blocks], name: str | None = None) -> Second
     directions that show equally many, that with most contrast in all of them. With the `name` of fixed weights these
     are taken, however little is lost.
     """
-    colours = np.concatenate([np.empty((0, 6), np.float32), *(p.colours for p in photographs)]).astype(
-        np.float64
+    every = Blocks(
+        np.concatenate([np.empty((0, 6), np.float32), *(p.colours for p in photographs)]),
+        np.concatenate([np.empty(0, np.float32), *(p.grey for p in photographs)]),
     )
-    grey = np.concatenate([np.empty(0, np.float32), *(p.grey for p in photographs)]).astype(np.float64)
-    if not len(grey):
-        return SecondFit(0.0, 0.0, (0.0,) * len(photographs), None)
-    flattest = np.argsort(colours[:, :3].sum(axis=1), kind="stable")[: max(1, int(_FLATTEST * len(grey)))]
-    noise = colours[flattest].mean(axis=0)[_OF_SIX] + _FLOOR * np.eye(3)
-    grey_noise = float(grey[flattest].mean()) + _FLOOR
-    whitening = np.linalg.inv(np.linalg.cholesky(noise))
-    white = whitening @ colours[:, _OF_SIX] @ whitening.T
-    best = np.asarray(np.linalg.eigvalsh(white)[:, 2], np.float64)
-    detailed = best > _DETAIL**2
-    lost = detailed & (grey / grey_noise < _LOST**2 * best)
-    direction = _direction(white[lost], best[lost]) @ whitening if name is None else np.array(FIXED[name])
-    second = _scaled(direction, noise, grey_noise, name or "fitted")
-    seen = np.einsum("i,nij,j->n", direction, colours[:, _OF_SIX], direction) / (
-        direction @ noise @ direction
-    )
-    regained = lost & (seen >= _SEES**2 * best)
+    noise = _noise_of(every)
+    judged = _judge(every, noise)
+    chosen = _direction(judged) if name is None else np.array(FIXED[name])
+    regained = judged.lost & (_contrast(every, noise, chosen) >= _SEES**2 * judged.best)
     ends = np.cumsum([0, *(len(p.grey) for p in photographs)])
     parts = [slice(*both) for both in pairwise(ends)]
-    of_each = [_share(regained[part], detailed[part]) for part in parts]
-    needed = _share(regained, detailed) >= ENOUGH or sum(s >= ENOUGH_OF_PHOTOGRAPH for s in of_each) >= 2
+
+    def share(of: NDArray[np.bool_], part: slice = _ALL) -> float:
+        return float(of[part].sum() / max(1, judged.detailed[part].sum()))
+
+    needed = share(regained) >= ENOUGH or sum(share(regained, p) >= ENOUGH_OF_PHOTOGRAPH for p in parts) >= 2
     return SecondFit(
-        _share(lost, detailed),
-        _share(regained, detailed),
-        tuple(_share(lost[part], detailed[part]) for part in parts),
-        second if needed or name is not None else None,
+        share(judged.lost),
+        share(judged.lost_by_rec709),
+        share(regained),
+        tuple(share(judged.lost, part) for part in parts),
+        noise,
+        _scaled(chosen, noise, name or "fitted") if needed or name is not None else None,
     )
 
 
-def _direction(white: F64, best: F64) -> F64:
-    """Return (3,), of whitened colours, for blocks (n, 3, 3) whose greatest contrast squared is `best` (n,)."""
-    if not len(best):
-        return np.array([0.0, 0.0, 1.0])
-    some = np.unique(np.linspace(0, len(best) - 1, _MOST_BLOCKS).astype(int))
+@dataclass(frozen=True)
+class _Judged:
+    """Hold of n blocks: `white` (n, 3, 3) the covariance in colours whose noise is 1 in every direction, `whitening`
+    what makes them so, `best` (n,) the greatest contrast squared, and which of them hold detail and are lost."""
+
+    white: F64
+    whitening: F64
+    best: F64
+    detailed: NDArray[np.bool_]
+    lost: NDArray[np.bool_]
+    lost_by_rec709: NDArray[np.bool_]
+
+
+def _judge(blocks: Blocks, noise: Noise) -> _Judged:
+    whitening = np.linalg.inv(np.linalg.cholesky(noise.matrix))
+    white = whitening @ blocks.colours.astype(np.float64)[:, _OF_SIX] @ whitening.T
+    best = np.asarray(np.linalg.eigvalsh(white)[:, 2], np.float64)
+    detailed = best > _DETAIL**2
+    lost = detailed & (blocks.grey / noise.grey < _LOST**2 * best)
+    rec709 = _contrast(blocks, noise, np.array(FIXED["rec709"])) < _LOST**2 * best
+    return _Judged(white, whitening, best, detailed, lost, detailed & rec709)
+
+
+def _contrast(blocks: Blocks, noise: Noise, weights: F64) -> F64:
+    """Return the contrast squared of each block in a grey of these weights of the colours, (n,)."""
+    detail = np.einsum("i,nij,j->n", weights, blocks.colours.astype(np.float64)[:, _OF_SIX], weights)
+    return np.asarray(detail / (weights @ noise.matrix @ weights))
+
+
+def _noise_of(blocks: Blocks) -> Noise:
+    """Return the mean over the flattest blocks, and what rounding adds."""
+    flattest = np.argsort(blocks.colours[:, :3].sum(axis=1), kind="stable")
+    flattest = flattest[: max(1, int(_FLATTEST * len(flattest)))]
+    if not len(flattest):
+        return Noise((_FLOOR,) * 3 + (0.0,) * 3, _FLOOR)
+    colours = blocks.colours[flattest].astype(np.float64).mean(axis=0) + _FLOOR * np.array([1, 1, 1, 0, 0, 0])
+    return Noise(tuple(colours.tolist()), float(blocks.grey[flattest].astype(np.float64).mean()) + _FLOOR)
+
+
+def _direction(judged: _Judged) -> F64:
+    """Return the direction in colour, (3,), that shows most of the lost blocks."""
+    numbers = np.flatnonzero(judged.lost)
+    if not len(numbers):
+        return np.array(FIXED["blue"])
+    some = numbers[np.unique(np.linspace(0, len(numbers) - 1, _MOST_BLOCKS).astype(int))]
     # Half a sphere, evenly (Fibonacci lattice).
     number = np.arange(_DIRECTIONS) + 0.5
     up, turn = number / _DIRECTIONS, np.pi * (1 + 5**0.5) * number
     aside = np.sqrt(1 - up**2)
     directions = np.stack((aside * np.cos(turn), aside * np.sin(turn), up), axis=1)
     shown, total = np.empty(_DIRECTIONS), np.empty(_DIRECTIONS)
-    six = white[some].reshape(-1, 9).T
+    nine, best = judged.white[some].reshape(-1, 9).T, judged.best[some]
     for begin in range(0, _DIRECTIONS, 100):
         u = directions[begin : begin + 100]
-        contrast = np.einsum("ni,nj->nij", u, u).reshape(-1, 9) @ six
-        shown[begin : begin + 100] = (contrast >= _SEES**2 * best[some]).sum(axis=1)
-        total[begin : begin + 100] = np.log1p(contrast).sum(axis=1)
-    return np.asarray(directions[np.lexsort((-total, -shown))[0]])
+        contrast = np.einsum("ni,nj->nij", u, u).reshape(-1, 9) @ nine
+        shown[begin : begin + 100] = (contrast >= _SEES**2 * best).sum(axis=1)
+        total[begin : begin + 100] = np.log1p(np.maximum(contrast, 0)).sum(axis=1)
+    return np.asarray(directions[np.lexsort((-total, -shown))[0]] @ judged.whitening)
 
 
-def _scaled(direction: F64, noise: F64, grey_noise: float, name: str) -> SecondGrey:
+def _scaled(direction: F64, noise: Noise, name: str) -> SecondGrey:
     """Return the direction with as much noise as the first grey has, or less where that would clip."""
-    own = float(direction @ noise @ direction)
-    gain = min(float(np.sqrt(grey_noise / own)), _MOST_GAIN / float(np.abs(direction).max()))
+    own = float(direction @ noise.matrix @ direction)
+    gain = min(float(np.sqrt(noise.grey / own)), _MOST_GAIN / float(np.abs(direction).max()))
     red, green, blue = (float(round(w, 4)) for w in gain * direction)
-    return SecondGrey(red, green, blue, grey_noise, own * gain**2, name)
+    return SecondGrey(red, green, blue, noise.grey, own * gain**2, name)
+
+
+def _grids(grey: U8, colour: U8) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """Return the covariance of the colours, (h, w, 6), and the variance of the grey, (h, w), of each block."""
+    colours, greys = band(shrunk(colour)), band(shrunk(grey))
+    pairs = [(0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2)]
+    return np.stack([_means(colours[..., i] * colours[..., j]) for i, j in pairs], axis=-1), _means(greys**2)
 
 
 def _means(values: NDArray[np.float32]) -> NDArray[np.float32]:
@@ -136,7 +198,3 @@ def _means(values: NDArray[np.float32]) -> NDArray[np.float32]:
         return np.empty((0, 0), np.float32)
     whole = values[: height * _BLOCK, : width * _BLOCK]
     return np.asarray(cv2.resize(whole, (width, height), interpolation=cv2.INTER_AREA), np.float32)
-
-
-def _share(part: NDArray[np.bool_], whole: NDArray[np.bool_]) -> float:
-    return float(part.sum() / max(1, whole.sum()))

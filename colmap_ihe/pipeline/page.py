@@ -22,6 +22,7 @@ from colmap_ihe.machine.files import read_json, write_bytes
 from colmap_ihe.machine.libraries import library_versions
 from colmap_ihe.machine.progress import Progress, RunProgress
 from colmap_ihe.pipeline import model_view
+from colmap_ihe.pipeline.second_grey import lost_colour
 from colmap_ihe.pipeline.stage import RunContext
 from colmap_ihe.project.folder import Project
 from colmap_ihe.project.options import Options
@@ -118,6 +119,7 @@ def gather(run: RunContext, summary: Mapping[str, Any], progress: Progress) -> C
         options=yaml.safe_dump(options.as_yaml(), sort_keys=False),
         methods_sentence=methods_sentence(summary, options, library_versions("pycolmap")["pycolmap"]),
         citation=citation(summary, options),
+        lost_colour=lost_colour(project, records, summary),
     )
 
 

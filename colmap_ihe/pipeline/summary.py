@@ -33,6 +33,7 @@ def summarise(records: Mapping[str, Mapping[str, Any]], options: Options) -> dic
     main = max(by_encoding.values(), key=lambda w: int(w["images"]), default=None)
     later = ("features", "matches", "sparse", "dense", "mesh")
     features, matches, sparse, dense, mesh = (records.get(stage, {}) for stage in later)
+    colour = records.get("convert", {}).get("second")
     models = sparse.get("models", [])
     model = models[0] if models else {}
     with_depth = 100 * dense["pixels_with_depth"] / dense["pixels"] if dense.get("pixels") else None
@@ -50,7 +51,10 @@ def summarise(records: Mapping[str, Mapping[str, Any]], options: Options) -> dic
         "score": main["score"] if main else None,
         "tones": main["tones"] if main else None,
         "tried": records["fit"]["tried"].get(main["encoding"]) if main else None,
-        "second_grey": _second(records.get("convert", {}).get("second"), features),
+        "colour_detail_lost_percent": (
+            {"grey": 100 * colour["lost"], "rec709": 100 * colour["lost_by_rec709"]} if colour else None
+        ),
+        "second_grey": _second(colour, features) if colour and colour["second"] else None,
         "weights_by_encoding": {e: w["weights"] for e, w in by_encoding.items()},
         "cameras": [_camera(camera) for camera in sparse.get("cameras", ())] or None,
         "held_out_error_px": _held_out(sparse.get("held_out")),
@@ -77,17 +81,13 @@ def summarise(records: Mapping[str, Mapping[str, Any]], options: Options) -> dic
     }
 
 
-def _second(record: Mapping[str, Any] | None, features: Mapping[str, Any]) -> dict[str, Any] | None:
-    """Return the second grey, with its features and what the first loses, in percent of the places with detail; None
-    where nobody looked."""
-    if record is None:
-        return None
+def _second(record: Mapping[str, Any], features: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the second grey, with its features and the share that it shows of what the first loses."""
     second = record["second"]
     return {
-        "weights": [second[name] for name in ("red", "green", "blue")] if second else None,
-        "name": second["name"] if second else None,
-        "lost_percent": 100 * record["lost"],
-        "shown_percent": 100 * record["regained"] if second else 0.0,
+        "weights": [second[name] for name in ("red", "green", "blue")],
+        "name": second["name"],
+        "shown_percent": 100 * record["regained"] / record["lost"] if record["lost"] else 0.0,
         "features": features.get("of_second"),
     }
 

@@ -104,6 +104,19 @@ class Grey:
 
 
 @dataclass(frozen=True)
+class LostColour:
+    """Tell what detail in colour the grey loses, in words, and show it in the photograph `name` that loses most, if
+    there is anything to see: places that the chosen grey loses, those that COLMAP's default does, and the grey with
+    what the second adds to it, if there is one."""
+
+    in_words: str
+    name: str = ""
+    by_chosen: Picture | None = None
+    by_default: Picture | None = None
+    with_second: Picture | None = None
+
+
+@dataclass(frozen=True)
 class MethodFigures:
     """Show one method of a comparison in pictures of the same photographs: the grey, its difference from Rec.709, the
     verified matches of a pair, and the dense cloud as one camera sees it."""
@@ -183,3 +196,4 @@ class Contents:
     options: str = ""
     methods_sentence: str = ""
     citation: str = ""
+    lost_colour: LostColour | None = None

@@ -25,8 +25,8 @@ def methods_sentence(summary: Mapping[str, Any], options: Options, pycolmap_vers
     driven = f"with COLMAP (pycolmap {pycolmap_version}) driven by colmap-ihe"
     done = f", and reconstructed {driven}" if summary["registered_images"] is not None else " by colmap-ihe"
     return (
-        f"The photographs were converted to grey by {_conversion(summary, options)}{done}{_cameras(summary)}"
-        f"{_dense(summary)}."
+        f"The photographs were converted to grey by {_conversion(summary, options)}{_second(summary)}{done}"
+        f"{_cameras(summary)}{_dense(summary)}."
     )
 
 
@@ -105,6 +105,15 @@ def _weights(summary: Mapping[str, Any]) -> str:
     kinds = {"linear": "raw", "coded": "gamma-coded"}
     named = [f"{kinds[kind]}: {weights_in_words(w)}" for kind, w in sorted(every.items())]
     return f" ({'; '.join(named)})" if named else ""
+
+
+def _second(summary: Mapping[str, Any]) -> str:
+    """Name the second grey, where there is one."""
+    second = summary["second_grey"]
+    if second is None:
+        return ""
+    weights = " ".join(f"{weight:+.2f} {name}" for weight, name in zip(second["weights"], "RGB", strict=True))
+    return f", with a second grey of the set ({weights}) for features and stereo where the first shows little detail"
 
 
 def _cameras(summary: Mapping[str, Any]) -> str:

@@ -18,6 +18,8 @@ U8 = NDArray[np.uint8]
 _QUALITY = 85
 _DRAWN = 250  # matches of a pair; more of them hide the photographs
 _GAP = 8  # pixels between two photographs side by side
+_PALE = 0.35  # of what is left of the colours beside a mark
+_MARK = (230.0, 80.0, 0.0)
 _MIDDLE = 127  # of a picture of differences: no difference
 
 
@@ -50,6 +52,13 @@ def rec709(rgb: U8) -> U8:
 def difference(chosen: U8, default: U8) -> U8:
     """Return (H, W) uint8: the difference of two greys, `_MIDDLE` where there is none."""
     return np.asarray(np.clip(chosen.astype(np.int16) - default + _MIDDLE, 0, 255), np.uint8)
+
+
+def marked(rgb: U8, places: NDArray[np.bool_]) -> U8:
+    """Return (H, W, 3) uint8: a photograph, paler, with places (h, w) of it marked in full colour."""
+    mask = cv2.resize(places.astype(np.float32), rgb.shape[1::-1], interpolation=cv2.INTER_NEAREST)[..., None]
+    pale = 255 - (255 - rgb.astype(np.float32)) * _PALE
+    return np.asarray(np.rint(pale * (1 - mask) + mask * (0.5 * rgb + 0.5 * np.array(_MARK))), np.uint8)
 
 
 def patchwork(pixels: Sequence[U8], side: int) -> U8:

@@ -54,7 +54,10 @@ def summary_rows(summary: Mapping[str, Any]) -> list[tuple[str, str]]:
         rows.append((f"grey ({summary['method']})", weights_in_words(summary["weights"])))
     if summary["tried"]:
         rows.append(("measured", summary["tried"]["in_words"]))
-    if summary["second_grey"] and summary["second_grey"]["weights"]:
+    if summary["colour_detail_lost_percent"]:
+        lost = summary["colour_detail_lost_percent"]
+        rows.append(("colour detail lost", f"{lost['grey']:.2f} %; by Rec.709 {lost['rec709']:.2f} %"))
+    if summary["second_grey"]:
         rows.append(("second grey", second_in_words(summary["second_grey"])))
     if summary["registered_images"] is not None:
         over_3 = f"{summary['points_over_3_views']:,} seen in more than 3 images"
@@ -94,14 +97,19 @@ def _photographs(summary: Mapping[str, Any]) -> str:
     return f"{summary['images']}" + (f", {left_out} left out" if left_out else "")
 
 
+def lost_in_words(summary: Mapping[str, Any]) -> str:
+    """Return a sentence on the detail that shows in colour and not in grey; `summary` holds
+    `colour_detail_lost_percent`."""
+    lost = summary["colour_detail_lost_percent"]
+    default = "COLMAP's default grey" if summary["method"] != "rec709" else "Rec.709 of the colours"
+    return (
+        f"Of the places with detail the grey keeps less than a third of it in {lost['grey']:.2f} %; {default} does in"
+        f" {lost['rec709']:.2f} %."
+    )
+
+
 def second_in_words(second: Mapping[str, Any]) -> str:
     """Return the second grey, and what it brings, in a sentence; `second` is that of the summary."""
-    weights = ", ".join(
-        f"{weight:+.2f} {name}" for weight, name in zip(second["weights"], "RGB", strict=True)
-    )
-    lost, shown = second["lost_percent"], second["shown_percent"]
+    weights = " ".join(f"{weight:+.2f} {name}" for weight, name in zip(second["weights"], "RGB", strict=True))
     added = "" if second["features"] is None else f"; {second['features']:,} features are from it"
-    return (
-        f"{weights}, where the first shows little of what colour shows: in {lost:.1f} % of the places with detail, of"
-        f" which the second shows {100 * shown / lost if lost else 0:.0f} %{added}"
-    )
+    return f"{weights}, and shows {second['shown_percent']:.0f} % of the places that the grey loses{added}"

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from colmap_ihe.colmap.pair_blocks import batch_of, blocks_of, group_size, groups_of
+from colmap_ihe.colmap.pair_blocks import are_few, batch_of, blocks_of, group_size, groups_of, shared_out
 
 
 @pytest.mark.parametrize(("images", "size"), [(8, 2), (50, 16), (3, 16)])
@@ -66,6 +66,40 @@ def test_blocks_are_enough_for_all_workers_and_none_is_large(
     pairs = [(i, j) for i in ids for j in range(i + 1, min(images, i + 1 + neighbours))]
     found = blocks_of(pairs, groups_of(pairs, ids, group_size(len(pairs), images, features, width)))
     assert (len(found), max(map(len, found))) == (blocks, most)
+
+
+@pytest.mark.parametrize(
+    ("images", "neighbours", "workers", "found"),
+    [
+        (8, 7, 1, [(28, 8)]),
+        (8, 7, 2, [(15, 6), (13, 8)]),  # 29 with the indexes, where groups of four give 32
+        (11, 10, 2, [(30, 9), (25, 11)]),  # 48, not 52
+        (8, 7, 4, [(8, 5), (8, 5), (6, 5), (6, 6)]),  # 18, not 21
+        (24, 23, 4, [(76, 13), (76, 13), (66, 18), (58, 22)]),  # 102, not 132
+        (11, 3, 2, [(14, 7), (13, 7)]),  # 28, not 35
+        (3, 2, 8, [(1, 2)] * 3),
+        (0, 0, 2, []),
+    ],
+)
+def test_few_pairs_are_shared_out_so_that_the_longest_block_is_short(
+    images: int, neighbours: int, workers: int, found: list[tuple[int, int]]
+) -> None:
+    pairs = [(i, j) for i in range(images) for j in range(i + 1, min(images, i + 1 + neighbours))]
+    blocks = shared_out(pairs, workers)
+    assert [(len(block), len(_images_of(block))) for block in blocks] == found
+    assert sorted(pair for block in blocks for pair in block) == pairs
+
+
+def test_pairs_keep_their_way_round_and_pieces_without_a_pair_between_them_share_a_worker() -> None:
+    pairs = [(5, 9), (9, 1), (1, 5), (2, 3), (7, 6), (6, 8), (8, 7), (4, 4)]
+    first, second = shared_out(pairs, 2)
+    assert sorted(first + second) == sorted(pairs)
+    assert (len(first), len(second)) == (4, 4)
+
+
+def test_few_are_those_of_which_a_worker_loses_little() -> None:
+    assert [are_few(n, 8_192) for n in (28, 29)] == [True, False]
+    assert [are_few(n, 800) for n in (50, 51)] == [True, False]
 
 
 def test_colmap_looks_up_every_few_seconds_but_keeps_its_indexes() -> None:

@@ -76,6 +76,17 @@ def test_a_process_is_kept_for_the_next_call_and_ends_with_the_last() -> None:
     assert is_gone(first)
 
 
+def test_calls_take_those_that_were_started_before() -> None:
+    with ColmapProcesses() as apart:
+        apart.start(2, about)
+        started = {process._process.pid for process in apart._idle}
+        with ThreadPoolExecutor(2) as two:
+            called = {*two.map(lambda _: apart.call(about, "pid", SILENT), range(2))}
+        assert len(started) == 2
+        assert called <= started
+    assert all(map(is_gone, started))
+
+
 def test_one_for_each_call_at_a_time() -> None:
     with ColmapProcesses() as apart, ThreadPoolExecutor(2) as two:
         watches = [StopsWhen(lambda _: False) for _ in range(2)]

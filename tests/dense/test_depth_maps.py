@@ -46,6 +46,16 @@ def _depth(project: Path, name: str) -> NDArray[np.float32]:
     return written.to_array()
 
 
+def test_only_the_maps_that_are_named_are_made(project: Path, tmp_path: Path) -> None:
+    dense = tmp_path / "dense"
+    shutil.copytree(
+        project / "dense", dense, ignore=shutil.ignore_patterns("*.bin.part", "depth_maps", "normal_maps")
+    )
+    assert sgm_depth_maps(dense, only=[NAMES[1]]).images == 1
+    made = (dense / "stereo" / "depth_maps").rglob("*.bin")
+    assert list(made) == [dense / "stereo" / "depth_maps" / f"{NAMES[1]}.geometric.bin"]
+
+
 @pytest.fixture(scope="module")
 def counts(project: Path) -> DepthCounts:
     return sgm_depth_maps(project / "dense")

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from painted import PAINTED, grey_of, painted_wall
 
 from colmap_ihe.grey.second import SecondGrey, shrunk
-from colmap_ihe.grey.second_fit import blocks_of, fit_second
-from tests.scenes.painted import PAINTED, grey_of, painted_wall
+from colmap_ihe.grey.second_fit import blocks_of, fit_second, lost_places
 
 RED_GREEN = SecondGrey(1.5, -1.5, 0.0, 1.0, 1.0)
 
@@ -37,7 +37,7 @@ def test_without_colour_the_grey_is_handed_back_as_it_is() -> None:
 
 
 def test_a_twin_of_another_size_is_refused() -> None:
-    with pytest.raises(ValueError, match="colour.shape"):
+    with pytest.raises(ValueError, match=r"colour\.shape"):
         RED_GREEN.shares(np.zeros((8, 8), np.uint8), np.zeros((8, 9, 3), np.uint8))
 
 
@@ -95,3 +95,17 @@ def test_the_second_has_the_noise_of_the_first_where_it_does_not_clip() -> None:
 def test_photographs_too_small_to_measure_give_none() -> None:
     tiny = np.zeros((3, 3, 3), np.uint8)
     assert fit_second([blocks_of(tiny[..., 0], tiny)]).second is None
+
+
+def test_lost_places_are_those_of_the_painting_and_other_weights_lose_others() -> None:
+    colour = painted_wall()
+    noise = fit_second([blocks_of(grey_of(colour), colour)]).noise
+    painting = np.s_[140 // 16 + 1 : 260 // 16, 320 // 16 + 1 : 480 // 16]
+    by_grey, by_rec709 = lost_places(grey_of(colour), colour, noise)
+    assert by_grey.shape == (25, 37)
+    assert by_grey[painting].mean() > 0.95
+    assert by_rec709[painting].mean() > 0.95
+    assert not by_grey[:, :15].any()
+    by_red, by_rec709 = lost_places(colour[..., 0], colour, noise)
+    assert not by_red[painting].any()
+    assert by_rec709[painting].mean() > 0.95

@@ -10,7 +10,7 @@ from colmap_ihe.project.options import Options
 from colmap_ihe.report.methods_sentence import citation, is_default, methods_sentence
 
 SUMMARY: dict[str, Any] = {
-    "weights_by_encoding": {"coded": [0.61, 0.34, 0.05]}, "tried": None, "registered_images": 8,
+    "weights_by_encoding": {"coded": [0.61, 0.34, 0.05]}, "tried": None, "second_grey": None, "registered_images": 8,
     "dense_points": None, "dense_backend": None, "cameras": None,
 }  # fmt: skip
 DEFAULT = {"weights_by_encoding": {"coded": [0.21, 0.72, 0.07]}}
@@ -69,6 +69,8 @@ def test_a_guard_that_kept_the_default_is_said_and_ihe_not_claimed() -> None:
         ({"method": "auto"}, {"tried": {"chosen": "ihe", "pairs": []}}, "since no pair of photographs was there"),
         ({}, {"weights_by_encoding": {"coded": [0.2, 0.3, 0.5], "linear": [0.4, 0.2, 0.4]}},
          "(gamma-coded: 20 % red, 30 % green, 50 % blue; raw: 40 % red, 20 % green, 40 % blue), and"),
+        ({}, {"second_grey": {"weights": [1.7, -1.9, 0.3]}},
+         "5 % blue), with a second grey of the set (+1.70 R -1.90 G +0.30 B) for features and stereo"),
         ({}, {"registered_images": None}, "5 % blue) by colmap-ihe."),
         ({}, {"dense_points": 9, "dense_backend": "sgm"}, "; depth maps are by semi-global matching on the CPU"),
         ({}, {"dense_points": 9, "dense_backend": "patchmatch"}, "driven by colmap-ihe."),

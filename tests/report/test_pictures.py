@@ -50,3 +50,12 @@ def test_matches_are_lines_between_both() -> None:
     assert not drawn[10, 30].any()
     nothing = pictures.matches_drawn(first, second, np.empty((0, 2)), np.empty((0, 2)))
     assert not nothing[:40, :50].any()
+
+
+def test_marked_places_stand_out_of_the_paler_photograph() -> None:
+    rgb = np.full((40, 60, 3), 100, np.uint8)
+    places = np.zeros((4, 6), bool)
+    places[1, 2] = True
+    drawn = pictures.marked(rgb, places)
+    assert drawn[15, 25].tolist() == [165, 90, 50]
+    assert drawn[15, 45].tolist() == [201, 201, 201]

@@ -29,4 +29,4 @@ def painted_wall(*, painting: bool = True, shift: int = 0) -> NDArray[np.uint8]:
 
 def grey_of(colour: NDArray[np.uint8]) -> NDArray[np.uint8]:
     """Return COLMAP's default grey of it."""
-    return np.rint(colour @ np.array(_REC709)).astype(np.uint8)
+    return np.asarray(np.rint(colour @ np.array(_REC709)), np.uint8)
