@@ -125,7 +125,7 @@ def rows_of(name: str, folder: Path, wanted: Sequence[str]) -> list[tuple[str, .
     greys = greys_of(captures)
     notes = folder.with_suffix(".json")
     known = json.loads(notes.read_text()) if notes.is_file() else {}
-    rows = []
+    rows: list[tuple[str, ...]] = []
     for grey in (REFERENCE, *wanted):
         if grey not in known:
             with quiet():

@@ -17,12 +17,11 @@ from colmap_ihe.fit.histogram_file import StoredCounts
 from colmap_ihe.fit.trial import Purpose, measure
 from colmap_ihe.fit.trial_bench import Trial
 from colmap_ihe.fit.trial_result import (
-    DEFAULT,
     REFERENCE,
     SAME,
+    ChosenGrey,
     TrialResult,
     choose,
-    in_words,
     is_clearly_worse,
 )
 from colmap_ihe.grey.conversions import CONVERSIONS
@@ -49,27 +48,6 @@ from colmap_ihe.photographs.each import LeftOut
 from colmap_ihe.project.options import FitOptions
 
 _REC709: Triplet = (21, 72, 7)
-_DEFAULTS: Mapping[Encoding, str] = {
-    "coded": DEFAULT,
-    "linear": "the default grey of developed photographs (Rec.709 after white balance)",
-}
-
-
-@dataclass(frozen=True)
-class ChosenGrey:
-    """Hold what was measured on the photographs, and which of the candidates the grey is. `fitted`: the weights that
-    it was taken instead of, where the trial kept the default."""
-
-    chosen: str
-    measured: TrialResult
-    encoding: Encoding = "coded"
-    fitted: tuple[float, float, float] | None = None
-
-    def as_dict(self) -> dict[str, Any]:
-        fitted = " ".join(f"{w:.2f}" for w in self.fitted or ())
-        words = in_words(self.measured, self.chosen, _DEFAULTS[self.encoding], fitted)
-        instead = {"fitted": list(self.fitted)} if self.fitted else {}
-        return {"chosen": self.chosen, "in_words": words, **instead, **self.measured.as_dict()}
 
 
 @dataclass(frozen=True)

@@ -3,18 +3,24 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from colmap_ihe.grey.weights import Encoding
+
 REFERENCE = "rec709"
 """COLMAP's default grey, which the others are compared with."""
 DEFAULT = "COLMAP's default grey"
 SAME = "the grey is COLMAP's default"
 """Reason of a measurement that was not needed."""
+_DEFAULTS: Mapping[Encoding, str] = {
+    "coded": DEFAULT,
+    "linear": "the default grey of developed photographs (Rec.709 after white balance)",
+}
 _CLEAR = 2.0  # standard errors
 _BETWEEN_PAIRS = 1.12  # pairs differ by so much more than their cells let expect: 19 pairs of two real sets
 
@@ -174,3 +180,20 @@ def _difference(mine: Candidate) -> str:
     if not mine.differs or not percent:
         return f": no difference that this measurement can see (it would see {give_or_take} %)"
     return f": {percent} % {more} (give or take {give_or_take} %)"
+
+
+@dataclass(frozen=True)
+class ChosenGrey:
+    """Hold what was measured on the photographs, and which of the candidates the grey is. `fitted`: the weights that
+    it was taken instead of, where the trial kept the default."""
+
+    chosen: str
+    measured: TrialResult
+    encoding: Encoding = "coded"
+    fitted: tuple[float, float, float] | None = None
+
+    def as_dict(self) -> dict[str, Any]:
+        fitted = " ".join(f"{w:.2f}" for w in self.fitted or ())
+        words = in_words(self.measured, self.chosen, _DEFAULTS[self.encoding], fitted)
+        instead = {"fitted": list(self.fitted)} if self.fitted else {}
+        return {"chosen": self.chosen, "in_words": words, **instead, **self.measured.as_dict()}
