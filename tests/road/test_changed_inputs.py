@@ -168,9 +168,9 @@ CAMERA = {"focal_length": 20.0, "override": False}
 OPTIONS = {
     "develop": ("develop.green_equilibrium=false", "develop.green_equilibrium from true to false"),
     "cameras": ("cameras.x*={focal_length: 20}", f"cameras from [] to [['x*', {CAMERA}]]"),
-    "fit": ("fit.sample=0.5", "fit.sample from 1.0 to 0.5"),
+    "fit": ("fit.method=rec709", "fit.method from ihe to rec709"),
     "convert": ("convert.format=jpeg", "convert.format from png to jpeg"),
-    "features": ("features.max_image_size=400", "features.max_image_size from none to 400"),
+    "features": ("features.max_image_size=400", "features.max_image_size from the default to 400"),
     "matches": (
         "matches.colmap={max_num_matches: 9}",
         "matches.colmap.max_num_matches from the default to 9",

@@ -121,8 +121,15 @@ def _result_options(options: Options) -> dict[str, Any]:
     values = options.sections("fit")
     values["fit"]["weights"] = options.fit.weights is not None  # their content counts, not where they lie
     if _trial_decides(options.fit):
-        values |= options.sections("features") | {"convert": {"tone": options.convert.tone}}
+        values |= _of_trial(options)
     return values
+
+
+def _of_trial(options: Options) -> dict[str, Any]:
+    """Return what of `trial_of` is not the default."""
+    features = options.features.model_dump(mode="json", exclude_defaults=True)
+    tone = options.convert.model_dump(include={"tone"}, exclude_defaults=True)
+    return ({"features": features} if features else {}) | ({"convert": tone} if tone else {})
 
 
 def _trial_decides(options: FitOptions) -> bool:
