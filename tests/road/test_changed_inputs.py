@@ -170,7 +170,10 @@ OPTIONS = {
     "cameras": ("cameras.x*={focal_length: 20}", f"cameras from [] to [['x*', {CAMERA}]]"),
     "fit": ("fit.method=rec709", "fit.method from ihe to rec709"),
     "convert": ("convert.format=jpeg", "convert.format from png to jpeg"),
-    "features": ("features.max_image_size=400", "features.max_image_size from the default to 400"),
+    "features": (
+        "features.colmap={max_image_size: 400}",
+        "features.colmap.max_image_size from the default to 400",
+    ),
     "matches": (
         "matches.colmap={max_num_matches: 9}",
         "matches.colmap.max_num_matches from the default to 9",
