@@ -14,11 +14,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from colmap_ihe.colmap.features import FEATURE_BYTES_A_PIXEL
+from colmap_ihe.colmap.features_on_workers import extraction_options
 from colmap_ihe.colmap.native import called, pycolmap
 from colmap_ihe.colmap.part_databases import task_folder
 from colmap_ihe.machine.memory import workers_for
 from colmap_ihe.machine.progress import SILENT, Progress
 from colmap_ihe.machine.threads import local_workers
+from colmap_ihe.project.options import FeaturesOptions
 
 _MAX_RATIO, _MAX_ANGLE = 0.8, 0.7  # COLMAP's defaults; angles between descriptors in radians
 _UNIT = 512.0  # the length of a descriptor that COLMAP has cut to 8 bit
@@ -40,14 +42,6 @@ class Features:
     def __len__(self) -> int:
         return len(self.places)
 
-    def coarsest(self, count: int) -> Features:
-        """Return the `count` features of the largest scales: COLMAP keeps those, though in whole levels, so that one
-        feature more or less decides about thousands."""
-        if len(self) <= count:
-            return self
-        kept = np.argsort(-self.scales, kind="stable")[:count]
-        return Features(self.places[kept], self.scales[kept], self.descriptors[kept])
-
 
 def features_of(
     images: Sequence[NDArray[np.uint8]], progress: Progress = SILENT, *, first_octave: int = -1
@@ -57,18 +51,34 @@ def features_of(
     `first_octave` 0 leaves out those smaller than two pixels, in a quarter of the time. The same images give the same
     features. Raises `NativeError`, `DiskFullError`, `Cancelled`, ValueError.
     """
+    options = pycolmap.FeatureExtractionOptions()
+    options.max_image_size = max((max(grey.shape, default=1) for grey in images), default=1)
+    options.sift.first_octave = first_octave
+    options.sift.max_num_features = 1_000_000
+    return _extracted(images, options, progress)
+
+
+def features_kept_of(
+    images: Sequence[NDArray[np.uint8]], features: FeaturesOptions, progress: Progress = SILENT
+) -> list[Features]:
+    """Return the features that a reconstruction with these options keeps of each image, (H, W) uint8: COLMAP's
+    thresholds, its largest size of an image and its largest number of features, on the CPU.
+
+    The same images give the same features. Raises `OptionError` and what `features_of` does.
+    """
+    return _extracted(images, extraction_options(features), progress)
+
+
+def _extracted(
+    images: Sequence[NDArray[np.uint8]], options: pycolmap.FeatureExtractionOptions, progress: Progress
+) -> list[Features]:
     for grey in images:
         if grey.ndim != 2 or grey.dtype != np.uint8 or not grey.size:
             raise ValueError(f"{grey.shape=} {grey.dtype=}, expected (H, W) uint8")
     if not images:
         return []
-    options = pycolmap.FeatureExtractionOptions()
     options.use_gpu = False
-    needed = FEATURE_BYTES_A_PIXEL * max(grey.size for grey in images) * 4 ** -(first_octave + 1)
-    options.num_threads = min(workers_for("features of pairs", round(needed), local_workers()), len(images))
-    options.max_image_size = max(max(grey.shape) for grey in images)
-    options.sift.first_octave = first_octave
-    options.sift.max_num_features = 1_000_000
+    options.num_threads = _threads_for(images, options)
     names = [f"{number:06}.pgm" for number in range(len(images))]
     with task_folder() as folder:
         for name, grey in zip(names, images, strict=True):
@@ -83,6 +93,13 @@ def features_of(
             progress=progress,
         )
         return _read_features(database, names)
+
+
+def _threads_for(images: Sequence[NDArray[np.uint8]], options: pycolmap.FeatureExtractionOptions) -> int:
+    most = options.eff_max_image_size()
+    pixels = max(grey.size * min(1.0, most / max(grey.shape)) ** 2 for grey in images)
+    needed = FEATURE_BYTES_A_PIXEL * pixels * 4.0 ** -(options.sift.first_octave + 1)
+    return min(workers_for("features of pairs", round(needed), local_workers()), len(images))
 
 
 def _read_features(database: Path, names: Sequence[str]) -> list[Features]:
@@ -103,29 +120,52 @@ def match(first: Features, second: Features) -> Matches:
     takes them by default, and in a twentieth of its time."""
     if not len(first) or not len(second):
         return np.zeros((0, 2), np.intp)
-    forth, passes_forth = _nearest(first.descriptors, second.descriptors)
-    back, passes_back = _nearest(second.descriptors, first.descriptors)
-    rows = np.arange(len(forth))
-    kept = passes_forth & passes_back[forth] & (back[forth] == rows)
-    return np.stack((rows[kept], forth[kept]), axis=1)
+    a, b = (f.descriptors.astype(np.float32) / np.float32(_UNIT) for f in (first, second))
+    back = _Nearest(len(b))
+    forth = [_compared(a[begin : begin + _ROWS] @ b.T, begin, back) for begin in range(0, len(a), _ROWS)]
+    nearest, passes = (np.concatenate(parts) for parts in zip(*forth, strict=True))
+    rows = np.arange(len(a))
+    kept = passes & back.passes[nearest] & (back.nearest[nearest] == rows)
+    return np.stack((rows[kept], nearest[kept]), axis=1)
 
 
-def _nearest(
-    ones: NDArray[np.uint8], others: NDArray[np.uint8]
+class _Nearest:
+    """Hold the nearest so far of each feature, and how alike it and the second nearest are: cosines of angles."""
+
+    def __init__(self, count: int) -> None:
+        self.nearest = np.zeros(count, np.intp)
+        self.best = np.full(count, -1, np.float32)
+        self.next = np.full(count, -1, np.float32)
+
+    def add(self, nearest: NDArray[np.intp], best: NDArray[np.float32], second: NDArray[np.float32]) -> None:
+        self.next = np.maximum(np.maximum(self.next, second), np.minimum(self.best, best))
+        self.nearest = np.where(best > self.best, nearest, self.nearest)
+        self.best = np.maximum(self.best, best)
+
+    @property
+    def passes(self) -> NDArray[np.bool_]:
+        return _passes(self.best, self.next)
+
+
+def _compared(
+    likeness: NDArray[np.float32], begin: int, back: _Nearest
 ) -> tuple[NDArray[np.intp], NDArray[np.bool_]]:
-    """Return the nearest of `others` for each of `ones`, and whether it passes COLMAP's tests of angle and ratio."""
-    a, b = ones.astype(np.float32) / np.float32(_UNIT), others.astype(np.float32) / np.float32(_UNIT)
-    nearest, passes = np.zeros(len(a), np.intp), np.zeros(len(a), bool)
-    for begin in range(0, len(a), _ROWS):
-        likeness = a[begin : begin + _ROWS] @ b.T
-        rows = np.arange(len(likeness))
-        best = np.argmax(likeness, axis=1)
-        angle = np.arccos(np.clip(likeness[rows, best], -1, 1))
-        likeness[rows, best] = -1
-        next_angle = np.arccos(np.clip(likeness.max(axis=1), -1, 1))
-        nearest[begin : begin + _ROWS] = best
-        passes[begin : begin + _ROWS] = (angle <= _MAX_ANGLE) & (angle < _MAX_RATIO * next_angle)
-    return nearest, passes
+    """Return the nearest of each row and whether it passes; give `back` those of each column, rows from `begin` on."""
+    rows, columns = np.arange(likeness.shape[0]), np.arange(likeness.shape[1])
+    forth, from_there = np.argmax(likeness, axis=1), np.argmax(likeness, axis=0)
+    best, best_there = likeness[rows, forth], likeness[from_there, columns]
+    likeness[rows, forth] = -1
+    second = likeness.max(axis=1)
+    likeness[rows, forth] = best
+    likeness[from_there, columns] = -1
+    back.add(from_there + begin, best_there, likeness.max(axis=0))
+    return forth, _passes(best, second)
+
+
+def _passes(best: NDArray[np.float32], second: NDArray[np.float32]) -> NDArray[np.bool_]:
+    """Tell which pass COLMAP's tests of angle and ratio."""
+    angle, next_angle = (np.arccos(np.clip(likeness, -1, 1)) for likeness in (best, second))
+    return np.asarray((angle <= _MAX_ANGLE) & (angle < _MAX_RATIO * next_angle))
 
 
 def verified(

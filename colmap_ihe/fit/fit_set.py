@@ -14,9 +14,16 @@ from numpy.typing import NDArray
 from colmap_ihe.errors import DiskFullError, KnownError, WeightsError
 from colmap_ihe.fit.counting import CountOptions, SetCounts, gather
 from colmap_ihe.fit.histogram_file import StoredCounts
-from colmap_ihe.fit.trial import coarse_grid, measure
+from colmap_ihe.fit.trial import Purpose, measure
 from colmap_ihe.fit.trial_bench import Trial
-from colmap_ihe.fit.trial_result import DEFAULT, REFERENCE, SAME, TrialResult, choose, in_words
+from colmap_ihe.fit.trial_result import (
+    REFERENCE,
+    SAME,
+    ChosenGrey,
+    TrialResult,
+    choose,
+    is_clearly_worse,
+)
 from colmap_ihe.grey.conversions import CONVERSIONS
 from colmap_ihe.grey.equalise import curve_of
 from colmap_ihe.grey.histogram import Histogram, Weighting, mass_of
@@ -40,23 +47,7 @@ from colmap_ihe.photographs.discover import Capture
 from colmap_ihe.photographs.each import LeftOut
 from colmap_ihe.project.options import FitOptions
 
-_DEFAULTS: Mapping[Encoding, str] = {
-    "coded": DEFAULT,
-    "linear": "the default grey of developed photographs (Rec.709 after white balance)",
-}
-
-
-@dataclass(frozen=True)
-class ChosenGrey:
-    """Hold what was measured on the photographs, and which of the candidates the grey is."""
-
-    chosen: str
-    measured: TrialResult
-    encoding: Encoding = "coded"
-
-    def as_dict(self) -> dict[str, Any]:
-        words = in_words(self.measured, self.chosen, _DEFAULTS[self.encoding])
-        return {"chosen": self.chosen, "in_words": words, **self.measured.as_dict()}
+_REC709: Triplet = (21, 72, 7)
 
 
 @dataclass(frozen=True)
@@ -92,10 +83,11 @@ def fit_captures(
 
     A set that mixes gamma-coded and linear photographs gets one for each: a sensor's red is not
     sRGB's red, so one triplet for both would mean two different greys. With `trial` the grey is tried against
-    Rec.709 on a few pairs; method "auto" always tries, and takes the best. What is `stored` of other photographs
-    counts as if they were among the captures, of which there need then be none. `given` weights are taken instead of
-    fitted ones. Raises `PhotographError` if strict, `ProjectError` if no photograph can be used, `WeightsError` if
-    `stored` is of another kind or `given` of another encoding.
+    Rec.709 on a few pairs, and what guarded IHE fitted is replaced by it: of coded photographs unless it is clearly
+    better, of linear ones if it is clearly worse. Method "auto" always tries, and takes the best. What is `stored` of
+    other photographs counts as if they were among the captures, of which there need then be none. `given` weights are
+    taken instead of fitted ones. Raises `PhotographError` if strict, `ProjectError` if no photograph can be used,
+    `WeightsError` if `stored` is of another kind or `given` of another encoding.
     """
     left_out: LeftOut = {}
     for encoding in sorted({encoding_of(c) for c in captures}):
@@ -123,7 +115,8 @@ def fit_captures(
             continue
         weights[encoding] = fit.with_curve(fit.grey(options.method)) if given is None else given
         if trial is not None:
-            tried[encoding] = fit.against_rec709(weights[encoding], trial)
+            decides = given is None and (options.method, options.guard) == ("ihe", "noise")
+            weights[encoding], tried[encoding] = fit.against_rec709(weights[encoding], trial, decides)
     return Fit(weights, colour_white, left_out, tried, gathered)
 
 
@@ -241,8 +234,8 @@ class _SetFit:
         return replace(fit, contrast=self.gathered.contrast.share_of(fit.triplet))
 
     def tried(self, trial: Trial) -> tuple[Grey, ChosenGrey]:
-        """Return the candidate that matches best on a few pairs; guarded IHE where none overlaps. The paper's IHE of a
-        linear set is estimated."""
+        """Return the candidate that matches best on a few pairs; where there are too few of them Rec.709 of coded
+        photographs and guarded IHE of linear ones. The paper's IHE of a linear set is estimated."""
         grid = triplets(self.options.step)
         greys: dict[str, Grey] = {
             "rec709": self.grey("rec709"),
@@ -250,28 +243,34 @@ class _SetFit:
             "ihe of the paper": self.weights("ihe", fit_cells(self.gathered.histogram, grid).triplet),
             **{name: self.grey(name) for name in ("snr", "mean", "green")},
         }
-        screen = {n: self.weights("grid", w.triplet) for n, w in coarse_grid(self.encoding).items()}
-        measured = self.measure(greys, trial, screen)
-        name = choose(measured) if measured.candidates else "ihe"
-        return replace({**screen, **greys}[name], method="auto"), ChosenGrey(name, measured, self.encoding)
+        measured = self.measure(greys, trial, "choose")
+        name = choose(measured) if measured.held_out or self.encoding == "coded" else "ihe"
+        return replace(greys[name], method="auto"), ChosenGrey(name, measured, self.encoding)
 
-    def against_rec709(self, grey: Grey, trial: Trial) -> ChosenGrey:
+    def against_rec709(self, grey: Grey, trial: Trial, decides: bool) -> tuple[Grey, ChosenGrey]:
+        """Return what was measured, and the grey; Rec.709 instead where the trial `decides` for it."""
         default = self.grey(REFERENCE)
         if (
             isinstance(default, Weights)
             and isinstance(grey, Weights)
             and are_alike(grey.triplet, default.triplet)
         ):
-            return ChosenGrey(REFERENCE, TrialResult(reason=SAME), self.encoding)
-        measured = self.measure({REFERENCE: default, grey.method: grey}, trial, {})
-        return ChosenGrey(grey.method, measured, self.encoding)
+            return grey, ChosenGrey(REFERENCE, TrialResult(reason=SAME), self.encoding)
+        is_coded = self.encoding == "coded"
+        purpose: Purpose = "report" if not decides else "win" if is_coded else "choose"
+        measured = self.measure({REFERENCE: default, grey.method: grey}, trial, purpose)
+        won = choose(measured) == grey.method if is_coded else not is_clearly_worse(measured, grey.method)
+        if won or not decides or not isinstance(grey, Weights):
+            return grey, ChosenGrey(grey.method, measured, self.encoding)
+        kept = self.flattest([_REC709]) if is_coded else self.with_curve(replace(default, method=grey.method))
+        return kept, ChosenGrey(REFERENCE, measured, self.encoding, grey.triplet)
 
-    def measure(self, greys: Mapping[str, Grey], trial: Trial, screen: Mapping[str, Grey]) -> TrialResult:
+    def measure(self, greys: Mapping[str, Grey], trial: Trial, purpose: Purpose) -> TrialResult:
         """Measure greys on pairs; where that fails the result says so, for it is no reason to end a run."""
         try:
             if trial.tone == "equalise":
-                greys, screen = ({n: self.with_curve(g) for n, g in some.items()} for some in (greys, screen))
-            return measure(self.members, greys, self.executor, self.progress, trial, screen)
+                greys = {name: self.with_curve(grey) for name, grey in greys.items()}
+            return measure(self.members, greys, self.executor, self.progress, trial, purpose)
         except DiskFullError:
             raise
         except (KnownError, OSError, RuntimeError, KeyError) as error:

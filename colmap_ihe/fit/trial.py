@@ -1,48 +1,35 @@
-"""Try candidate greys on a few pairs of the set's own photographs: how many matches each brings.
+"""Try greys on some of the set's own photographs: how many matches each will bring COLMAP's mapper.
 
 Detail, noise and compression differ from set to set, so no rule knows beforehand which grey matches best; a
-small measurement does. Every candidate gets the same windows of the same pairs, at the resolution at which
-COLMAP will work: what JPEG does to colour shows only there. The gain over Rec.709, COLMAP's default, comes
-with its standard error, from how it varies over the windows.
+measurement does. It takes whole photographs, with COLMAP's own features at its thresholds, its largest size of an
+image and its largest number of features: a grey that shows a few per cent fewer features loses them here as it will
+in the reconstruction, which windows with equal numbers of features cannot see. A grey is chosen on some pairs, and
+others that had no part in it confirm the choice. The gain over Rec.709, COLMAP's default, comes with its standard
+error.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import replace
-from itertools import islice
-from types import MappingProxyType
 from typing import Literal
 
-import numpy as np
-
 from colmap_ihe.colmap.native import quiet
-from colmap_ihe.fit.overlaps import find_overlaps
-from colmap_ihe.fit.trial_bench import Bench, Pair, Trial, readable_pairs
-from colmap_ihe.fit.trial_result import REFERENCE, Counts, TrialResult, leader_of, summed_up
-from colmap_ihe.grey.weights import Encoding, Grey, Weights, shares, triplets
+from colmap_ihe.fit.overlaps import LOOKED_AT, PAIRS, Overlap, Plan, find_overlaps, plan_of
+from colmap_ihe.fit.trial_bench import Bench, Trial
+from colmap_ihe.fit.trial_result import REFERENCE, TrialResult, leader_of, summed_up
+from colmap_ihe.grey.weights import Grey
 from colmap_ihe.machine.executor import threads_of
 from colmap_ihe.machine.progress import Progress
 from colmap_ihe.photographs.decode import encoding_of
 from colmap_ihe.photographs.discover import Capture
 
-PAIRS = 3
-_PHOTOGRAPHS_A_PAIR = 8
-"""A pair is measured for so many photographs: on a few, three pairs would take as long as finding their features."""
-_Role = Literal["screen", "choose", "hold out"]
-_ROLES: tuple[tuple[_Role, ...], ...] = (
-    (),
-    ("choose",),  # and held out by halves
-    ("choose", "hold out"),
-    ("choose", "hold out", "hold out"),
-    ("screen", "choose", "hold out", "hold out"),
-    ("screen", "choose", "choose", "hold out", "hold out"),
-)
-"""What pairs are for where one of several greys is chosen, by their number."""
-_Measured = tuple[tuple[str, str], list[Counts]]
-"""The names of a pair, and what each grey gave on it."""
-_SCREENED = 4  # so many times smaller are the windows in which the grid is screened
+Purpose = Literal["choose", "win", "report"]
+"""To choose one; to see whether another one wins against the reference, which needs no confirmation where the
+reference is better on the first pairs; or to report on all pairs alike, where nothing is chosen."""
+_LARGE = 2 * LOOKED_AT
+"""Photographs of a set in which the trial may take nine: in a smaller one they would be a large share of all."""
 
 
 def measure(
@@ -51,69 +38,62 @@ def measure(
     executor: Executor,
     progress: Progress,
     trial: Trial,
-    screen: Mapping[str, Grey] = MappingProxyType({}),
+    purpose: Purpose = "choose",
 ) -> TrialResult:
-    """Return verified matches of each of `greys` on one to three pairs of photographs.
+    """Return verified matches of each of `greys` on some pairs of photographs, and of the best on the others.
 
-    One of `greys` is named "rec709", and all are for one encoding; captures of another are passed over. With `screen`
-    one is to be chosen: the best of `screen` on one pair, in smaller windows, is measured with the others, and the
-    winner measured once more on pairs that had no part in the choice. The same photographs give the same
-    answer. Photographs that cannot be read are passed over; without a pair that overlaps the result has none, and says
-    why. Raises ValueError for greys as above, `NativeError`, `Cancelled`.
+    One of `greys` is named "rec709", and all are for one encoding; captures of another are passed over. The best is
+    that of most matches on the first pairs, and the pairs in `held_out` confirm it. The same photographs give the same
+    answer. Photographs that cannot be read are passed over; where there are fewer than `PAIRS` pairs, nothing is
+    chosen, and the result says why, with what they gave. Raises ValueError for greys as above, `NativeError`,
+    `Cancelled`.
     """
-    encodings = {g.encoding for g in (*greys.values(), *screen.values())}
+    encodings = {g.encoding for g in greys.values()}
     if REFERENCE not in greys or len(encodings) != 1:
         raise ValueError(f"{sorted(greys)=} {encodings=}, expected {REFERENCE} among them and one encoding")
     members = [c for c in captures if encoding_of(c) in encodings]
     if len(members) < 2:
         return TrialResult(reason=f"a pair takes two photographs, and there are {len(members)} of this kind")
     with quiet(), threads_of(executor) as threads:
-        few = min(PAIRS, max(1, round(len(members) / _PHOTOGRAPHS_A_PAIR)))
-        count = len(_ROLES) - 1 if screen else few
-        overlaps, reason = find_overlaps(members, count, threads, progress)
-        pairs = readable_pairs(Bench(threads, progress, trial, greys[REFERENCE]), overlaps)
-        reason = "the photographs that overlap cannot be read in full" if overlaps else reason
-        if screen:
-            return _choose(pairs, min(count, len(overlaps)), greys, screen, reason)
-        return _measure(pairs, few, greys, reason)
+        overlaps, reason = find_overlaps(members, threads, progress)
+        if not overlaps:
+            return TrialResult(reason=reason)
+        return _tried(Bench(threads, progress, trial), overlaps, greys, len(members) >= _LARGE, purpose)
 
 
-def coarse_grid(encoding: Encoding, step: float = 0.25) -> dict[str, Weights]:
-    """Return the triplets of a coarse grid, to be screened, by the name they have among candidates; of a linear set
-    still without its white points."""
-    grid = (shares(triplet) for triplet in triplets(step))
-    return {" ".join(f"{w:g}" for w in weights): Weights(*weights, "grid", encoding) for weights in grid}
-
-
-def _measure(pairs: Iterable[Pair], count: int, greys: Mapping[str, Grey], reason: str) -> TrialResult:
-    return _summed([(pair.names, pair.counts(greys)) for pair in islice(pairs, count)], greys, reason)
-
-
-def _choose(
-    pairs: Iterable[Pair], count: int, greys: Mapping[str, Grey], screen: Mapping[str, Grey], reason: str
+def _tried(
+    bench: Bench, overlaps: Sequence[Overlap], greys: Mapping[str, Grey], is_large: bool, purpose: Purpose
 ) -> TrialResult:
-    """Measure the greys and the best of the grid on the first of `count` pairs, and the winner on the last ones. The
-    grid is screened on a pair that is not measured afterwards, if there is one to spare: a grey that was lucky there
-    has no luck left."""
-    tried, best_two = dict(greys), dict[str, Grey]()
-    chosen_on: list[_Measured] = []
-    held_out: list[_Measured] = []
-    for role, pair in zip(_ROLES[count], pairs, strict=False):
-        if tried.keys() == greys.keys():
-            inliers = [c.inliers for c in pair.counts(screen, _SCREENED)]
-            best = list(screen)[int(np.argmax(inliers))]
-            tried[best] = screen[best]
-        if role == "choose":
-            chosen_on.append((pair.names, pair.counts(tried)))
-        elif role == "hold out":
-            leader = leader_of(_summed(chosen_on, tried))
-            best_two = best_two or {REFERENCE: tried[REFERENCE], leader: tried[leader]}
-            held_out.append((pair.names, pair.counts(best_two)))
-    if held_out:
-        return replace(_summed(chosen_on, tried, reason), held_out=_summed(held_out, best_two))
-    first, second = ([(names, [c.half(n) for c in row]) for names, row in chosen_on] for n in (0, 1))
-    return replace(_summed(first, tried, reason), held_out=_summed(second, tried, reason))
+    """Try greys on pairs whose photographs can be read in full: with each that cannot, all is planned anew."""
+    while True:
+        broken = set(bench.unreadable)
+        kept = [o for o in overlaps if not broken & set(o.names)]
+        if not kept:
+            return TrialResult(reason="the photographs that overlap cannot be read in full")
+        result = _planned(bench, plan_of(kept, is_large), greys, purpose)
+        if bench.unreadable == broken:
+            return result
 
 
-def _summed(pairs: Sequence[_Measured], greys: Mapping[str, Grey], reason: str = "") -> TrialResult:
-    return summed_up([names for names, _ in pairs], list(greys), [counts for _, counts in pairs], reason)
+def _planned(bench: Bench, plan: Plan, greys: Mapping[str, Grey], purpose: Purpose) -> TrialResult:
+    every = (*plan.choosing, *plan.confirming)
+    if not plan.is_whole or purpose == "report":
+        return replace(_measured(bench, every, greys), reason="" if plan.is_whole else _too_few(len(every)))
+    chosen_on = _measured(bench, plan.choosing, greys)
+    leader = leader_of(chosen_on)
+    if leader == REFERENCE and purpose == "win":
+        return chosen_on
+    finalists = {REFERENCE: greys[REFERENCE], leader: greys[leader]} if len(greys) > 2 else greys
+    return replace(chosen_on, held_out=_measured(bench, plan.confirming, finalists))
+
+
+def _measured(bench: Bench, pairs: Sequence[Overlap], greys: Mapping[str, Grey]) -> TrialResult:
+    """Return what the greys give on pairs of which both photographs can be read."""
+    captures = {c.name: c for pair in pairs for c in (pair.first, pair.second)}
+    bench.look_at(captures.values(), list(greys.values()))
+    readable = [pair for pair in pairs if not bench.unreadable & set(pair.names)]
+    return summed_up([pair.names for pair in readable], list(greys), bench.counts(readable, greys))
+
+
+def _too_few(pairs: int) -> str:
+    return f"that takes {PAIRS} pairs of photographs that overlap, and there {'is' if pairs == 1 else 'are'} {pairs}"

@@ -3,26 +3,32 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import asdict, dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+
+from colmap_ihe.grey.weights import Encoding
 
 REFERENCE = "rec709"
 """COLMAP's default grey, which the others are compared with."""
 DEFAULT = "COLMAP's default grey"
 SAME = "the grey is COLMAP's default"
 """Reason of a measurement that was not needed."""
+_DEFAULTS: Mapping[Encoding, str] = {
+    "coded": DEFAULT,
+    "linear": "the default grey of developed photographs (Rec.709 after white balance)",
+}
 _CLEAR = 2.0  # standard errors
 _BETWEEN_PAIRS = 1.12  # pairs differ by so much more than their cells let expect: 19 pairs of two real sets
 
 
 @dataclass(frozen=True)
 class Counts:
-    """Hold what one grey gave on one pair: features in both windows, putative matches, and verified ones by cell of
-    the first window."""
+    """Hold what one grey gave on one pair: features in both photographs, putative matches, and verified ones by cell
+    of the first photograph."""
 
     features: int
     putative: int
@@ -31,12 +37,6 @@ class Counts:
     @property
     def inliers(self) -> int:
         return sum(self.cells)
-
-    def half(self, number: int) -> Counts:
-        """Return the same with every other cell only, like the black (0) or the white (1) fields of a chessboard."""
-        side = math.isqrt(len(self.cells))
-        cells = [n for at, n in enumerate(self.cells) if (at // side + at % side) % 2 == number]
-        return replace(self, cells=tuple(cells))
 
 
 @dataclass(frozen=True)
@@ -60,8 +60,8 @@ class Candidate:
 @dataclass(frozen=True)
 class TrialResult:
     """Hold what a trial measured. `pairs`: the photographs, two by two, by name. `candidates` by name, none if there
-    is no pair: then `reason` says why. `held_out`: where one of several was chosen, what it gave on pairs, or on
-    halves of pairs, that had no part in the choice: the winner of several is better by luck where it won."""
+    is no pair. `reason` says why there are too few pairs or none. `held_out`: what the best gave on pairs that had no
+    part in the choice: the winner is better by luck where it won."""
 
     pairs: tuple[tuple[str, str], ...] = ()
     candidates: tuple[tuple[str, Candidate], ...] = ()
@@ -104,13 +104,16 @@ def summed_up(
 
 def gain_of(cells: NDArray[np.float64], reference: NDArray[np.float64]) -> tuple[float, float]:
     """Return the gain of a grey over another and its standard error, from matches (pairs, cells) of both: the error of
-    a ratio of sums (Cochran, Sampling Techniques, 6.2), with the cells that have matches as the sample."""
+    a ratio of sums (Cochran, Sampling Techniques, 6.2), with the cells that have matches as the sample, or the pairs,
+    whichever is larger: COLMAP keeps whole levels of scale, and one more or less shifts all cells of a pair."""
     total = max(1.0, float(reference.sum()))
     gain = (float(cells.sum()) - float(reference.sum())) / total
     residual = cells - (1 + gain) * reference
     count = max(2, int(np.count_nonzero(cells + reference)))
     spread = math.sqrt(count / (count - 1) * float(np.square(residual).sum()))
-    return gain, _BETWEEN_PAIRS * spread / total
+    by_pair = residual.sum(axis=1) - residual.sum(axis=1).mean()
+    whole = math.sqrt(len(by_pair) / max(1, len(by_pair) - 1) * float(np.square(by_pair).sum()))
+    return gain, max(_BETWEEN_PAIRS * spread, whole) / total
 
 
 def leader_of(measured: TrialResult) -> str:
@@ -119,37 +122,78 @@ def leader_of(measured: TrialResult) -> str:
 
 
 def choose(measured: TrialResult) -> str:
-    """Return the candidate with most verified matches if it is clearly better than the reference where it had no part
-    in the choice, else the reference."""
+    """Return the candidate with most verified matches if it is clearly better than the reference on the pairs that
+    confirm it, else the reference."""
     name = leader_of(measured)
-    best = (measured.held_out or measured).of(name)
+    best = measured.held_out.of(name) if measured.held_out else None
     return name if best is not None and best.differs and best.gain > 0 else REFERENCE
 
 
-def in_words(measured: TrialResult, chosen: str, default: str = DEFAULT) -> str:
+def is_clearly_worse(measured: TrialResult, name: str) -> bool:
+    """Tell whether a grey lost matches against the reference, and clearly so on the pairs that confirm it."""
+    first, then = measured.of(name), measured.held_out.of(name) if measured.held_out else None
+    return first is not None and then is not None and first.gain < 0 and then.gain < 0 and then.differs
+
+
+def in_words(measured: TrialResult, chosen: str, default: str = DEFAULT, fitted: str = "") -> str:
     """Return what the grey of this name brings, in one sentence, in losing cases too. `default`: what the reference is
-    called."""
+    called; `fitted`: the weights of the grey that the reference was taken instead of."""
     if chosen == REFERENCE and measured.reason == SAME:
         return f"this is {default}: nothing to gain or to lose against it"
-    where = "your photographs"
-    if measured.held_out is not None and measured.held_out.of(chosen):
-        is_half = set(measured.held_out.pairs) <= set(measured.pairs)
-        where += f", {'in a half of them' if is_half else 'pairs'} that had no part in the choice,"
-        measured = measured.held_out
-    mine, reference = measured.of(chosen), measured.of(REFERENCE)
+    if fitted:
+        return f"this set keeps {default}: {_why_not(measured, fitted)}"
+    shown = measured.held_out if measured.held_out and measured.held_out.of(chosen) else measured
+    mine, reference = shown.of(chosen), shown.of(REFERENCE)
     if mine is None or reference is None:
         reason = measured.reason or f"{chosen} was not among the candidates"
         return f"what this grey brings on your photographs could not be measured: {reason}"
-    pairs = f"{len(measured.pairs)} pair{'s' if len(measured.pairs) > 1 else ''}"
-    gave = f"on {pairs} of {where} this grey gave {mine.inliers:,} verified matches"
+    where = " that had no part in the choice," if shown is not measured else ""
+    gave = f"on {_pairs(shown)} of your photographs{', pairs' + where if where else ''}"
+    gave += f" this grey gave {mine.inliers:,} verified matches"
     if chosen == REFERENCE:
         return f"{gave}; it is {default}"
-    gave += f", {default} {reference.inliers:,}"
+    sentence = f"{gave}, {default} {reference.inliers:,}{_difference(mine)}"
+    if mine.gain < 0 and mine.differs and round(100 * mine.gain):
+        return f"{sentence}: `--set fit.method={REFERENCE}` would do better here"
+    return sentence
+
+
+def _why_not(measured: TrialResult, fitted: str) -> str:
+    shown = measured.held_out or measured
+    other = next((c for name, c in shown.candidates if name != REFERENCE), None)
+    reference = shown.of(REFERENCE)
+    if other is None or reference is None or measured.reason:
+        return f"the fitted one ({fitted}) could not be tried: {measured.reason}"
+    gave = f"on {_pairs(shown)} of your photographs the fitted one ({fitted}) gave {other.inliers:,} verified matches"
+    return f"{gave}, and this {reference.inliers:,}{_difference(other)}"
+
+
+def _pairs(measured: TrialResult) -> str:
+    return f"{len(measured.pairs)} pair{'s' if len(measured.pairs) > 1 else ''}"
+
+
+def _difference(mine: Candidate) -> str:
     if mine.gain > 1 and mine.differs:
-        return gave
+        return ""
     percent, give_or_take = round(100 * abs(mine.gain)), max(1, math.ceil(100 * _CLEAR * mine.error))
     more = "more" if mine.gain > 0 else "fewer"
     if not mine.differs or not percent:
-        return f"{gave}: no difference that this measurement can see (it would see {give_or_take} %)"
-    sentence = f"{gave}: {percent} % {more} (give or take {give_or_take} %)"
-    return f"{sentence}: `--set fit.method={REFERENCE}` would do better here" if mine.gain < 0 else sentence
+        return f": no difference that this measurement can see (it would see {give_or_take} %)"
+    return f": {percent} % {more} (give or take {give_or_take} %)"
+
+
+@dataclass(frozen=True)
+class ChosenGrey:
+    """Hold what was measured on the photographs, and which of the candidates the grey is. `fitted`: the weights that
+    it was taken instead of, where the trial kept the default."""
+
+    chosen: str
+    measured: TrialResult
+    encoding: Encoding = "coded"
+    fitted: tuple[float, float, float] | None = None
+
+    def as_dict(self) -> dict[str, Any]:
+        fitted = " ".join(f"{w:.2f}" for w in self.fitted or ())
+        words = in_words(self.measured, self.chosen, _DEFAULTS[self.encoding], fitted)
+        instead = {"fitted": list(self.fitted)} if self.fitted else {}
+        return {"chosen": self.chosen, "in_words": words, **instead, **self.measured.as_dict()}

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from contextlib import suppress
-from dataclasses import asdict, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -148,7 +148,7 @@ def _fitted(run: FolderRun, options: FitOptions, ledger: Ledger, tone: Tone) -> 
         [c.name, run.digests[c.name], recipe.identity()] for c, recipe in zip(captures, recipes, strict=True)
     )
     key = fingerprint_of(
-        __version__, versions, content, options.model_dump(), asdict(trial) if trial else None
+        __version__, versions, content, options.model_dump(), trial.as_dict() if trial else None
     )
     kept = _kept_fit(ledger.notes.get("fit"), key)
     if kept is not None and not (run.strict and kept.left_out):

@@ -11,8 +11,9 @@ from typing import Any
 
 from colmap_ihe.errors import WeightsError
 from colmap_ihe.fit.counting import SetCounts
-from colmap_ihe.fit.fit_set import ChosenGrey, Fit, fit_captures
+from colmap_ihe.fit.fit_set import Fit, fit_captures
 from colmap_ihe.fit.histogram_file import SUFFIX, StoredCounts, read_stored, write_stored
+from colmap_ihe.fit.trial_result import ChosenGrey
 from colmap_ihe.fit.weights_file import warnings_of, write_weights
 from colmap_ihe.grey.weights import Grey, Weights
 from colmap_ihe.machine.executor import local_executor

@@ -113,7 +113,8 @@ class FitOptions(_Section):
     """A second grey for what the first loses, from the colours of the set. `auto`: where that is enough to matter;
     `none`; or the name of a fixed triplet, as `red`, which is then the second."""
     measure: bool = True
-    """Tell what the grey brings against COLMAP's default, from one to three pairs of the photographs."""
+    """Try the grey against COLMAP's default on pairs of the photographs. What guarded IHE fitted to gamma-coded ones is
+    taken only if it is clearly better there, and to RAW unless it is clearly worse; without the trial it is taken."""
 
     @field_validator("method")
     @classmethod

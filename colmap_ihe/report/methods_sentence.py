@@ -16,6 +16,7 @@ CITATION = (
 )
 _IHE = "intensity histogram equalisation (IHE)"
 _DEFAULT = "COLMAP's default grey, Rec.709"
+_OF_LINEAR = "Rec.709 after white balance"
 _OF_AUTO = {"ihe": f"{_IHE} with a guard against noise", "ihe of the paper": _IHE, "rec709": _DEFAULT}
 
 
@@ -69,9 +70,21 @@ def _how(summary: Mapping[str, Any], options: Options) -> str:
         return _DEFAULT if fit.method == "rec709" else f"the method {fit.method}"
     if fit.guard != "noise":
         return _IHE
+    if (summary["tried"] or {}).get("fitted"):
+        return _kept_by_trial(summary["tried"])
     if is_default(summary):
         return f"{_DEFAULT}, which of the weights that a guard against noise admits came out best by {_IHE}"
     return f"{_IHE} with a guard against noise"
+
+
+def _kept_by_trial(tried: Mapping[str, Any]) -> str:
+    fitted, confirmed = f"{_IHE} with a guard against noise", tried.get("held_out") or tried
+    default = _OF_LINEAR if "after white balance" in tried["in_words"] else _DEFAULT
+    if tried.get("reason") or not confirmed["pairs"]:
+        return f"{default}, since there were too few pairs of photographs to try the weights of {fitted} on"
+    pairs = f"{len(confirmed['pairs'])} pairs of the photographs"
+    was = "were clearly worse" if default == _OF_LINEAR else "were not clearly better"
+    return f"{default}, since the weights of {fitted} {was} on {pairs}"
 
 
 def _best_of_trial(tried: Mapping[str, Any]) -> str:

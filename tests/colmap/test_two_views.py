@@ -10,8 +10,10 @@ import pytest
 from numpy.typing import NDArray
 from oracle import blobs
 
+from colmap_ihe.colmap import two_views
 from colmap_ihe.colmap.native import pycolmap, quiet
-from colmap_ihe.colmap.two_views import Features, features_of, match, verified
+from colmap_ihe.colmap.two_views import Features, features_kept_of, features_of, match, verified
+from colmap_ihe.project.options import FeaturesOptions
 
 HOMOGRAPHY = np.array([[0.96, 0.08, 12.0], [-0.06, 1.02, 9.0], [4e-5, -3e-5, 1.0]])
 SIZE = (420, 320)
@@ -53,7 +55,7 @@ def test_matches_are_those_of_colmaps_matcher(found: list[Features]) -> None:
     options = pycolmap.FeatureMatchingOptions()
     options.use_gpu = False
     options.num_threads = 1
-    few = [f.coarsest(400) for f in found[:2]]
+    few = [Features(f.places[-400:], f.scales[-400:], f.descriptors[-400:]) for f in found[:2]]
     with quiet():
         matcher = pycolmap.FeatureMatcher.create(options, pycolmap.Device.cpu)
         places = pycolmap.FeatureKeypoints()  # which it does not look at
@@ -88,11 +90,25 @@ def test_the_same_images_give_the_same_answer(found: list[Features]) -> None:
     assert all(map(np.array_equal, places_of(found[0], found[1]), places_of(again[0], again[1])))
 
 
-def test_the_coarsest_features_are_kept(found: list[Features]) -> None:
-    kept = found[0].coarsest(50)
-    assert len(kept) == 50
-    assert kept.scales.min() >= np.sort(found[0].scales)[::-1][50]
-    assert found[0].coarsest(10**6) is found[0]
+def test_a_reconstruction_keeps_so_many_and_finds_them_on_a_smaller_copy() -> None:
+    """As COLMAP does by these options with an image in its folder."""
+    first = pair()[0]
+    with quiet():
+        (whole,) = features_kept_of([first], FeaturesOptions())
+        (few,) = features_kept_of([first], FeaturesOptions(colmap={"sift": {"max_num_features": 100}}))
+        (small,) = features_kept_of([first], FeaturesOptions(max_image_size=210))
+        (every,) = features_of([first])
+    assert len(whole) == len(every) > 1000
+    assert 100 <= len(few) < 0.5 * len(whole)
+    assert few.scales.min() > np.median(whole.scales)
+    assert len(small) < 0.5 * len(whole)
+    assert small.places[:, 0].max() > 380  # places are in the whole photograph
+
+
+def test_blocks_of_rows_change_no_match(found: list[Features], monkeypatch: pytest.MonkeyPatch) -> None:
+    whole = match(found[0], found[1])
+    monkeypatch.setattr(two_views, "_ROWS", 37)
+    assert np.array_equal(match(found[0], found[1]), whole)
 
 
 def test_the_first_octave_is_of_features_smaller_than_two_pixels(found: list[Features]) -> None:

@@ -85,13 +85,12 @@ def test_files_and_arrays_give_the_same_weights(photographs: Path) -> None:
         assert (found.triplet, found.score) == (in_memory.triplet, in_memory.score)
 
 
-def test_auto_without_a_pair_is_the_guarded_fit_and_says_so(photographs: Path) -> None:
+def test_auto_without_a_pair_keeps_the_default_and_says_so(photographs: Path) -> None:
     found = fitted(photographs, FitOptions(method="auto"))
     assert isinstance(found.main, Weights)
-    assert found.main.triplet == weights(photographs).triplet
-    assert found.main.method == "auto"
+    assert (found.main.triplet, found.main.method) == ((0.2126, 0.7152, 0.0722), "auto")
     told = found.tried["coded"].as_dict()
-    assert told["chosen"] == "ihe"
+    assert told["chosen"] == "rec709"
     assert "could not be measured" in told["in_words"]
     json.dumps(told)
 
@@ -133,16 +132,81 @@ def test_a_measurement_that_fails_does_not_end_the_run(
     assert "no features today" in found.tried["coded"].as_dict()["in_words"]
 
 
-def test_a_triplet_of_the_grid_is_as_complete_as_any(
-    photographs: Path, monkeypatch: pytest.MonkeyPatch
+def result(gain: float, then: float | None) -> TrialResult:
+    """Of 10,000 matches each on two pairs and, unless None, on those that confirm, with an error of one per cent."""
+
+    def of(gain: float) -> TrialResult:
+        sums = {"rec709": 20_000, "ihe": round(20_000 * (1 + gain)), "green": round(20_000 * (1 + gain))}
+        greys = {name: Candidate(0, 0, n, (n // 2, n // 2), n / 20_000 - 1, 0.01) for name, n in sums.items()}
+        return TrialResult((("a", "b"), ("b", "c")), tuple(greys.items()))
+
+    return replace(of(gain), held_out=None if then is None else of(then))
+
+
+@pytest.mark.parametrize(
+    ("gain", "then", "taken"),
+    [
+        (0.05, 0.05, True),
+        (0.05, 0.015, False),
+        (0.05, -0.05, False),
+        (-0.01, 0.05, False),
+        (-0.01, None, False),
+    ],
+)
+def test_a_fitted_grey_of_coded_photographs_is_taken_where_it_is_confirmed(
+    photographs: Path, monkeypatch: pytest.MonkeyPatch, gain: float, then: float | None, taken: bool
 ) -> None:
-    candidate = Candidate(0, 0, 0, (0,), 0, 0)
-    monkeypatch.setattr(fitting, "measure", lambda *_, **__: TrialResult(candidates=(("rec709", candidate),)))
-    monkeypatch.setattr(fitting, "choose", lambda _: "0 0.75 0.25")
-    found = weights(photographs, FitOptions(method="auto"))
-    assert (found.triplet, found.images, found.method) == ((0, 0.75, 0.25), 3, "auto")
-    assert found.pixels == 3 * 240 * 320
-    assert found.contrast is not None
+    monkeypatch.setattr(fitting, "measure", lambda *_: result(gain, then))
+    fitted_without = weights(photographs)
+    found = fitted(photographs, FitOptions(), trial=Trial())
+    assert isinstance(found.main, Weights)
+    assert found.main.triplet == (fitted_without.triplet if taken else (0.21, 0.72, 0.07))
+    assert found.main.method == "ihe" and found.main.score is not None and found.main.images == 3
+    told = found.tried["coded"].as_dict()
+    assert told["chosen"] == ("ihe" if taken else "rec709")
+    assert told.get("fitted") == (None if taken else list(fitted_without.triplet))
+    assert told["in_words"].startswith("this set keeps COLMAP's default grey: ") == (not taken)
+
+
+@pytest.mark.parametrize("options", [FitOptions(guard="none"), FitOptions(method="green")])
+def test_what_was_asked_for_is_never_replaced(
+    photographs: Path, monkeypatch: pytest.MonkeyPatch, options: FitOptions
+) -> None:
+    monkeypatch.setattr(fitting, "measure", lambda *_: result(-0.5, -0.5))
+    found = fitted(photographs, options, trial=Trial())
+    assert found.main == fitted(photographs, options).main
+    assert found.tried["coded"].chosen == options.method
+    assert "50 % fewer" in found.tried["coded"].as_dict()["in_words"]
+
+
+def test_three_photographs_are_too_few_to_leave_the_default(photographs: Path) -> None:
+    found = fitted(photographs, FitOptions(), trial=Trial())
+    assert isinstance(found.main, Weights)
+    assert found.main.triplet == (0.21, 0.72, 0.07)
+    assert "could not be tried: no two of the 3 photographs" in found.tried["coded"].as_dict()["in_words"]
+
+
+@pytest.mark.parametrize(
+    ("gain", "then", "kept"),
+    [(-0.05, -0.05, False), (-0.05, -0.015, True), (0.01, -0.05, True), (-0.05, None, True)],
+)
+def test_a_fitted_grey_of_raw_is_kept_unless_it_is_clearly_worse(
+    small_demo: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    gain: float,
+    then: float | None,
+    kept: bool,
+) -> None:
+    shutil.copy(small_demo / "images/portico_01.dng", tmp_path)
+    monkeypatch.setattr(fitting, "measure", lambda *_: result(gain, then))
+    options = FitOptions(step=0.25, recount=False)
+    found = fitted(tmp_path, options, trial=Trial())
+    other = fitted(tmp_path, options if kept else FitOptions(method="rec709"))
+    assert isinstance(found.main, Weights) and isinstance(other.main, Weights)
+    assert (found.main.triplet, found.main.curve) == (other.main.triplet, other.main.curve)
+    assert found.main.method == "ihe"
+    assert ("fitted" in found.tried["linear"].as_dict()) == (not kept)
 
 
 def test_the_default_grey_of_raw_weighs_balanced_channels(small_demo: Path, tmp_path: Path) -> None:

@@ -170,7 +170,10 @@ OPTIONS = {
     "cameras": ("cameras.x*={focal_length: 20}", f"cameras from [] to [['x*', {CAMERA}]]"),
     "fit": ("fit.method=rec709", "fit.method from ihe to rec709"),
     "convert": ("convert.format=jpeg", "convert.format from png to jpeg"),
-    "features": ("features.max_image_size=400", "features.max_image_size from none to 400"),
+    "features": (
+        "features.colmap={max_image_size: 400}",
+        "features.colmap.max_image_size from the default to 400",
+    ),
     "matches": (
         "matches.colmap={max_num_matches: 9}",
         "matches.colmap.max_num_matches from the default to 9",
@@ -179,6 +182,7 @@ OPTIONS = {
     "dense": ("dense.colmap={min_num_pixels: 4}", "dense.colmap.min_num_pixels from the default to 4"),
     "mesh": ("mesh.texture_size=512", "mesh.texture_size from 4096 to 512"),
 }
+FIRST = {name: name for name in STAGE_NAMES} | {"features": "fit"}  # whose trial takes the features of COLMAP
 LIBRARIES = {
     "rawpy": "captures", "libraw": "captures", "colmap-ihe": "captures", "simplejpeg": "fit", "numpy": "fit",
     "pycolmap": "features", "opencv": "dense",
@@ -192,7 +196,7 @@ CASES: dict[str, tuple[Callable[[Path], object], tuple[str, ...], str]] = {
     "no mask": (no_mask, (), ""),
     "frame": (frame, ALL, "the calibration frames changed: darks/d1.dng is new"),
     **{
-        name: (option(line), since(name) if name in STAGE_NAMES else ALL, f"its options changed: {change}")
+        name: (option(line), since(FIRST.get(name, "captures")), f"its options changed: {change}")
         for name, (line, change) in OPTIONS.items()
     },
     "camera": (

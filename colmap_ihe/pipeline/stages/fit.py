@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -23,7 +22,7 @@ from colmap_ihe.pipeline.resource_needs import BASE_BYTES, Known, PhotoSetSize, 
 from colmap_ihe.pipeline.stage import Count, Inputs, Record, RunContext, Stage, StageRecord, StrictModel
 from colmap_ihe.pipeline.warnings.files import depth_warnings
 from colmap_ihe.project.folder import Project
-from colmap_ihe.project.options import Options
+from colmap_ihe.project.options import FitOptions, Options
 
 _TABLE = 192_000_000  # bytes of memory for the tables of colours, here and in a decoder
 _HISTOGRAM, _MOST_HISTOGRAM = 0.05, 20_000_000  # bytes on disk a pixel, and in all
@@ -115,14 +114,28 @@ def write_weights_file(run: RunContext) -> None:
 
 def trial_of(options: Options) -> Trial:
     """Return how the photographs will look to COLMAP, for trying greys on them."""
-    size = options.features.max_image_size
-    return Trial(options.convert.tone) if size is None else Trial(options.convert.tone, size)
+    return Trial(options.convert.tone, options.features)
 
 
 def _result_options(options: Options) -> dict[str, Any]:
     values = options.sections("fit")
     values["fit"]["weights"] = options.fit.weights is not None  # their content counts, not where they lie
-    return values | ({"trial": asdict(trial_of(options))} if options.fit.method == "auto" else {})
+    if _trial_decides(options.fit):
+        values |= _of_trial(options)
+    return values
+
+
+def _of_trial(options: Options) -> dict[str, Any]:
+    """Return what of `trial_of` is not the default."""
+    features = options.features.model_dump(mode="json", exclude_defaults=True)
+    tone = options.convert.model_dump(include={"tone"}, exclude_defaults=True)
+    return ({"features": features} if features else {}) | ({"convert": tone} if tone else {})
+
+
+def _trial_decides(options: FitOptions) -> bool:
+    """Tell whether the grey depends on what is tried, and not the report alone."""
+    guarded = (options.method, options.guard, options.measure) == ("ihe", "noise", True)
+    return options.method == "auto" or (guarded and options.weights is None)
 
 
 def _inputs(
