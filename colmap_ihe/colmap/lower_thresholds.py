@@ -30,8 +30,8 @@ from colmap_ihe.machine.progress import Progress
 from colmap_ihe.project.options import FeaturesOptions
 
 COLMAPS_THRESHOLD: float = pycolmap.SiftExtractionOptions().peak_threshold
-LOWEST = 0.25
-"""Of COLMAP's peak threshold: below it there are hardly any more features."""
+LOWEST = 0.5
+"""Of COLMAP's peak threshold, which is 1.7 of 255 grey levels: of less than one level it is rounding that is found."""
 _STEPS = 32  # to which a threshold in between is rounded up, so that images share it
 _NO_CAP = 1_000_000
 _IMAGES = 16  # a shard: what is lost with a worker, or an interruption
