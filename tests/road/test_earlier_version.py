@@ -64,7 +64,8 @@ def options_of_then() -> Options:
         sections |= {n: v for n, v in record["options"].items() if n not in ("cameras", "trial")}
     sections["fit"]["weights"] = None
     sections["sparse"]["calibration"] = "colmap"
-    sections["features"]["colmap"] = {"sift": {"peak_threshold": COLMAPS_THRESHOLD}}
+    sift = sections["features"]["colmap"].get("sift", {}) | {"peak_threshold": COLMAPS_THRESHOLD}
+    sections["features"] = sections["features"] | {"colmap": {"sift": sift}}
     return Options.model_validate(sections | {"dense": {**sections["dense"], "enabled": True}})
 
 

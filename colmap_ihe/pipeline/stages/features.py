@@ -126,12 +126,21 @@ def _result_options(options: Options) -> dict[str, Any]:
     values = options.sections("camera", "features")
     if lowers_thresholds(options.features):
         values["lowest_threshold"] = LOWEST
-    elif options.features.colmap.get("sift") == {"peak_threshold": COLMAPS_THRESHOLD}:
-        values["features"]["colmap"] = {n: v for n, v in options.features.colmap.items() if n != "sift"}
+    else:
+        values["features"]["colmap"] = _without_colmaps_threshold(values["features"]["colmap"])
     del values["camera"]["fixed"], values["camera"]["calibration"]
     if options.camera.calibration is not None:
         values["camera"]["calibration"] = True
     return values
+
+
+def _without_colmaps_threshold(colmap: Mapping[str, Any]) -> dict[str, Any]:
+    sift = dict(colmap.get("sift", {}))
+    if sift.get("peak_threshold") != COLMAPS_THRESHOLD:
+        return dict(colmap)
+    del sift["peak_threshold"]
+    others = {name: value for name, value in colmap.items() if name != "sift"}
+    return others | {"sift": sift} if sift else others
 
 
 def _inputs(
