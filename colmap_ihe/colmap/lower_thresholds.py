@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 from colmap_ihe.colmap.features_on_workers import extract_apart, extraction_options
 from colmap_ihe.colmap.native import hush, pycolmap
 from colmap_ihe.colmap.part_databases import task_folder
+from colmap_ihe.errors import NativeError
 from colmap_ihe.machine.executor import TaskProgress, in_order, shares_memory
 from colmap_ihe.machine.files import write_bytes
 from colmap_ihe.machine.progress import Progress
@@ -234,21 +235,30 @@ def _read(file: Path) -> Iterator[tuple[int, _Features]]:
 
 def _replace_features(database: Path, shard: _Shard) -> None:
     """Replace the features of a shard's images and note the threshold of each, all or none. By SQLite itself, as
-    pycolmap writes no descriptors over others (COLMAP's documentation, "Database Format"); COLMAP leaves further tables
-    alone."""
-    with closing(sqlite3.connect(database)) as opened, opened:
-        opened.execute(
-            f"CREATE TABLE IF NOT EXISTS {_TABLE} (image_id INTEGER PRIMARY KEY NOT NULL, share REAL)"
-        )
-        shares: dict[int, float | None] = {image.image_id: None for image in shard.images}
-        for image_id, found in _read(shard.result):
-            shares[image_id] = found.share
-            for table, data in (("keypoints", found.keypoints), ("descriptors", found.descriptors)):
-                opened.execute(
-                    f"UPDATE {table} SET rows = ?, cols = ?, data = ? WHERE image_id = ?",
-                    (*data.shape, data.tobytes(), image_id),
-                )
-        opened.executemany(f"INSERT OR REPLACE INTO {_TABLE} VALUES (?, ?)", sorted(shares.items()))
+    pycolmap writes no descriptors over others (COLMAP's documentation, "Database Format"); COLMAP leaves further
+    tables alone. Raises `NativeError`."""
+    shares: dict[int, float | None] = {image.image_id: None for image in shard.images}
+    try:
+        with closing(sqlite3.connect(database)) as opened, opened:
+            for image_id, found in _read(shard.result):
+                shares[image_id] = found.share
+                _write_over(opened, "keypoints", image_id, found.keypoints)
+                _write_over(opened, "descriptors", image_id, found.descriptors)
+            opened.execute(f"CREATE TABLE IF NOT EXISTS {_TABLE} (image_id INTEGER PRIMARY KEY, share REAL)")
+            opened.executemany(f"INSERT OR REPLACE INTO {_TABLE} VALUES (?, ?)", sorted(shares.items()))
+    except sqlite3.Error as error:
+        raise NativeError(
+            f"{database}: features could not be written: {error}",
+            hint="check that the disk has room and allows locking; the same command goes on from here",
+        ) from error
+
+
+def _write_over(opened: sqlite3.Connection, table: str, image_id: int, values: F32 | U8) -> None:
+    rows, columns = values.shape
+    opened.execute(
+        f"UPDATE {table} SET rows = ?, cols = ?, data = ? WHERE image_id = ?",
+        (rows, columns, values.tobytes(), image_id),
+    )
 
 
 def _noted(database: Path) -> dict[int, float | None]:

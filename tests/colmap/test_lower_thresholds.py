@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import sqlite3
 from collections.abc import Iterator
 from concurrent.futures import Executor, ProcessPoolExecutor, ThreadPoolExecutor
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
@@ -16,6 +17,7 @@ from same_results import known_of
 
 from colmap_ihe.colmap import lower_thresholds
 from colmap_ihe.colmap.features import FeatureCounts, extract_features
+from colmap_ihe.errors import NativeError
 from colmap_ihe.machine.progress import SILENT
 from colmap_ihe.photographs.encode import encode_image
 from colmap_ihe.project.options import CameraOptions, FeaturesOptions
@@ -138,22 +140,22 @@ def test_an_interruption_leaves_features_and_the_next_run_ends_the_same(
     assert run(tmp_path / "stopped", grey) == whole
 
 
-def test_features_and_their_note_are_written_together(
-    tmp_path: Path, grey: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    own = run(tmp_path / "own", grey, **OWN)[1]
-    read = lower_thresholds._read
-
-    def breaking(file: Path) -> Iterator[Any]:
-        yield from list(read(file))[:2]
-        raise OSError("gone")
-
-    monkeypatch.setattr(lower_thresholds, "_read", breaking)
-    with pytest.raises(OSError, match="gone"):
-        run(tmp_path / "broken", grey)
-    database = tmp_path / "broken/database.db"
+def test_keypoints_and_descriptors_are_replaced_together(tmp_path: Path, grey: Path) -> None:
+    """Stop SQLite at the descriptors of the second image."""
+    _, own = run(tmp_path, grey, **OWN)
+    database = tmp_path / "database.db"
+    with closing(sqlite3.connect(database)) as opened, opened:
+        opened.execute(
+            "CREATE TRIGGER full BEFORE UPDATE ON descriptors WHEN NEW.image_id = 2"
+            " BEGIN SELECT RAISE(ABORT, 'disk is full'); END"
+        )
+    with pytest.raises(NativeError, match=r"database\.db: features could not be written: disk is full"):
+        run(tmp_path, grey)
     assert known_of(database) == own
     assert lower_thresholds.count_extracted_again(database) == 0
+    with closing(sqlite3.connect(database)) as opened, opened:
+        opened.execute("DROP TRIGGER full")
+    assert run(tmp_path, grey) == run(tmp_path / "whole", grey)
 
 
 def test_the_lowest_threshold_finds_all_that_the_first_does(tmp_path: Path, grey: Path) -> None:
@@ -169,3 +171,13 @@ def rows_of(known: dict[str, Any], image_id: int) -> set[tuple[bytes, bytes]]:
         (keypoints[24 * n : 24 * n + 24], descriptors[128 * n : 128 * n + 128])
         for n in range(len(keypoints) // 24)
     }
+
+
+@pytest.mark.parametrize(
+    ("places", "most", "share"),
+    [(7000, 9000, 24 / 32), (0, 16384, 25 / 32), (8191, 9000, 31 / 32)],
+)
+def test_the_threshold_in_between_is_where_a_straight_line_meets_the_cap(
+    places: int, most: int, share: float
+) -> None:
+    assert lower_thresholds._share_for(8192, places, most) == share
