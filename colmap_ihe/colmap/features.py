@@ -14,6 +14,7 @@ from colmap_ihe.colmap.database import counting_rows
 from colmap_ihe.colmap.features_on_workers import extract_in_shards, extraction_options
 from colmap_ihe.colmap.image_import import assumed, image_groups, import_images
 from colmap_ihe.colmap.known_calibration import CalibrationUse, KnownCalibration, use_of
+from colmap_ihe.colmap.lower_thresholds import count_extracted_again, extract_again, lowers_thresholds
 from colmap_ihe.colmap.native import called, pycolmap
 from colmap_ihe.errors import NativeError, OptionError
 from colmap_ihe.machine import memory
@@ -33,7 +34,7 @@ FEW = 100
 class FeatureCounts:
     """Count what is in the database. `missing`: names of grey images that COLMAP did not take; `poor`: features of
     those with fewer than `FEW`, by name; `assumed`: the number of images of each camera that several share though EXIF
-    does not say so."""
+    does not say so; `extracted_again`: images that stayed below COLMAP's cap and have features of a lower threshold."""
 
     images: int
     cameras: int
@@ -43,6 +44,7 @@ class FeatureCounts:
     missing: tuple[str, ...]
     poor: dict[str, int]
     assumed: tuple[int, ...] = ()
+    extracted_again: int = 0
     calibration: CalibrationUse = field(default_factory=CalibrationUse)
 
 
@@ -88,6 +90,9 @@ def extract_features(
             called(pycolmap.extract_features, database, grey, units_done=rows, **given, **settings)
     else:
         extract_in_shards(database, grey, masks, options, parts, executor, progress)
+    if lowers_thresholds(options):
+        threads = extraction.num_threads
+        extract_again(database, grey, masks, options, threads, parts, executor, progress)
     counts = count_features(database, names)
     if not counts.images:
         raise NativeError(
@@ -113,6 +118,7 @@ def count_features(database: Path, names: Sequence[str]) -> FeatureCounts:
         features=features,
         missing=tuple(sorted(set(names) - present)),
         poor={name: count for name, count in sorted(by_name.items()) if count < FEW},
+        extracted_again=count_extracted_again(database),
     )
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shutil
+from collections.abc import Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass
 from pathlib import Path
@@ -62,27 +63,40 @@ def extract_shard(shard: _Shard) -> dict[int, int]:
     Return the ids of its images in the main database by its own. COLMAP leaves out images that it cannot read."""
     hush()
     extraction = extraction_options(shard.options, threads=1)
-    reader = pycolmap.ImageReaderOptions()
-    if shard.masks is not None:
-        reader.mask_path = shard.masks
     with task_folder() as folder:
         database = folder / "shard.db"
-        pycolmap.Database.open(database).close()
-        called(
-            pycolmap.extract_features,
-            database,
-            shard.grey,
-            image_names=list(shard.ids),
-            camera_mode=pycolmap.CameraMode.PER_IMAGE,  # of no account: cameras are in the main database
-            reader_options=reader,
-            extraction_options=extraction,
-            progress=TaskProgress(),
-        )
+        extract_apart(database, shard.grey, shard.masks, list(shard.ids), extraction, TaskProgress())
         with pycolmap.Database.open(database) as opened:
             ids = {image.image_id: shard.ids[image.name] for image in opened.read_all_images()}
         content = database.read_bytes()
     write_bytes(shard.result, content)
     return ids
+
+
+def extract_apart(
+    database: Path,
+    grey: Path,
+    masks: Path | None,
+    names: Sequence[str],
+    extraction: pycolmap.FeatureExtractionOptions,
+    progress: Progress,
+) -> None:
+    """Write a new database with the features of the named images; its cameras are of no account. Raises as
+    `extract_features`."""
+    reader = pycolmap.ImageReaderOptions()
+    if masks is not None:
+        reader.mask_path = masks
+    pycolmap.Database.open(database).close()
+    called(
+        pycolmap.extract_features,
+        database,
+        grey,
+        image_names=list(names),
+        camera_mode=pycolmap.CameraMode.PER_IMAGE,
+        reader_options=reader,
+        extraction_options=extraction,
+        progress=progress,
+    )
 
 
 def extraction_options(options: FeaturesOptions, threads: int = -1) -> pycolmap.FeatureExtractionOptions:

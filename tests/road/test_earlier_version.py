@@ -17,6 +17,7 @@ import pytest
 from told import Told
 
 import colmap_ihe
+from colmap_ihe.colmap.lower_thresholds import COLMAPS_THRESHOLD
 from colmap_ihe.pipeline.stages import STAGE_NAMES
 from colmap_ihe.pipeline.status import status
 from colmap_ihe.project.options import FitOptions, Options
@@ -63,6 +64,8 @@ def options_of_then() -> Options:
         sections |= {n: v for n, v in record["options"].items() if n not in ("cameras", "trial")}
     sections["fit"]["weights"] = None
     sections["sparse"]["calibration"] = "colmap"
+    sift = sections["features"]["colmap"].get("sift", {}) | {"peak_threshold": COLMAPS_THRESHOLD}
+    sections["features"] = sections["features"] | {"colmap": {"sift": sift}}
     return Options.model_validate(sections | {"dense": {**sections["dense"], "enabled": True}})
 
 

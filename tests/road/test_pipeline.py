@@ -114,6 +114,7 @@ def test_records_say_how_each_stage_came_about(finished: Path) -> None:
     assert record(finished, "features")["options"]["features"]["colmap"] == {"sift": {"first_octave": 0}}
     assert record(finished, "fit")["options"]["fit"]["step"] == 0.1
     assert record(finished, "captures")["images"] == 8
+    assert record(finished, "features")["extracted_again"] == 8  # small ones, all below the cap
     assert len({record(finished, stage)["fingerprint"] for stage in STAGE_NAMES}) == len(STAGE_NAMES)
 
 

@@ -11,6 +11,7 @@ from colmap_ihe.colmap import features
 from colmap_ihe.colmap.database import database_is_sound, looks_whole, remove_database
 from colmap_ihe.colmap.features import FeatureCounts
 from colmap_ihe.colmap.features_on_workers import extraction_options
+from colmap_ihe.colmap.lower_thresholds import COLMAPS_THRESHOLD, LOWEST, lowers_thresholds
 from colmap_ihe.colmap.second_features import add_second_features
 from colmap_ihe.dense.cost import pixels_within
 from colmap_ihe.errors import OptionError
@@ -40,14 +41,16 @@ class _CalibrationRecord(StrictModel):
 
 
 class FeaturesRecord(StageRecord):
-    """Count images, cameras, those with a focal length from EXIF, and features, with those that
-    are of the second grey; tell which cameras, by id, start from the calibration file."""
+    """Count images, cameras, those with a focal length from EXIF, features with those that are of the second grey, and
+    photographs that were extracted again at a lower threshold; tell which cameras, by id, start from the calibration
+    file."""
 
     images: Count
     cameras: Count
     with_focal_prior: Count
     features: Count
     of_second: Count = 0
+    extracted_again: Count = 0
     calibration: _CalibrationRecord = _CalibrationRecord()
 
 
@@ -118,13 +121,26 @@ def _check(options: Options, images: int) -> None:
 
 
 def _result_options(options: Options) -> dict[str, Any]:
-    """Leave out what has no effect on features: whether cameras are held, and where the calibration file lies, whose
-    content counts."""
+    """Leave out what has no effect on features: whether cameras are held, where the calibration file lies, whose
+    content counts, and a peak threshold that is COLMAP's own, which only keeps images from being extracted again."""
     values = options.sections("camera", "features")
+    if lowers_thresholds(options.features):
+        values["lowest_threshold"] = LOWEST
+    else:
+        values["features"]["colmap"] = _without_colmaps_threshold(values["features"]["colmap"])
     del values["camera"]["fixed"], values["camera"]["calibration"]
     if options.camera.calibration is not None:
         values["camera"]["calibration"] = True
     return values
+
+
+def _without_colmaps_threshold(colmap: Mapping[str, Any]) -> dict[str, Any]:
+    sift = dict(colmap.get("sift", {}))
+    if sift.get("peak_threshold") != COLMAPS_THRESHOLD:
+        return dict(colmap)
+    del sift["peak_threshold"]
+    others = {name: value for name, value in colmap.items() if name != "sift"}
+    return others | {"sift": sift} if sift else others
 
 
 def _inputs(

@@ -1,0 +1,31 @@
+"""What makes features stale: a lower threshold where features run out does, COLMAP's own given by the user does not."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+
+from colmap_ihe.colmap.lower_thresholds import COLMAPS_THRESHOLD
+from colmap_ihe.pipeline.stages.features import STAGE
+from colmap_ihe.project.options import Options
+
+OWN = {"peak_threshold": COLMAPS_THRESHOLD}
+
+
+@pytest.mark.parametrize(
+    ("colmap", "recorded", "lowest"),
+    [
+        ({}, {}, 0.5),
+        ({"sift": {"first_octave": 0}}, {"sift": {"first_octave": 0}}, 0.5),
+        ({"sift": OWN, "max_image_size": 900}, {"max_image_size": 900}, None),
+        ({"sift": OWN | {"first_octave": 0}}, {"sift": {"first_octave": 0}}, None),
+        ({"sift": {"peak_threshold": 0.004}}, {"sift": {"peak_threshold": 0.004}}, None),
+    ],
+)
+def test_options_that_decide_features(
+    colmap: dict[str, Any], recorded: dict[str, Any], lowest: float | None
+) -> None:
+    values = STAGE.options_of(Options.model_validate({"features": {"colmap": colmap}}))
+    assert values["features"]["colmap"] == recorded
+    assert values.get("lowest_threshold") == lowest
