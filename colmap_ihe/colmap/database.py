@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import sqlite3
 import threading
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from pathlib import Path
 
+from colmap_ihe.errors import NativeError
 from colmap_ihe.machine.child_process import ChildProcess
 
 _PROBE = "colmap_ihe.colmap.database_probe"
@@ -63,3 +65,17 @@ def counting_rows(path: Path, table: str) -> Iterator[Callable[[], int]]:
         probe.kill()
         listener.join()
         probe.end()
+
+
+@contextmanager
+def writing(path: Path) -> Iterator[sqlite3.Connection]:
+    """Give the database itself, in one transaction, for what pycolmap does not write: features over others (COLMAP's
+    documentation, "Database Format"). Raises `NativeError`; nothing is written then."""
+    try:
+        with closing(sqlite3.connect(path)) as opened, opened:
+            yield opened
+    except sqlite3.Error as error:
+        raise NativeError(
+            f"{path}: features could not be written: {error}",
+            hint="check that the disk has room and allows locking; the same command goes on from here",
+        ) from error

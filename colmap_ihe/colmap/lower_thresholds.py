@@ -21,10 +21,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from colmap_ihe.colmap.database import writing
 from colmap_ihe.colmap.features_on_workers import extract_apart, extraction_options
 from colmap_ihe.colmap.native import hush, pycolmap
 from colmap_ihe.colmap.part_databases import task_folder
-from colmap_ihe.errors import NativeError
 from colmap_ihe.machine.executor import TaskProgress, in_order, shares_memory
 from colmap_ihe.machine.files import write_bytes
 from colmap_ihe.machine.progress import Progress
@@ -238,19 +238,13 @@ def _replace_features(database: Path, shard: _Shard) -> None:
     pycolmap writes no descriptors over others (COLMAP's documentation, "Database Format"); COLMAP leaves further
     tables alone. Raises `NativeError`."""
     shares: dict[int, float | None] = {image.image_id: None for image in shard.images}
-    try:
-        with closing(sqlite3.connect(database)) as opened, opened:
-            for image_id, found in _read(shard.result):
-                shares[image_id] = found.share
-                _write_over(opened, "keypoints", image_id, found.keypoints)
-                _write_over(opened, "descriptors", image_id, found.descriptors)
-            opened.execute(f"CREATE TABLE IF NOT EXISTS {_TABLE} (image_id INTEGER PRIMARY KEY, share REAL)")
-            opened.executemany(f"INSERT OR REPLACE INTO {_TABLE} VALUES (?, ?)", sorted(shares.items()))
-    except sqlite3.Error as error:
-        raise NativeError(
-            f"{database}: features could not be written: {error}",
-            hint="check that the disk has room and allows locking; the same command goes on from here",
-        ) from error
+    with writing(database) as opened:
+        for image_id, found in _read(shard.result):
+            shares[image_id] = found.share
+            _write_over(opened, "keypoints", image_id, found.keypoints)
+            _write_over(opened, "descriptors", image_id, found.descriptors)
+        opened.execute(f"CREATE TABLE IF NOT EXISTS {_TABLE} (image_id INTEGER PRIMARY KEY, share REAL)")
+        opened.executemany(f"INSERT OR REPLACE INTO {_TABLE} VALUES (?, ?)", sorted(shares.items()))
 
 
 def _write_over(opened: sqlite3.Connection, table: str, image_id: int, values: F32 | U8) -> None:

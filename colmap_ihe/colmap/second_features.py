@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import sqlite3
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor
-from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -13,6 +11,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from colmap_ihe.colmap.database import writing
 from colmap_ihe.colmap.features_on_workers import extraction_options
 from colmap_ihe.colmap.native import called, pycolmap
 from colmap_ihe.colmap.part_databases import task_folder
@@ -146,10 +145,9 @@ def _joined(parts: Sequence[tuple[F32, U8]]) -> tuple[F32, U8]:
 
 
 def _append(database: Path, image_id: int, points: F32, descriptors: U8) -> None:
-    """Append features to those of an image, in one step, unless they are its last ones. By SQLite itself, as pycolmap
-    writes no descriptors over others (COLMAP's documentation, "Database Format")."""
+    """Append features to those of an image, in one step, unless they are its last ones."""
     rows: Mapping[str, bytes] = {"keypoints": points.tobytes(), "descriptors": descriptors.tobytes()}
-    with closing(sqlite3.connect(database)) as opened, opened:
+    with writing(database) as opened:
         for table, added in rows.items():
             (data,) = opened.execute(f"SELECT data FROM {table} WHERE image_id = ?", (image_id,)).fetchone()
             if (data or b"").endswith(added):

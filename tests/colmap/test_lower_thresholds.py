@@ -23,7 +23,7 @@ from colmap_ihe.photographs.encode import encode_image
 from colmap_ihe.project.options import CameraOptions, FeaturesOptions
 
 NAMES = ["a.png", "b.png", "c.png"]
-OWN = {"peak_threshold": lower_thresholds.COLMAPS_THRESHOLD}
+OWN: dict[str, Any] = {"peak_threshold": lower_thresholds.COLMAPS_THRESHOLD}
 
 
 @pytest.fixture(scope="module")
@@ -122,7 +122,8 @@ def test_an_interruption_leaves_features_and_the_next_run_ends_the_same(
 ) -> None:
     monkeypatch.setattr(lower_thresholds, "_IMAGES", 1)
     whole = run(tmp_path / "whole", grey)
-    replace, done = lower_thresholds._replace_features, []
+    replace = lower_thresholds._replace_features
+    done: list[int] = []
 
     def stopping(*args: Any) -> None:
         if len(done) == shards_done:
