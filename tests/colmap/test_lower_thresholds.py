@@ -123,7 +123,7 @@ def test_an_interruption_leaves_features_and_the_next_run_ends_the_same(
     monkeypatch.setattr(lower_thresholds, "_IMAGES", 1)
     whole = run(tmp_path / "whole", grey)
     replace = lower_thresholds._replace_features
-    done: list[int] = []
+    done: list[Any] = []
 
     def stopping(*args: Any) -> None:
         if len(done) == shards_done:
