@@ -148,7 +148,11 @@ def _fitted(run: FolderRun, options: FitOptions, ledger: Ledger, tone: Tone) -> 
         [c.name, run.digests[c.name], recipe.identity()] for c, recipe in zip(captures, recipes, strict=True)
     )
     key = fingerprint_of(
-        __version__, versions, content, options.model_dump(), trial.as_dict() if trial else None
+        __version__,
+        versions,
+        content,
+        options.model_dump(exclude={"second"}),
+        trial.as_dict() if trial else None,
     )
     kept = _kept_fit(ledger.notes.get("fit"), key)
     if kept is not None and not (run.strict and kept.left_out):

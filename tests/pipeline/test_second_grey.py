@@ -17,6 +17,7 @@ from colmap_ihe.grey.second import SecondGrey
 from colmap_ihe.machine.progress import SILENT
 from colmap_ihe.pipeline.reconstruct import reconstruct
 from colmap_ihe.pipeline.second_grey import pictures_of
+from colmap_ihe.pipeline.status import status
 from colmap_ihe.pipeline.summary import report
 from colmap_ihe.project.folder import Project
 from colmap_ihe.project.options_file import load_options
@@ -68,6 +69,14 @@ def test_a_named_direction_is_the_second(project: Path) -> None:
     second = converted["second"]
     assert isinstance(second, dict)
     assert (second["second"]["name"], second["second"]["red"]) == ("blue", 0)
+
+
+def test_another_second_fits_no_weights_anew(project: Path) -> None:
+    run(project)
+    other = load_options(None, [*UNTIL_FEATURES, "fit.second=none"])
+    states = {state.name: (state.state, state.why) for state in status(project, other)}
+    assert states["fit"] == ("done", "")
+    assert states["convert"] == ("stale", "its options changed: convert.second from auto to the default")
 
 
 def test_a_name_that_is_none_is_refused() -> None:

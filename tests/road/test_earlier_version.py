@@ -48,6 +48,8 @@ def earlier(small_demo: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -
         monkeypatch.setattr(f"colmap_ihe.pipeline.{module}.__version__", VERSIONS["colmap-ihe"])
     monkeypatch.setattr("colmap_ihe.pipeline.records.library_versions", versions)
     monkeypatch.setattr("colmap_ihe.pipeline.convert_folder.library_versions", versions)
+    trial_decided: Callable[..., bool] = lambda _options: False  # noqa: E731
+    monkeypatch.setattr("colmap_ihe.pipeline.stages.fit._trial_decides", trial_decided)
     monkeypatch.setattr("colmap_ihe.pipeline.input_digests.digest_file", lambda path: DIGESTS[path.name])
     return project
 
@@ -62,7 +64,7 @@ def options_of_then() -> Options:
     sections: dict[str, Any] = {}
     for record in RECORDS.values():
         sections |= {n: v for n, v in record["options"].items() if n not in ("cameras", "trial")}
-    sections["fit"]["weights"] = None
+    sections["fit"] |= {"weights": None, "second": "none"}
     sections["sparse"]["calibration"] = "colmap"
     sift = sections["features"]["colmap"].get("sift", {}) | {"peak_threshold": COLMAPS_THRESHOLD}
     sections["features"] = sections["features"] | {"colmap": {"sift": sift}}

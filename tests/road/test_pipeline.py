@@ -597,13 +597,16 @@ def test_holding_the_calibration_is_an_option_of_the_mapping(
     assert reasons["sparse"].startswith("its options changed: camera.fixed from the default to true")
 
 
-def test_how_colmap_sees_the_photographs_is_an_input_of_auto_only(
+def test_how_colmap_sees_the_photographs_is_an_input_of_the_fit_where_a_trial_decides(
     finished: Path, quick_options: MakeOptions
 ) -> None:
     def why(*assignments: str) -> str:
         return status(finished, quick_options(*assignments))[1].why
 
-    assert why("convert.tone=linear") == ""
+    assert why("convert.tone=linear").startswith(
+        "its options changed: convert.tone from the default to linear"
+    )
+    assert "convert.tone" not in why("convert.tone=linear", "fit.guard=none")
     assert why("fit.method=auto").startswith("its options changed: fit.method from ihe to auto")
 
 

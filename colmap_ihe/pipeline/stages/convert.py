@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -181,6 +181,13 @@ def weights_for(capture: Capture, fit: Fit) -> Grey:
     return weights
 
 
+def _result_options(options: Options) -> dict[str, Any]:
+    values = options.sections("convert")
+    if options.fit.second != "none":
+        values["convert"]["second"] = options.fit.second
+    return values
+
+
 def _files(project: Project, record: Record) -> list[Path]:
     return [folder / name for name in record["grey"].values() for folder in _made(project)]
 
@@ -208,6 +215,7 @@ STAGE = Stage(
     run,
     ConvertRecord,
     sections=("convert",),
+    result_options=_result_options,
     files=_files,
     made=_made,
     needs=_needs,

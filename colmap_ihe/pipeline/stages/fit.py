@@ -120,6 +120,7 @@ def trial_of(options: Options) -> Trial:
 def _result_options(options: Options) -> dict[str, Any]:
     values = options.sections("fit")
     values["fit"]["weights"] = options.fit.weights is not None  # their content counts, not where they lie
+    del values["fit"]["second"]  # which is fitted after `convert`
     if _trial_decides(options.fit):
         values |= _of_trial(options)
     return values
