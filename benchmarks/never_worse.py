@@ -5,7 +5,7 @@
 Every row is one grey of one set against COLMAP's default grey: the gain in verified matches over all pairs of the set,
 as the mapper would get them, the gain that the trial states with two
 standard errors, and the core seconds of the trial. `ihe` is the grey that .998 of the best contrast admits, without
-the rule that keeps Rec.709 at .97 of it.
+the rule that keeps Rec.709 at .94 of it.
 The sets are photographs of ../shared/data at half their size or less, and RAW made from them as `guard_sets.py` makes
 it. What is done lies in WORK, where a second run goes on.
 """

@@ -36,7 +36,7 @@ from colmap_ihe.grey.weights import Encoding, Triplet, triplets
 CLOSENESS = 0.998
 """A triplet is admitted whose contrast is at least this share of the best one's."""
 
-DEFAULT_ENOUGH = 0.97
+DEFAULT_ENOUGH = 0.94
 """Where Rec.709's own contrast is at least this share of the best one's, it stays: COLMAP's default is left only
 for a gain that the measure is sure of."""
 
