@@ -162,7 +162,7 @@ def loss(folders: list[Path]) -> None:
             with tempfile.TemporaryDirectory() as temporary:
                 grey, colour = Path(temporary) / "grey", Path(temporary) / "colour"
                 convert_folder(folder, grey, fit=FitOptions(method=method), colour=colour)
-                names = sorted(p.relative_to(grey).as_posix() for p in grey.rglob("*") if p.is_file())
+                names = sorted(p.relative_to(grey).as_posix() for p in grey.rglob("*.png"))
                 blocks = [blocks_of(read_grey(grey / n), read_colour(colour / n)) for n in names]
                 fit = fit_second(blocks)
                 second = fit.second
