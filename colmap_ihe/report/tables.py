@@ -103,8 +103,8 @@ def lost_in_words(summary: Mapping[str, Any]) -> str:
     lost = summary["colour_detail_lost_percent"]
     default = "COLMAP's default grey" if summary["method"] != "rec709" else "Rec.709 of the colours"
     return (
-        f"Of the places with detail the grey keeps less than a third of it in {lost['grey']:.2f} %; {default} does in"
-        f" {lost['rec709']:.2f} %."
+        f"In {lost['grey']:.2f} % of the places with detail the grey keeps less than 0.3 of what colour shows;"
+        f" {default} in {lost['rec709']:.2f} %."
     )
 
 
