@@ -34,19 +34,22 @@ F64 = NDArray[np.float64]
 @dataclass(frozen=True)
 class Blocks:
     """Hold the detail of a photograph by blocks: `colours` (n, 6) float32, the covariance RR GG BB RG RB GB of its
-    colours in the band, `grey` (n,) float32 the variance of its grey there, in levels squared."""
+    colours in the band, `grey` and `rec709` (n,) float32 the variance of its grey and of COLMAP's default there, both
+    rounded to whole levels, in levels squared."""
 
     colours: NDArray[np.float32]
     grey: NDArray[np.float32]
+    rec709: NDArray[np.float32]
 
 
 @dataclass(frozen=True)
 class Noise:
     """Hold what the band holds where there is no detail: `colours`, the covariance RR GG BB RG RB GB, and the variance
-    of `grey`, in levels squared."""
+    of `grey` and `rec709`, in levels squared."""
 
     colours: tuple[float, ...]
     grey: float
+    rec709: float
 
     @property
     def matrix(self) -> F64:
@@ -71,16 +74,16 @@ class SecondFit:
 def blocks_of(grey: U8, colour: U8) -> Blocks:
     """Measure a photograph from its grey (H, W) and its colours (H, W, 3), both uint8. Blocks that are clipped or
     without any change are left out."""
-    colours, variance = _grids(grey, colour)
+    colours, variance, rec709 = _grids(grey, colour)
     shows = (colours[..., :3] > 0).all(axis=-1)
-    return Blocks(colours[shows], variance[shows])
+    return Blocks(colours[shows], variance[shows], rec709[shows])
 
 
 def lost_places(grey: U8, colour: U8, noise: Noise) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
     """Return where the grey (H, W) of a photograph keeps little of the detail of its colours (H, W, 3), and where
     Rec.709 does: (h, w) bool each, a block of the smaller copy that is measured a pixel."""
-    colours, variance = _grids(grey, colour)
-    judged = _judge(Blocks(colours.reshape(-1, 6), variance.ravel()), noise)
+    colours, variance, rec709 = _grids(grey, colour)
+    judged = _judge(Blocks(colours.reshape(-1, 6), variance.ravel(), rec709.ravel()), noise)
     return judged.lost.reshape(variance.shape), judged.lost_by_rec709.reshape(variance.shape)
 
 
@@ -94,6 +97,7 @@ def fit_second(photographs: Sequence[Blocks], name: str | None = None) -> Second
     every = Blocks(
         np.concatenate([np.empty((0, 6), np.float32), *(p.colours for p in photographs)]),
         np.concatenate([np.empty(0, np.float32), *(p.grey for p in photographs)]),
+        np.concatenate([np.empty(0, np.float32), *(p.rec709 for p in photographs)]),
     )
     noise = _noise_of(every)
     judged = _judge(every, noise)
@@ -135,8 +139,8 @@ def _judge(blocks: Blocks, noise: Noise) -> _Judged:
     best = np.asarray(np.linalg.eigvalsh(white)[:, 2], np.float64)
     detailed = best > _DETAIL**2
     lost = detailed & (blocks.grey / noise.grey < _LOST**2 * best)
-    rec709 = _contrast(blocks, noise, np.array(FIXED["rec709"])) < _LOST**2 * best
-    return _Judged(white, whitening, best, detailed, lost, detailed & rec709)
+    lost_by_rec709 = detailed & (blocks.rec709 / noise.rec709 < _LOST**2 * best)
+    return _Judged(white, whitening, best, detailed, lost, lost_by_rec709)
 
 
 def _contrast(blocks: Blocks, noise: Noise, weights: F64) -> F64:
@@ -150,9 +154,12 @@ def _noise_of(blocks: Blocks) -> Noise:
     flattest = np.argsort(blocks.colours[:, :3].sum(axis=1), kind="stable")
     flattest = flattest[: max(1, int(_FLATTEST * len(flattest)))]
     if not len(flattest):
-        return Noise((_FLOOR,) * 3 + (0.0,) * 3, _FLOOR)
+        return Noise((_FLOOR,) * 3 + (0.0,) * 3, _FLOOR, _FLOOR)
     colours = blocks.colours[flattest].astype(np.float64).mean(axis=0) + _FLOOR * np.array([1, 1, 1, 0, 0, 0])
-    return Noise(tuple(colours.tolist()), float(blocks.grey[flattest].astype(np.float64).mean()) + _FLOOR)
+    grey, rec709 = (
+        float(values[flattest].astype(np.float64).mean()) + _FLOOR for values in (blocks.grey, blocks.rec709)
+    )
+    return Noise(tuple(colours.tolist()), grey, rec709)
 
 
 def _direction(judged: _Judged) -> F64:
@@ -184,11 +191,16 @@ def _scaled(direction: F64, noise: Noise, name: str) -> SecondGrey:
     return SecondGrey(red, green, blue, noise.grey, own * gain**2, name)
 
 
-def _grids(grey: U8, colour: U8) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """Return the covariance of the colours, (h, w, 6), and the variance of the grey, (h, w), of each block."""
-    colours, greys = band(shrunk(colour)), band(shrunk(grey))
+def _grids(grey: U8, colour: U8) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32]]:
+    """Return of each block the covariance of the colours, (h, w, 6), and the variances of the grey and of Rec.709,
+    (h, w)."""
+    weights = np.array(FIXED["rec709"], np.float32)[None]
+    rec709 = np.rint(cv2.transform(colour.astype(np.float32), weights)).astype(np.uint8)
+    colours = band(shrunk(colour))
     pairs = [(0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2)]
-    return np.stack([_means(colours[..., i] * colours[..., j]) for i, j in pairs], axis=-1), _means(greys**2)
+    products = np.stack([_means(colours[..., i] * colours[..., j]) for i, j in pairs], axis=-1)
+    variance, of_rec709 = (_means(band(shrunk(values)) ** 2) for values in (grey, rec709))
+    return products, variance, of_rec709
 
 
 def _means(values: NDArray[np.float32]) -> NDArray[np.float32]:

@@ -33,6 +33,7 @@ _Share = Annotated[float, Field(ge=0, le=1, allow_inf_nan=False)]
 class _NoiseRecord(StrictModel):
     colours: Annotated[list[float], Field(min_length=6, max_length=6)]
     grey: Annotated[float, Field(gt=0)]
+    rec709: Annotated[float, Field(gt=0)]
 
 
 class SecondGreyRecord(StrictModel):
@@ -74,7 +75,7 @@ def fit_second_grey(
         lost_by_rec709=round(fit.lost_by_rec709, 6),
         regained=round(fit.regained, 6),
         by_photograph={name: round(share, 6) for name, share in zip(names, fit.by_photograph, strict=True)},
-        noise=_NoiseRecord(colours=list(fit.noise.colours), grey=fit.noise.grey),
+        noise=_NoiseRecord(**asdict(fit.noise) | {"colours": list(fit.noise.colours)}),
         second=None if fit.second is None else asdict(fit.second),
     )
 
@@ -113,7 +114,7 @@ def lost_colour(
     if not worst or record["by_photograph"][worst] < _SHOWN:
         return LostColour(words)
     grey, colour = read_grey(project.grey / worst), read_colour(project.colour / worst)
-    noise = Noise(tuple(record["noise"]["colours"]), record["noise"]["grey"])
+    noise = Noise(**record["noise"])
     names = {grey: name for name, grey in records["convert"]["grey"].items()}
     marked = [
         pictures.picture(pictures.marked(colour, places), f"{names[worst]}, {which} marked", _PICTURE)
