@@ -234,9 +234,8 @@ def _read(file: Path) -> Iterator[tuple[int, _Features]]:
 
 
 def _replace_features(database: Path, shard: _Shard) -> None:
-    """Replace the features of a shard's images and note the threshold of each, all or none. By SQLite itself, as
-    pycolmap writes no descriptors over others (COLMAP's documentation, "Database Format"); COLMAP leaves further
-    tables alone. Raises `NativeError`."""
+    """Replace the features of a shard's images and note the threshold of each, all or none. COLMAP leaves
+    further tables alone. Raises `NativeError`."""
     shares: dict[int, float | None] = {image.image_id: None for image in shard.images}
     with writing(database) as opened:
         for image_id, found in _read(shard.result):

@@ -11,12 +11,12 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from colmap_ihe.colmap.array_features import F32, U8, extract_arrays
 from colmap_ihe.colmap.database import writing
 from colmap_ihe.colmap.features_on_workers import extraction_options
-from colmap_ihe.colmap.native import called, pycolmap
-from colmap_ihe.colmap.part_databases import task_folder
+from colmap_ihe.colmap.native import pycolmap
 from colmap_ihe.machine.executor import in_order, threads_of
-from colmap_ihe.machine.progress import SILENT, Progress
+from colmap_ihe.machine.progress import Progress
 from colmap_ihe.project.options import FeaturesOptions
 
 _LEAST = 0.5  # of the share of the second grey, where its features count
@@ -24,8 +24,6 @@ _MARGIN = 32  # pixels around such a place that are looked at too
 _SMALLEST = 1024  # pixels of a place: on a smaller one there are no features worth a window
 _TOGETHER = 16  # photographs
 
-U8 = NDArray[np.uint8]
-F32 = NDArray[np.float32]
 Pictures = Callable[[str], tuple[U8, F32]]
 """Of an image by name: its grey with what the second adds, (H, W) uint8, and the share of the second in each pixel,
 (H, W) float32 from 0 to 1, 0 where it is masked."""
@@ -96,32 +94,12 @@ def _windows(picture: U8, shares: F32, most: int) -> Iterator[_Window]:
 
 
 def _extracted(photographs: Sequence[Sequence[_Window]], options: FeaturesOptions) -> list[tuple[F32, U8]]:
-    """Return keypoints as COLMAP has them, (N, 4 or 6) float32, and descriptors (N, 128) uint8 of each photograph."""
-    named = {f"{n:04}-{k:06}.pgm": w for n, some in enumerate(photographs) for k, w in enumerate(some)}
-    found: list[list[tuple[F32, U8]]] = [[] for _ in photographs]
-    if named:
-        extraction = extraction_options(options)
-        extraction.max_image_size = max(max(w.grey.shape) for w in named.values())
-        with task_folder() as folder:
-            for name, window in named.items():
-                header = f"P5\n{window.grey.shape[1]} {window.grey.shape[0]}\n255\n".encode()
-                (folder / name).write_bytes(header + window.grey.tobytes())
-            database = folder / "windows.db"
-            called(
-                pycolmap.extract_features,
-                database,
-                folder,
-                image_names=list(named),
-                extraction_options=extraction,
-                progress=SILENT,
-            )
-            with pycolmap.Database.open(database) as opened:
-                ids = {str(i.name): i.image_id for i in opened.read_all_images()}
-                for name, window in named.items():
-                    points = np.array(opened.read_keypoints(ids[name]), np.float32)
-                    descriptors = np.array(opened.read_descriptors(ids[name]).data, np.uint8)
-                    found[int(name[:4])].append(_of_place(window, points, descriptors.reshape(-1, 128)))
-    return [_joined(parts) for parts in found]
+    """Return keypoints as COLMAP has them, and descriptors, of each photograph."""
+    windows = [window for some in photographs for window in some]
+    extraction = extraction_options(options)
+    extraction.max_image_size = max((max(window.grey.shape) for window in windows), default=1)
+    found = iter(extract_arrays([w.grey for w in windows], extraction, "features of the second grey"))
+    return [_joined([_of_place(window, *next(found)) for window in some]) for some in photographs]
 
 
 def _of_place(window: _Window, points: F32, descriptors: U8) -> tuple[F32, U8]:

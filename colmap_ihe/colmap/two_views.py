@@ -1,25 +1,17 @@
-"""Find features, matches and verified matches of two grey images as COLMAP does.
-
-Arrays in, numbers out. Features come by way of a temporary folder and database all the same: pycolmap's own
-functions for arrays hold Python's lock, so that two of them never run at once.
-"""
+"""Find features, matches and verified matches of two grey images as COLMAP does: arrays in, numbers out."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from colmap_ihe.colmap.features import FEATURE_BYTES_A_PIXEL
+from colmap_ihe.colmap.array_features import extract_arrays
 from colmap_ihe.colmap.features_on_workers import extraction_options
-from colmap_ihe.colmap.native import called, pycolmap
-from colmap_ihe.colmap.part_databases import task_folder
-from colmap_ihe.machine.memory import workers_for
+from colmap_ihe.colmap.native import pycolmap
 from colmap_ihe.machine.progress import SILENT, Progress
-from colmap_ihe.machine.threads import local_workers
 from colmap_ihe.project.options import FeaturesOptions
 
 _MAX_RATIO, _MAX_ANGLE = 0.8, 0.7  # COLMAP's defaults; angles between descriptors in radians
@@ -72,47 +64,15 @@ def features_kept_of(
 def _extracted(
     images: Sequence[NDArray[np.uint8]], options: pycolmap.FeatureExtractionOptions, progress: Progress
 ) -> list[Features]:
-    for grey in images:
-        if grey.ndim != 2 or grey.dtype != np.uint8 or not grey.size:
-            raise ValueError(f"{grey.shape=} {grey.dtype=}, expected (H, W) uint8")
-    if not images:
-        return []
     options.use_gpu = False
-    options.num_threads = _threads_for(images, options)
-    names = [f"{number:06}.pgm" for number in range(len(images))]
-    with task_folder() as folder:
-        for name, grey in zip(names, images, strict=True):
-            header = f"P5\n{grey.shape[1]} {grey.shape[0]}\n255\n".encode()
-            (folder / name).write_bytes(header + grey.tobytes())
-        called(
-            pycolmap.extract_features,
-            database := folder / "features.db",
-            folder,
-            image_names=names,
-            extraction_options=options,
-            progress=progress,
-        )
-        return _read_features(database, names)
+    return [_as_features(*each) for each in extract_arrays(images, options, "features of pairs", progress)]
 
 
-def _threads_for(images: Sequence[NDArray[np.uint8]], options: pycolmap.FeatureExtractionOptions) -> int:
-    most = options.eff_max_image_size()
-    pixels = max(grey.size * min(1.0, most / max(grey.shape)) ** 2 for grey in images)
-    needed = FEATURE_BYTES_A_PIXEL * pixels * 4.0 ** -(options.sift.first_octave + 1)
-    return min(workers_for("features of pairs", round(needed), local_workers()), len(images))
-
-
-def _read_features(database: Path, names: Sequence[str]) -> list[Features]:
-    features = []
-    with pycolmap.Database.open(database) as opened:
-        ids = {image.name: image.image_id for image in opened.read_all_images()}
-        for name in names:
-            points = np.asarray(opened.read_keypoints(ids[name]), np.float64).reshape(-1, 6)
-            descriptors = np.asarray(opened.read_descriptors(ids[name]).data, np.uint8).reshape(-1, 128)
-            # x, y, and the affine shape a11 a12 a21 a22, of which COLMAP takes the mean length of both axes
-            scales = (np.hypot(points[:, 2], points[:, 4]) + np.hypot(points[:, 3], points[:, 5])) / 2
-            features.append(Features(points[:, :2], scales, descriptors))
-    return features
+def _as_features(keypoints: NDArray[np.float32], descriptors: NDArray[np.uint8]) -> Features:
+    points = keypoints.astype(np.float64).reshape(-1, 6)
+    # x, y, and the affine shape a11 a12 a21 a22, of which COLMAP takes the mean length of both axes
+    scales = (np.hypot(points[:, 2], points[:, 4]) + np.hypot(points[:, 3], points[:, 5])) / 2
+    return Features(points[:, :2], scales, descriptors)
 
 
 def match(first: Features, second: Features) -> Matches:

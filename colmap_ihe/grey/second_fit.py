@@ -47,7 +47,7 @@ class Noise:
     """Hold what the band holds where there is no detail: `colours`, the covariance RR GG BB RG RB GB, and the variance
     of `grey` and `rec709`, in levels squared."""
 
-    colours: tuple[float, ...]
+    colours: Sequence[float]
     grey: float
     rec709: float
 

@@ -119,14 +119,7 @@ def reconstruct(
         run = RunContext(
             folder, options, discovery, workers, until or STAGE_NAMES[-1], forced, developed=developed
         )
-        with progress.stage("content") as stage_progress:
-            run.digests = digests_of(folder, discovery, workers, stage_progress)
-            write_json(folder.digests_file, run.digests)
-            write_run_record(folder, options, run.digests)
-        warn_of(unused_files(folder), progress)
-        warn_of(differences_from(noted, folder, options, run.digests) if noted else (), progress)
-        run.inputs = inputs_of(folder, options, discovery, run.digests)
-        run.prints = fingerprints(options, run.inputs)
+        _read_content(run, noted, progress)
         ran = _run(run, progress)
         _add_records(run)
         summary = summarise(run.records, options)
@@ -137,6 +130,19 @@ def reconstruct(
     if run.shortfall is not None:
         raise EndedEarlyError(run.shortfall, done)
     return done
+
+
+def _read_content(run: RunContext, noted: RunRecord | None, progress: RunProgress) -> None:
+    """Read what the run works on: its digests, by which stages are told to be up to date, and what is not used."""
+    folder, options = run.project, run.options
+    with progress.stage("content") as stage_progress:
+        run.digests = digests_of(folder, run.discovery, run.executor, stage_progress)
+        write_json(folder.digests_file, run.digests)
+        write_run_record(folder, options, run.digests)
+    warn_of(unused_files(folder), progress)
+    warn_of(differences_from(noted, folder, options, run.digests) if noted else (), progress)
+    run.inputs = inputs_of(folder, options, run.discovery, run.digests)
+    run.prints = fingerprints(options, run.inputs)
 
 
 def _write_for_other_campaigns(run: RunContext, ran: Sequence[str]) -> None:

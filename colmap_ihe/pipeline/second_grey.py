@@ -31,7 +31,7 @@ _Share = Annotated[float, Field(ge=0, le=1, allow_inf_nan=False)]
 
 
 class _NoiseRecord(StrictModel):
-    colours: Annotated[list[float], Field(min_length=6, max_length=6)]
+    colours: Annotated[Sequence[float], Field(min_length=6, max_length=6)]
     grey: Annotated[float, Field(gt=0)]
     rec709: Annotated[float, Field(gt=0)]
 
@@ -75,7 +75,7 @@ def fit_second_grey(
         lost_by_rec709=round(fit.lost_by_rec709, 6),
         regained=round(fit.regained, 6),
         by_photograph={name: round(share, 6) for name, share in zip(names, fit.by_photograph, strict=True)},
-        noise=_NoiseRecord(**asdict(fit.noise) | {"colours": list(fit.noise.colours)}),
+        noise=_NoiseRecord(**asdict(fit.noise)),
         second=None if fit.second is None else asdict(fit.second),
     )
 

@@ -12,9 +12,10 @@ from numpy.typing import NDArray
 from painted import PAINTED, grey_of, painted_wall
 from PIL import Image
 
+from colmap_ihe.colmap.array_features import F32, U8
 from colmap_ihe.colmap.features import count_features, extract_features
 from colmap_ihe.colmap.native import pycolmap
-from colmap_ihe.colmap.second_features import F32, U8, add_second_features
+from colmap_ihe.colmap.second_features import add_second_features
 from colmap_ihe.grey.second import SecondGrey
 from colmap_ihe.machine.progress import SILENT
 from colmap_ihe.project.options import CameraOptions, FeaturesOptions

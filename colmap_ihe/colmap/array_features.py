@@ -1,0 +1,70 @@
+"""Extract COLMAP's features of pictures in memory.
+
+By way of a temporary folder and database all the same: pycolmap's own functions for arrays hold Python's lock, so that
+two of them never run at once.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from colmap_ihe.colmap.features import FEATURE_BYTES_A_PIXEL
+from colmap_ihe.colmap.native import called, pycolmap
+from colmap_ihe.colmap.part_databases import task_folder
+from colmap_ihe.machine.memory import workers_for
+from colmap_ihe.machine.progress import SILENT, Progress
+from colmap_ihe.machine.threads import local_workers
+
+U8 = NDArray[np.uint8]
+F32 = NDArray[np.float32]
+
+
+def extract_arrays(
+    images: Sequence[U8],
+    options: pycolmap.FeatureExtractionOptions,
+    task: str,
+    progress: Progress = SILENT,
+) -> list[tuple[F32, U8]]:
+    """Return keypoints as COLMAP has them, (N, 4 or 6) float32, and descriptors (N, 128) uint8 of each image, (H, W)
+    uint8, on as many threads as memory has room for. `task` names the work where that is told.
+
+    The same images give the same features. Raises `NativeError`, `DiskFullError`, `Cancelled`, ValueError.
+    """
+    for grey in images:
+        if grey.ndim != 2 or grey.dtype != np.uint8 or not grey.size:
+            raise ValueError(f"{grey.shape=} {grey.dtype=}, expected (H, W) uint8")
+    if not images:
+        return []
+    options.num_threads = _threads_for(images, options, task)
+    names = [f"{number:06}.pgm" for number in range(len(images))]
+    with task_folder() as folder:
+        for name, grey in zip(names, images, strict=True):
+            header = f"P5\n{grey.shape[1]} {grey.shape[0]}\n255\n".encode()
+            (folder / name).write_bytes(header + grey.tobytes())
+        called(
+            pycolmap.extract_features,
+            database := folder / "features.db",
+            folder,
+            image_names=names,
+            extraction_options=options,
+            progress=progress,
+        )
+        with pycolmap.Database.open(database) as opened:
+            ids = {image.name: image.image_id for image in opened.read_all_images()}
+            return [
+                (
+                    np.array(opened.read_keypoints(ids[name]), np.float32),
+                    np.array(opened.read_descriptors(ids[name]).data, np.uint8).reshape(-1, 128),
+                )
+                for name in names
+            ]
+
+
+def _threads_for(images: Sequence[U8], options: pycolmap.FeatureExtractionOptions, task: str) -> int:
+    most = options.eff_max_image_size()
+    pixels = max(grey.size * min(1.0, most / max(grey.shape)) ** 2 for grey in images)
+    needed = FEATURE_BYTES_A_PIXEL * pixels * 4.0 ** -(options.sift.first_octave + 1)
+    return min(workers_for(task, round(needed), local_workers()), len(images))
