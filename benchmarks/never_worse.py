@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import argparse
 import json
-import time
+import os
 from collections.abc import Mapping, Sequence
 from functools import partial
 from itertools import combinations
@@ -27,7 +27,8 @@ from guard_sets import DATA, GAINS, expose, linear_of, read_rgb
 from numpy.typing import NDArray
 
 from colmap_ihe.colmap.native import quiet
-from colmap_ihe.colmap.two_views import Features, features_kept_of, match, verified
+from colmap_ihe.colmap.part_databases import task_folder
+from colmap_ihe.colmap.tried_features import add_pictures, match_pictures
 from colmap_ihe.commandline.bars import print_table
 from colmap_ihe.fit.counting import CountOptions, gather
 from colmap_ihe.fit.fit_set import _SetFit
@@ -80,22 +81,14 @@ SETS = {
 
 
 def whole(captures: Sequence[Capture], grey: Grey) -> dict[str, Any]:
-    """Return verified matches of all pairs, features, and core seconds of both."""
-    began = time.process_time()
-    images = [to_grey(read_photograph(c).rgb, grey, "sqrt") for c in captures]
-    found = features_kept_of(images, FeaturesOptions())
-    features_s = time.process_time() - began
-    pairs = list(combinations(range(len(images)), 2))
-    inliers = [_inliers(found[a], found[b], images[a], images[b]) for a, b in pairs]
-    seconds = time.process_time() - began - features_s
-    features = [len(f) for f in found]
-    return {"verified": inliers, "features": features, "features_s": features_s, "matches_s": seconds}
-
-
-def _inliers(a: Features, b: Features, one: NDArray[np.uint8], other: NDArray[np.uint8]) -> int:
-    pairs = match(a, b)
-    places = a.places[pairs[:, 0]], b.places[pairs[:, 1]]
-    return len(verified(*places, (one.shape[1], one.shape[0]), (other.shape[1], other.shape[0])))
+    """Return verified matches of all pairs, and the number of features."""
+    images = [(c.name, to_grey(read_photograph(c).rgb, grey, "sqrt")) for c in captures]
+    with task_folder() as folder:
+        database = folder / "whole.db"
+        ids = add_pictures(database, images, FeaturesOptions(), SILENT)
+        found = match_pictures(database, list(combinations(ids, 2)), folder / "parts", SILENT).values()
+    features = sum(f.features for f in found) // (len(ids) - 1)
+    return {"verified": [len(f.places) for f in found], "features": features}
 
 
 def greys_of(captures: Sequence[Capture]) -> dict[str, Grey]:
@@ -113,8 +106,9 @@ def greys_of(captures: Sequence[Capture]) -> dict[str, Grey]:
 def tried(captures: Sequence[Capture], name: str, greys: Mapping[str, Grey]) -> tuple[TrialResult, float]:
     both = {REFERENCE: greys[REFERENCE], name: greys[name]}
     with local_executor() as executor:
-        began = time.process_time()
-        return measure(captures, both, executor, SILENT, Trial(), "choose"), time.process_time() - began
+        began = os.times()
+        result = measure(captures, both, executor, SILENT, Trial(), "choose")
+        return result, sum(os.times()[:4]) - sum(began[:4])
 
 
 def rows_of(name: str, folder: Path, wanted: Sequence[str]) -> list[tuple[str, ...]]:

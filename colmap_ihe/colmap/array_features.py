@@ -11,7 +11,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from colmap_ihe.colmap.features import FEATURE_BYTES_A_PIXEL
+from colmap_ihe.colmap.extraction import extraction_bytes
 from colmap_ihe.colmap.native import called, pycolmap
 from colmap_ihe.colmap.part_databases import task_folder
 from colmap_ihe.machine.memory import workers_for
@@ -38,7 +38,8 @@ def extract_arrays(
             raise ValueError(f"{grey.shape=} {grey.dtype=}, expected (H, W) uint8")
     if not images:
         return []
-    options.num_threads = _threads_for(images, options, task)
+    needed = extraction_bytes([(grey.shape[1], grey.shape[0]) for grey in images], options, 1)
+    options.num_threads = min(workers_for(task, needed, local_workers()), len(images))
     names = [f"{number:06}.pgm" for number in range(len(images))]
     with task_folder() as folder:
         for name, grey in zip(names, images, strict=True):
@@ -61,10 +62,3 @@ def extract_arrays(
                 )
                 for name in names
             ]
-
-
-def _threads_for(images: Sequence[U8], options: pycolmap.FeatureExtractionOptions, task: str) -> int:
-    most = options.eff_max_image_size()
-    pixels = max(grey.size * min(1.0, most / max(grey.shape)) ** 2 for grey in images)
-    needed = FEATURE_BYTES_A_PIXEL * pixels * 4.0 ** -(options.sift.first_octave + 1)
-    return min(workers_for(task, round(needed), local_workers()), len(images))

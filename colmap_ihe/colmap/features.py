@@ -11,11 +11,13 @@ from typing import Any
 
 from colmap_ihe.colmap.calibration_file import CalibratedCamera
 from colmap_ihe.colmap.database import counting_rows
-from colmap_ihe.colmap.features_on_workers import extract_in_shards, extraction_options
+from colmap_ihe.colmap.extraction import extraction_bytes, extraction_options
+from colmap_ihe.colmap.features_on_workers import extract_in_shards
 from colmap_ihe.colmap.image_import import assumed, image_groups, import_images
 from colmap_ihe.colmap.known_calibration import CalibrationUse, KnownCalibration, use_of
 from colmap_ihe.colmap.lower_thresholds import count_extracted_again, extract_again, lowers_thresholds
 from colmap_ihe.colmap.native import called, pycolmap
+from colmap_ihe.colmap.tried_features import TriedFeatures, copy_tried
 from colmap_ihe.errors import NativeError, OptionError
 from colmap_ihe.machine import memory
 from colmap_ihe.machine.executor import shares_memory
@@ -24,8 +26,6 @@ from colmap_ihe.machine.threads import local_workers
 from colmap_ihe.photographs.camera_identity import read_identities
 from colmap_ihe.project.options import CameraOptions, FeaturesOptions
 
-FEATURE_BYTES_A_PIXEL = 290
-"""Of SIFT in COLMAP on the CPU, from twice the size of the image on: 280 measured, of one and of two threads."""
 FEW = 100
 """Features of an image below which it can hardly be registered: COLMAP needs 30 matches of them."""
 
@@ -60,8 +60,10 @@ def extract_features(
     progress: Progress,
     *,
     calibration: Sequence[CalibratedCamera] = (),
+    tried: TriedFeatures | None = None,
 ) -> FeatureCounts:
-    """Extract SIFT features of the named images below `grey`; those that are in the database are left alone.
+    """Extract SIFT features of the named images below `grey`; those that are in the database are left alone, and those
+    that were `tried` are copied.
 
     COLMAP extracts them on threads here, or on the workers of an executor of another kind, with the same result;
     unfinished work lies in `scratch`. Cameras that are in `calibration` start from it. COLMAP gets every name: it would
@@ -78,12 +80,14 @@ def extract_features(
     known = KnownCalibration(calibration, identities)
     if not database.exists():
         import_images(database, grey, groups, reader, known, progress)
+    if tried is not None:
+        copy_tried(tried, database, masks, options)
     given: dict[str, Any] = {"image_names": list(names), "camera_mode": mode, "progress": progress}
     if shares_memory(executor):
         if extraction.num_threads <= 0:
             with pycolmap.Database.open(database) as opened:
                 sizes = [(c.width, c.height) for c in opened.read_all_cameras()]
-            needed = features_bytes(sizes, options, 1)
+            needed = extraction_bytes(sizes, extraction, 1)
             extraction.num_threads = memory.workers_for("features", needed, local_workers())
         with counting_rows(database, "keypoints") as rows:
             settings: dict[str, Any] = {"reader_options": reader, "extraction_options": extraction}
@@ -138,13 +142,3 @@ def native_options(
             raise OptionError(f"camera.params: {len(camera.params)} numbers, {model} has {expected}")
         reader.camera_params = ", ".join(repr(p) for p in camera.params)
     return reader, extraction_options(options)
-
-
-def features_bytes(sizes: Sequence[tuple[int, int]], options: FeaturesOptions, workers: int) -> int:
-    """Return the bytes of memory for features of images of these sizes (width, height), on `workers` threads unless
-    the options give a number. Raises `OptionError`."""
-    extraction = extraction_options(options)
-    most = extraction.eff_max_image_size()
-    pixels = max((w * h * min(1.0, most / max(w, h)) ** 2 for w, h in sizes), default=0.0)
-    threads = extraction.num_threads if extraction.num_threads > 0 else workers
-    return round(FEATURE_BYTES_A_PIXEL * pixels * 4.0 ** -(extraction.sift.first_octave + 1) * threads)

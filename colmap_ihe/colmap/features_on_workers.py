@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import shutil
-from collections.abc import Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass
 from pathlib import Path
 
-from colmap_ihe.colmap.native import apply_options, called, hush, pycolmap
+from colmap_ihe.colmap.extraction import extract_apart, extraction_options
+from colmap_ihe.colmap.native import hush, pycolmap
 from colmap_ihe.colmap.part_databases import copy_features, task_folder
 from colmap_ihe.machine.executor import TaskProgress, in_order, width_of
 from colmap_ihe.machine.files import write_bytes
@@ -71,37 +71,3 @@ def extract_shard(shard: _Shard) -> dict[int, int]:
         content = database.read_bytes()
     write_bytes(shard.result, content)
     return ids
-
-
-def extract_apart(
-    database: Path,
-    grey: Path,
-    masks: Path | None,
-    names: Sequence[str],
-    extraction: pycolmap.FeatureExtractionOptions,
-    progress: Progress,
-) -> None:
-    """Write a new database with the features of the named images; its cameras are of no account. Raises as
-    `extract_features`."""
-    reader = pycolmap.ImageReaderOptions()
-    if masks is not None:
-        reader.mask_path = masks
-    pycolmap.Database.open(database).close()
-    called(
-        pycolmap.extract_features,
-        database,
-        grey,
-        image_names=list(names),
-        camera_mode=pycolmap.CameraMode.PER_IMAGE,
-        reader_options=reader,
-        extraction_options=extraction,
-        progress=progress,
-    )
-
-
-def extraction_options(options: FeaturesOptions, threads: int = -1) -> pycolmap.FeatureExtractionOptions:
-    """Return pycolmap's options for features; `threads` unless the user gives a number. Raises `OptionError`."""
-    extraction = pycolmap.FeatureExtractionOptions(num_threads=threads)
-    if options.max_image_size is not None:
-        extraction.max_image_size = options.max_image_size
-    return apply_options(extraction, options.colmap, "features.colmap")

@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from colmap_ihe.colmap.database import writing
-from colmap_ihe.colmap.features_on_workers import extract_apart, extraction_options
+from colmap_ihe.colmap.extraction import extract_apart, extraction_options
 from colmap_ihe.colmap.native import hush, pycolmap
 from colmap_ihe.colmap.part_databases import task_folder
 from colmap_ihe.machine.executor import TaskProgress, in_order, shares_memory

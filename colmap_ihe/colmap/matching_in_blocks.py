@@ -20,6 +20,7 @@ from colmap_ihe.colmap.pair_blocks import (
     group_size,
     groups_of,
     matches_bytes,
+    seconds_of,
     shared_out,
 )
 from colmap_ihe.colmap.part_databases import Pair, copy_features, copy_matches, ordered
@@ -30,6 +31,7 @@ from colmap_ihe.machine.progress import Progress
 from colmap_ihe.machine.threads import local_workers
 from colmap_ihe.project.options import MatchesOptions
 
+_PROCESS_SECONDS = 1.0  # of matching on one core: two processes take nearly as much to start
 _GRACE_SECONDS = 60.0  # to keep what is matched already; COLMAP stops after the batch that it is at
 
 
@@ -46,13 +48,18 @@ class BlockMatching:
 
 
 def match_in_processes(task: BlockMatching, threads: int) -> None:
-    """Match as `match_in_blocks`, by processes here: as many as `threads`, 0 for one a core, if memory allows. What
-    was matched is kept when it is stopped."""
+    """Match as `match_in_blocks`, by processes here: as many as `threads`, 0 for one a core, if memory allows; what is
+    done before a process would have started is matched here. What was matched is kept when it is stopped."""
     with pycolmap.Database.open(task.database) as opened:
-        needed = matches_bytes(_most_features(opened), opened.num_images())
-    count = memory.workers_for("matches", needed, max(0, threads) or local_workers())
+        features, images = _most_features(opened), opened.num_images()
     advanced: Counter[Path] = Counter()
     missing = _missing(task)
+    if seconds_of(missing, features) < _PROCESS_SECONDS:
+        blocks = _blocks(task, missing, 1)
+        here = (match_block(block, _BlockProgress(task.progress, block, advanced)) for block in blocks)
+        return _collect(task, blocks, here, advanced)
+    most = max(0, threads) or local_workers()
+    count = memory.workers_for("matches", matches_bytes(features, images), most)
     with ColmapProcesses(most_threads=1) as processes, ThreadPoolExecutor(count) as executor:
         processes.start(min(count, len(missing)), match_block)
         blocks = _blocks(task, missing, count)
@@ -61,7 +68,7 @@ def match_in_processes(task: BlockMatching, threads: int) -> None:
             block_progress = _BlockProgress(task.progress, block, advanced)
             return processes.call(match_block, block, block_progress, _GRACE_SECONDS)
 
-        _collect(task, blocks, in_order(executor, match, blocks, 2 * count, task.progress), advanced)
+        return _collect(task, blocks, in_order(executor, match, blocks, 2 * count, task.progress), advanced)
 
 
 def match_in_blocks(task: BlockMatching, executor: Executor) -> None:

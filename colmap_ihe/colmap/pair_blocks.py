@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from bisect import bisect_left
 from collections import Counter, defaultdict
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 
 from colmap_ihe.colmap.part_databases import Pair, ordered
 
@@ -33,6 +33,12 @@ def matches_bytes(features: int, images: int) -> int:
 def _most_of_a_group(features: int) -> int:
     """Return the number of images of a group, so that the pairs of two groups are not more than may be lost."""
     return max(2, math.isqrt(round(_BLOCK_SECONDS / (_PAIR_SECONDS * max(1, features)))))
+
+
+def seconds_of(pairs: Collection[Pair], features: int) -> float:
+    """Return about how long one core matches pairs of images with so many features, with their indexes."""
+    images = {image_id for pair in pairs for image_id in pair}
+    return _PAIR_SECONDS * features * (len(pairs) + _INDEX_PAIRS * len(images))
 
 
 def are_few(images: int, features: int) -> bool:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from colmap_ihe.colmap.array_features import F32, U8, extract_arrays
 from colmap_ihe.colmap.database import writing
-from colmap_ihe.colmap.features_on_workers import extraction_options
+from colmap_ihe.colmap.extraction import extraction_options
 from colmap_ihe.colmap.native import pycolmap
 from colmap_ihe.machine.executor import in_order, threads_of
 from colmap_ihe.machine.progress import Progress

@@ -9,10 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from colmap_ihe.colmap.array_features import extract_arrays
-from colmap_ihe.colmap.features_on_workers import extraction_options
 from colmap_ihe.colmap.native import pycolmap
 from colmap_ihe.machine.progress import SILENT, Progress
-from colmap_ihe.project.options import FeaturesOptions
 
 _MAX_RATIO, _MAX_ANGLE = 0.8, 0.7  # COLMAP's defaults; angles between descriptors in radians
 _UNIT = 512.0  # the length of a descriptor that COLMAP has cut to 8 bit
@@ -47,23 +45,6 @@ def features_of(
     options.max_image_size = max((max(grey.shape, default=1) for grey in images), default=1)
     options.sift.first_octave = first_octave
     options.sift.max_num_features = 1_000_000
-    return _extracted(images, options, progress)
-
-
-def features_kept_of(
-    images: Sequence[NDArray[np.uint8]], features: FeaturesOptions, progress: Progress = SILENT
-) -> list[Features]:
-    """Return the features that a reconstruction with these options keeps of each image, (H, W) uint8: COLMAP's
-    thresholds, its largest size of an image and its largest number of features, on the CPU.
-
-    The same images give the same features. Raises `OptionError` and what `features_of` does.
-    """
-    return _extracted(images, extraction_options(features), progress)
-
-
-def _extracted(
-    images: Sequence[NDArray[np.uint8]], options: pycolmap.FeatureExtractionOptions, progress: Progress
-) -> list[Features]:
     options.use_gpu = False
     return [_as_features(*each) for each in extract_arrays(images, options, "features of pairs", progress)]
 

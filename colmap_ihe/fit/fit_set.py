@@ -249,20 +249,20 @@ class _SetFit:
 
     def against_rec709(self, grey: Grey, trial: Trial, decides: bool) -> tuple[Grey, ChosenGrey]:
         """Return what was measured, and the grey; Rec.709 instead where the trial `decides` for it."""
-        default = self.grey(REFERENCE)
+        is_coded = self.encoding == "coded"
+        default = self.flattest([_REC709]) if is_coded and decides else self.grey(REFERENCE)
         if (
             isinstance(default, Weights)
             and isinstance(grey, Weights)
             and are_alike(grey.triplet, default.triplet)
         ):
             return grey, ChosenGrey(REFERENCE, TrialResult(reason=SAME), self.encoding)
-        is_coded = self.encoding == "coded"
         purpose: Purpose = "report" if not decides else "win" if is_coded else "choose"
         measured = self.measure({REFERENCE: default, grey.method: grey}, trial, purpose)
         won = choose(measured) == grey.method if is_coded else not is_clearly_worse(measured, grey.method)
         if won or not decides or not isinstance(grey, Weights):
             return grey, ChosenGrey(grey.method, measured, self.encoding)
-        kept = self.flattest([_REC709]) if is_coded else self.with_curve(replace(default, method=grey.method))
+        kept = self.with_curve(replace(default, method=grey.method))
         return kept, ChosenGrey(REFERENCE, measured, self.encoding, grey.triplet)
 
     def measure(self, greys: Mapping[str, Grey], trial: Trial, purpose: Purpose) -> TrialResult:

@@ -16,6 +16,7 @@ from dataclasses import replace
 from typing import Literal
 
 from colmap_ihe.colmap.native import quiet
+from colmap_ihe.colmap.part_databases import task_folder
 from colmap_ihe.fit.overlaps import LOOKED_AT, PAIRS, Overlap, Plan, find_overlaps, plan_of
 from colmap_ihe.fit.trial_bench import Bench, Trial
 from colmap_ihe.fit.trial_result import REFERENCE, TrialResult, leader_of, summed_up
@@ -27,7 +28,7 @@ from colmap_ihe.photographs.discover import Capture
 
 Purpose = Literal["choose", "win", "report"]
 """To choose one; to see whether another one wins against the reference, which needs no confirmation where the
-reference is better on the first pairs; or to report on all pairs alike, where nothing is chosen."""
+reference is better on the first pair; or to report on all pairs alike, where nothing is chosen."""
 _LARGE = 2 * LOOKED_AT
 """Photographs of a set in which the trial may take nine: in a smaller one they would be a large share of all."""
 
@@ -58,7 +59,9 @@ def measure(
         overlaps, reason = find_overlaps(members, threads, progress)
         if not overlaps:
             return TrialResult(reason=reason)
-        return _tried(Bench(threads, progress, trial), overlaps, greys, len(members) >= _LARGE, purpose)
+        with task_folder() as folder:
+            bench = Bench(threads, progress, trial, folder)
+            return _tried(bench, overlaps, greys, len(members) >= _LARGE, purpose)
 
 
 def _tried(
@@ -79,6 +82,10 @@ def _planned(bench: Bench, plan: Plan, greys: Mapping[str, Grey], purpose: Purpo
     every = (*plan.choosing, *plan.confirming)
     if not plan.is_whole or purpose == "report":
         return replace(_measured(bench, every, greys), reason="" if plan.is_whole else _too_few(len(every)))
+    if purpose == "win":
+        first = _measured(bench, plan.choosing[:1], greys)
+        if leader_of(first) == REFERENCE:
+            return first
     chosen_on = _measured(bench, plan.choosing, greys)
     leader = leader_of(chosen_on)
     if leader == REFERENCE and purpose == "win":

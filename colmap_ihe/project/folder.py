@@ -29,6 +29,8 @@ class Project:
         self.made_masks = self.workspace / "masks"
         """COLMAP's masks of the grey images, made of the user's."""
         self.database = self.workspace / "database.db"
+        self.tried_features = self.workspace / "tried.db"
+        """What the trial of greys found, until the features are there."""
         self.sparse = self.workspace / "sparse"
         self.dense = self.workspace / "dense" / "0"
         self.mesh = self.dense / "mesh.ply"

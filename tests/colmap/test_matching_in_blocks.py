@@ -88,12 +88,18 @@ def matched(database: Path) -> Matched:
         }
 
 
-@pytest.fixture(params=["processes", "workers"])
-def anyone(request: pytest.FixtureRequest, executor: Executor) -> Iterator[Executor]:
-    """Threads, for which processes of ours match, and workers that are somewhere else."""
+@pytest.fixture(params=["here", "processes", "workers"])
+def anyone(
+    request: pytest.FixtureRequest, executor: Executor, monkeypatch: pytest.MonkeyPatch
+) -> Iterator[Executor]:
+    """This process for little work, threads, for which processes of ours match, and workers that are somewhere else."""
     if request.param == "workers":
         yield executor
         return
+    if request.param == "processes":
+        monkeypatch.setattr(match_blocks, "_PROCESS_SECONDS", 0)
+    else:
+        monkeypatch.setattr(match_blocks, "ColmapProcesses", None)
     with ThreadPoolExecutor(2) as here:
         yield here
 
@@ -162,10 +168,15 @@ def test_a_pair_without_a_match_is_done_too(
     assert match_features(database, tmp_path, MatchesOptions(), 8, executor, SILENT) == found
 
 
+@pytest.mark.parametrize("in_processes", [True, False])
 def test_what_was_matched_is_kept_when_it_is_stopped(
-    database: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    database: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, in_processes: bool
 ) -> None:
-    monkeypatch.setattr(match_block, "_write_matches", None)  # it is in the processes that it has to happen
+    if in_processes:
+        monkeypatch.setattr(match_blocks, "_PROCESS_SECONDS", 0)
+        monkeypatch.setattr(
+            match_block, "_write_matches", None
+        )  # it is in the processes that it has to happen
     monkeypatch.setattr(match_blocks, "batch_of", lambda _features: 1)
     with ThreadPoolExecutor(2) as here:
         with pytest.raises(Cancelled):

@@ -12,8 +12,7 @@ from oracle import blobs
 
 from colmap_ihe.colmap import two_views
 from colmap_ihe.colmap.native import pycolmap, quiet
-from colmap_ihe.colmap.two_views import Features, features_kept_of, features_of, match, verified
-from colmap_ihe.project.options import FeaturesOptions
+from colmap_ihe.colmap.two_views import Features, features_of, match, verified
 
 HOMOGRAPHY = np.array([[0.96, 0.08, 12.0], [-0.06, 1.02, 9.0], [4e-5, -3e-5, 1.0]])
 SIZE = (420, 320)
@@ -88,21 +87,6 @@ def test_the_same_images_give_the_same_answer(found: list[Features]) -> None:
     for one, other in zip(found[:2], again, strict=True):
         assert np.array_equal(one.descriptors, other.descriptors)
     assert all(map(np.array_equal, places_of(found[0], found[1]), places_of(again[0], again[1])))
-
-
-def test_a_reconstruction_keeps_so_many_and_finds_them_on_a_smaller_copy() -> None:
-    """As COLMAP does by these options with an image in its folder."""
-    first = pair()[0]
-    with quiet():
-        (whole,) = features_kept_of([first], FeaturesOptions())
-        (few,) = features_kept_of([first], FeaturesOptions(colmap={"sift": {"max_num_features": 100}}))
-        (small,) = features_kept_of([first], FeaturesOptions(max_image_size=210))
-        (every,) = features_of([first])
-    assert len(whole) == len(every) > 1000
-    assert 100 <= len(few) < 0.5 * len(whole)
-    assert few.scales.min() > np.median(whole.scales)
-    assert len(small) < 0.5 * len(whole)
-    assert small.places[:, 0].max() > 380  # places are in the whole photograph
 
 
 def test_blocks_of_rows_change_no_match(found: list[Features], monkeypatch: pytest.MonkeyPatch) -> None:

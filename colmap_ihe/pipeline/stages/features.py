@@ -9,11 +9,13 @@ from typing import Any
 
 from colmap_ihe.colmap import features
 from colmap_ihe.colmap.database import database_is_sound, looks_whole, remove_database
+from colmap_ihe.colmap.extraction import extraction_bytes, extraction_options
 from colmap_ihe.colmap.features import FeatureCounts
-from colmap_ihe.colmap.features_on_workers import extraction_options
 from colmap_ihe.colmap.lower_thresholds import COLMAPS_THRESHOLD, LOWEST, lowers_thresholds
 from colmap_ihe.colmap.second_features import add_second_features
+from colmap_ihe.colmap.tried_features import TriedFeatures
 from colmap_ihe.dense.cost import pixels_within
+from colmap_ihe.dense.undistort import read_grey
 from colmap_ihe.errors import OptionError
 from colmap_ihe.machine.progress import Progress
 from colmap_ihe.machine.remaining_time import Part
@@ -74,7 +76,9 @@ def run(run: RunContext, progress: Progress) -> FeaturesRecord:
         run.executor,
         progress,
         calibration=given_calibration(project, run.options),
+        tried=_tried(run),
     )
+    remove_database(project.tried_features)
     counts, of_second = _with_second(run, counts, masks, progress)
     by_grey = run.photographs_by_grey()
     left_out = {
@@ -89,6 +93,13 @@ def run(run: RunContext, progress: Progress) -> FeaturesRecord:
         warnings += camera_warnings.shared_camera_warnings(counts.assumed)
     warnings += camera_warnings.calibration_warnings(counts.calibration, by_grey)
     return FeaturesRecord(**asdict(counts), of_second=of_second, left_out=left_out, warnings=warnings)
+
+
+def _tried(run: RunContext) -> TriedFeatures:
+    grey = run.project.grey
+    return TriedFeatures(
+        run.project.tried_features, run.photographs_by_grey(), lambda name: read_grey(grey / name)
+    )
 
 
 def _with_second(
@@ -153,7 +164,7 @@ def _inputs(
 
 
 def _needs(options: Options, size: PhotoSetSize) -> StageNeeds:
-    memory = features.features_bytes([size.largest_sides], options.features, 1)
+    memory = extraction_bytes([size.largest_sides], extraction_options(options.features), 1)
     disk = round(size.images * features_an_image(options, size) * _KEYPOINT)
     return StageNeeds("features", BASE_BYTES, memory, disk, saves="a smaller features.max_image_size")
 

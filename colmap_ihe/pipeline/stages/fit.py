@@ -8,6 +8,7 @@ from typing import Annotated, Any
 
 from pydantic import AfterValidator, Field, model_validator
 
+from colmap_ihe.colmap.database import remove_database
 from colmap_ihe.errors import WeightsError
 from colmap_ihe.fit import weights_file
 from colmap_ihe.fit.fit_set import Fit, fit_captures
@@ -26,6 +27,7 @@ from colmap_ihe.project.options import FitOptions, Options
 
 _TABLE = 192_000_000  # bytes of memory for the tables of colours, here and in a decoder
 _HISTOGRAM, _MOST_HISTOGRAM = 0.05, 20_000_000  # bytes on disk a pixel, and in all
+_TRIED = 40_000_000  # bytes on disk of features: of some nine photographs in two greys
 
 
 def _require_grey(values: dict[str, Any]) -> dict[str, Any]:
@@ -71,7 +73,9 @@ class FitRecord(StageRecord):
 def run(run: RunContext, progress: Progress) -> FitRecord:
     """Count the photographs, fit the grey and try it on pairs."""
     options = run.options.fit
-    trial = trial_of(run.options) if options.measure or options.method == "auto" else None
+    remove_database(run.project.tried_features)
+    is_tried = options.measure or options.method == "auto"
+    trial = _trial_of(run.options, run.project.tried_features) if is_tried else None
     given = None if options.weights is None else weights_file.read_weights(run.project.root / options.weights)
     fit = fit_captures(
         run.captures(), options, run.executor, progress, strict=run.strict, trial=trial, given=given
@@ -112,9 +116,9 @@ def write_weights_file(run: RunContext) -> None:
     weights_file.write_weights(run.project.weights_file, fit_of(run.records["fit"]).main)
 
 
-def trial_of(options: Options) -> Trial:
+def _trial_of(options: Options, keep: Path) -> Trial:
     """Return how the photographs will look to COLMAP, for trying greys on them."""
-    return Trial(options.convert.tone, options.features)
+    return Trial(options.convert.tone, options.features, keep)
 
 
 def _result_options(options: Options) -> dict[str, Any]:
@@ -127,7 +131,7 @@ def _result_options(options: Options) -> dict[str, Any]:
 
 
 def _of_trial(options: Options) -> dict[str, Any]:
-    """Return what of `trial_of` is not the default."""
+    """Return what of `_trial_of` is not the default."""
     features = options.features.model_dump(mode="json", exclude_defaults=True)
     tone = options.convert.model_dump(include={"tone"}, exclude_defaults=True)
     return ({"features": features} if features else {}) | ({"convert": tone} if tone else {})
@@ -148,12 +152,12 @@ def _inputs(
 
 
 def _made(project: Project) -> list[Path]:
-    return [project.histogram_file]
+    return [project.histogram_file, project.tried_features]
 
 
 def _needs(options: Options, size: PhotoSetSize) -> StageNeeds:
     histogram = min(_MOST_HISTOGRAM, round(_HISTOGRAM * size.pixels))
-    return StageNeeds("fit", BASE_BYTES + _TABLE, size.one_bytes, histogram)
+    return StageNeeds("fit", BASE_BYTES + _TABLE, size.one_bytes, histogram + _TRIED)
 
 
 def _parts(options: Options, known: Known) -> list[Part]:
