@@ -43,7 +43,9 @@ from colmap_ihe.machine.executor import local_executor
 from colmap_ihe.machine.progress import SILENT
 from colmap_ihe.photographs.decode import read_photograph
 from colmap_ihe.photographs.discover import Capture, discover
-from colmap_ihe.project.options import FeaturesOptions, FitOptions
+from colmap_ihe.photographs.recipes import with_recipes
+from colmap_ihe.photographs.survey import survey
+from colmap_ihe.project.options import DevelopOptions, FeaturesOptions, FitOptions
 
 LARGE, SMALL = 1416, 708
 QUALITY = 92
@@ -78,6 +80,14 @@ SETS = {
     "sceaux-raw-1600-small": partial(raw_set, "sceaux", SMALL, 1600),
     "fountain-raw-400-small": partial(raw_set, "fountain-p11", SMALL, 400),
 }
+
+
+def captures_of(folder: Path) -> list[Capture]:
+    """Return the photographs as `reconstruct` has them, RAW with its white balance, which Rec.709 weighs."""
+    with local_executor() as executor:
+        surveyed, _ = survey(discover(folder).captures, executor, SILENT, strict=True)
+        found = with_recipes(surveyed, DevelopOptions(), None, folder, executor, SILENT, strict=True)
+    return [s.capture for s in found.surveyed]
 
 
 def whole(captures: Sequence[Capture], grey: Grey) -> dict[str, Any]:
@@ -115,7 +125,7 @@ def rows_of(name: str, folder: Path, wanted: Sequence[str]) -> list[tuple[str, .
     if not folder.exists():
         folder.mkdir(parents=True)
         SETS[name](folder)
-    captures = discover(folder).captures
+    captures = captures_of(folder)
     greys = greys_of(captures)
     notes = folder.with_suffix(".json")
     known = json.loads(notes.read_text()) if notes.is_file() else {}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
@@ -14,6 +15,7 @@ from PIL import Image
 
 from colmap_ihe.colmap.array_features import F32, U8
 from colmap_ihe.colmap.features import count_features, extract_features
+from colmap_ihe.colmap.lower_thresholds import COLMAPS_THRESHOLD
 from colmap_ihe.colmap.native import pycolmap
 from colmap_ihe.colmap.second_features import add_second_features
 from colmap_ihe.grey.second import SecondGrey
@@ -133,3 +135,14 @@ def test_features_of_a_smaller_copy_lie_at_their_places_in_the_photograph(databa
         assert len(added) > 20
         assert around_painting(added)
         assert np.ptp(added[:, 0]) > 150
+
+
+def test_they_are_sought_at_a_lower_threshold_unless_one_is_given(database: Path, tmp_path: Path) -> None:
+    def pale(name: str) -> tuple[U8, F32]:
+        grey, shares = picture(name)
+        return np.asarray(128 + (grey.astype(np.float32) - 128) * 0.1, np.uint8), shares
+
+    other = Path(shutil.copy(database, tmp_path / "other.db"))
+    given = FeaturesOptions(colmap={"sift": {"peak_threshold": COLMAPS_THRESHOLD}})
+    few, more = add(other, pale, given), add(database, pale)
+    assert sum(more.values()) > 1.3 * sum(few.values()) > 0, f"{few=} {more=}"
