@@ -27,7 +27,6 @@ from colmap_ihe.project.options import FitOptions, Options
 
 _TABLE = 192_000_000  # bytes of memory for the tables of colours, here and in a decoder
 _HISTOGRAM, _MOST_HISTOGRAM = 0.05, 20_000_000  # bytes on disk a pixel, and in all
-_TRIED = 40_000_000  # bytes on disk of features: of some nine photographs in two greys
 
 
 def _require_grey(values: dict[str, Any]) -> dict[str, Any]:
@@ -157,7 +156,7 @@ def _made(project: Project) -> list[Path]:
 
 def _needs(options: Options, size: PhotoSetSize) -> StageNeeds:
     histogram = min(_MOST_HISTOGRAM, round(_HISTOGRAM * size.pixels))
-    return StageNeeds("fit", BASE_BYTES + _TABLE, size.one_bytes, histogram + _TRIED)
+    return StageNeeds("fit", BASE_BYTES + _TABLE, size.one_bytes, histogram)
 
 
 def _parts(options: Options, known: Known) -> list[Part]:

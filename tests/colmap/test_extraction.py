@@ -1,0 +1,29 @@
+"""COLMAP's options for features, and the memory they take."""
+
+from __future__ import annotations
+
+import pytest
+
+from colmap_ihe.colmap.extraction import extraction_bytes, extraction_options
+from colmap_ihe.errors import OptionError
+from colmap_ihe.project.options import FeaturesOptions
+
+
+def test_options_reach_colmap() -> None:
+    options = FeaturesOptions(max_image_size=900, colmap={"sift": {"max_num_features": 100}})
+    found = extraction_options(options, threads=3)
+    assert (found.eff_max_image_size(), found.sift.max_num_features, found.num_threads) == (900, 100, 3)
+    assert extraction_options(FeaturesOptions(colmap={"num_threads": 2}), threads=3).num_threads == 2
+    with pytest.raises(OptionError, match=r"features\.colmap"):
+        extraction_options(FeaturesOptions(colmap={"sift": {"max_features": 100}}))
+
+
+def test_memory_is_of_the_largest_image_as_colmap_looks_at_it() -> None:
+    extraction = extraction_options(FeaturesOptions(max_image_size=1000))
+    small = extraction_bytes([(1000, 500)], extraction, 1)
+    assert small == 290 * 500_000
+    assert extraction_bytes([(1000, 500), (2000, 1000)], extraction, 2) == 2 * small
+    extraction.sift.first_octave = 0
+    assert extraction_bytes([(1000, 500)], extraction, 1) == small // 4
+    extraction.num_threads = 3
+    assert extraction_bytes([(1000, 500)], extraction, 1) == round(small / 4 * 3)
