@@ -1,8 +1,9 @@
-"""Extract images again at a lower peak threshold, where features run out below COLMAP's cap.
+"""Extract images again at a lower peak threshold and with more scales, where features run out below COLMAP's cap.
 
-At a lower threshold COLMAP finds the same features and weaker ones besides. It caps their number by whole levels of
-its scale space, coarse ones first, so that weak coarse features would push strong fine ones out. Here it is given no
-cap, and an image gets the features of the lowest threshold at which those outside its mask are not more than the cap.
+With more scales an octave there are more features, and they lie more exactly. COLMAP caps their number by whole levels
+of its scale space, coarse ones first, so that weak coarse features would push strong fine ones out. Here it is given no
+cap, and an image gets the features of the lowest threshold at which those outside its mask are not more than the cap:
+with more scales where there is room for what these find at COLMAP's own threshold, else with COLMAP's.
 """
 
 from __future__ import annotations
@@ -33,6 +34,11 @@ from colmap_ihe.project.options import FeaturesOptions
 COLMAPS_THRESHOLD: float = pycolmap.SiftExtractionOptions().peak_threshold
 LOWEST = 0.5
 """Of COLMAP's peak threshold, which is 1.7 of 255 grey levels: of less than one level it is rounding that is found."""
+SCALES = 5
+"""An octave, of features that are extracted again; COLMAP has 3."""
+_FINER = (2 ** (1 / SCALES) - 1) / (2 ** (1 / 3) - 1)
+"""How much less two neighbouring scales differ then, which the threshold is held against (Lowe 2004, 3)."""
+_MORE = 1.4  # places at the same threshold then (benchmarks/thresholds.md)
 _STEPS = 32  # to which a threshold in between is rounded up, so that images share it
 _NO_CAP = 1_000_000
 _IMAGES = 16  # a shard: what is lost with a worker, or an interruption
@@ -81,6 +87,14 @@ def lowers_thresholds(options: FeaturesOptions) -> bool:
     extraction = extraction_options(options)
     given = "peak_threshold" in options.colmap.get("sift", {})
     return bool(extraction.type == pycolmap.FeatureExtractorType.SIFT) and not given
+
+
+def lower(extraction: pycolmap.FeatureExtractionOptions, share: float = LOWEST, finer: bool = True) -> None:
+    """Set a share of the threshold, and `SCALES` where it is to be finer."""
+    extraction.sift.peak_threshold *= share
+    if finer:
+        extraction.sift.peak_threshold *= _FINER
+        extraction.sift.octave_resolution = SCALES
 
 
 def extract_again(
@@ -163,20 +177,36 @@ def extract_shard_again(shard: _Shard) -> _Shard:
 
 def _extract_shard(shard: _Shard, progress: Progress) -> _Shard:
     cap: int = extraction_options(shard.options).sift.max_num_features
-    images = {image.image_id: image for image in shard.images}
-    lowest = _extracted(shard, shard.images, LOWEST, progress)
-    chosen = {i: f for i, f in lowest.items() if _places(f.keypoints) <= cap}
-    too_many = {i: _places(f.keypoints) for i, f in lowest.items() if i not in chosen}
-    by_share = defaultdict(list)
-    for image_id, places in too_many.items():
-        by_share[_share_for(cap, images[image_id].places, places)].append(images[image_id])
-    for share, some in sorted(by_share.items()):
-        chosen |= _fitting(_extracted(shard, some, share, progress), cap)
+    chosen: dict[int, _Features] = {}
+
+    def left(room: float) -> list[_Image]:
+        return [i for i in shard.images if i.image_id not in chosen and i.places < room]
+
+    if "octave_resolution" not in shard.options.colmap.get("sift", {}):
+        chosen |= _lowered(shard, left(cap / _MORE), cap, True, progress)
+    chosen |= _lowered(shard, left(cap), cap, False, progress)
     # the cap may have bound by what is under the mask
-    masked = [image for i, image in images.items() if image.masked and i in too_many and i not in chosen]
-    chosen |= _fitting(_extracted(shard, masked, 1.0, progress), cap)
+    masked = [image for image in left(cap) if image.masked]
+    chosen |= _fitting(_extracted(shard, masked, 1.0, False, progress), cap)
     _write(shard.result, chosen)
     return shard
+
+
+def _lowered(
+    shard: _Shard, images: Sequence[_Image], cap: int, finer: bool, progress: Progress
+) -> dict[int, _Features]:
+    """Return the features of images at the lowest threshold at which they are not more than the cap."""
+    by_id = {image.image_id: image for image in images}
+    lowest = _extracted(shard, images, LOWEST, finer, progress)
+    chosen = _fitting(lowest, cap)
+    by_share = defaultdict(list)
+    for image_id in lowest.keys() - chosen.keys():
+        first = round(by_id[image_id].places * (_MORE if finer else 1))
+        by_share[_share_for(cap, first, _places(lowest[image_id].keypoints))].append(by_id[image_id])
+    for share, some in sorted(by_share.items()):
+        some.sort(key=lambda image: image.name)
+        chosen |= _fitting(_extracted(shard, some, share, finer, progress), cap)
+    return chosen
 
 
 def _fitting(features: Mapping[int, _Features], cap: int) -> dict[int, _Features]:
@@ -191,13 +221,13 @@ def _share_for(cap: int, places: int, most: int) -> float:
 
 
 def _extracted(
-    shard: _Shard, images: Sequence[_Image], share: float, progress: Progress
+    shard: _Shard, images: Sequence[_Image], share: float, finer: bool, progress: Progress
 ) -> dict[int, _Features]:
-    """Return the features of images at a share of COLMAP's threshold, without a cap, by id."""
+    """Return the features of images at a share of COLMAP's threshold, without a cap, by id; `finer`: with `SCALES`."""
     if not images:
         return {}
     extraction = extraction_options(shard.options, threads=shard.threads)
-    extraction.sift.peak_threshold *= share
+    lower(extraction, share, finer)
     extraction.sift.max_num_features = _NO_CAP
     ids = {image.name: image.image_id for image in images}
     with task_folder() as folder:

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from colmap_ihe.colmap.array_features import F32, U8, extract_arrays
 from colmap_ihe.colmap.database import writing
 from colmap_ihe.colmap.extraction import extraction_options
-from colmap_ihe.colmap.lower_thresholds import LOWEST, lowers_thresholds
+from colmap_ihe.colmap.lower_thresholds import lower, lowers_thresholds
 from colmap_ihe.colmap.native import pycolmap
 from colmap_ihe.machine.executor import in_order, threads_of
 from colmap_ihe.machine.progress import Progress
@@ -100,7 +100,7 @@ def _extracted(photographs: Sequence[Sequence[_Window]], options: FeaturesOption
     extraction = extraction_options(options)
     extraction.max_image_size = max((max(window.grey.shape) for window in windows), default=1)
     if lowers_thresholds(options):
-        extraction.sift.peak_threshold *= LOWEST  # here features have run out
+        lower(extraction)  # here features have run out
     found = iter(extract_arrays([w.grey for w in windows], extraction, "features of the second grey"))
     return [_joined([_of_place(window, *next(found)) for window in some]) for some in photographs]
 

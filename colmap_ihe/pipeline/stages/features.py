@@ -11,7 +11,7 @@ from colmap_ihe.colmap import features
 from colmap_ihe.colmap.database import database_is_sound, looks_whole, remove_database
 from colmap_ihe.colmap.extraction import extraction_bytes, extraction_options
 from colmap_ihe.colmap.features import FeatureCounts
-from colmap_ihe.colmap.lower_thresholds import COLMAPS_THRESHOLD, LOWEST, lowers_thresholds
+from colmap_ihe.colmap.lower_thresholds import COLMAPS_THRESHOLD, LOWEST, SCALES, lowers_thresholds
 from colmap_ihe.colmap.second_features import add_second_features
 from colmap_ihe.colmap.tried_features import TriedFeatures
 from colmap_ihe.dense.cost import pixels_within
@@ -136,7 +136,7 @@ def _result_options(options: Options) -> dict[str, Any]:
     content counts, and a peak threshold that is COLMAP's own, which only keeps images from being extracted again."""
     values = options.sections("camera", "features")
     if lowers_thresholds(options.features):
-        values["lowest_threshold"] = LOWEST
+        values["lowest_threshold"] = [LOWEST, SCALES]
     else:
         values["features"]["colmap"] = _without_colmaps_threshold(values["features"]["colmap"])
     del values["camera"]["fixed"], values["camera"]["calibration"]

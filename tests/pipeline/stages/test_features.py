@@ -16,15 +16,15 @@ OWN = {"peak_threshold": COLMAPS_THRESHOLD}
 @pytest.mark.parametrize(
     ("colmap", "recorded", "lowest"),
     [
-        ({}, {}, 0.5),
-        ({"sift": {"first_octave": 0}}, {"sift": {"first_octave": 0}}, 0.5),
+        ({}, {}, [0.5, 5]),
+        ({"sift": {"first_octave": 0}}, {"sift": {"first_octave": 0}}, [0.5, 5]),
         ({"sift": OWN, "max_image_size": 900}, {"max_image_size": 900}, None),
         ({"sift": OWN | {"first_octave": 0}}, {"sift": {"first_octave": 0}}, None),
         ({"sift": {"peak_threshold": 0.004}}, {"sift": {"peak_threshold": 0.004}}, None),
     ],
 )
 def test_options_that_decide_features(
-    colmap: dict[str, Any], recorded: dict[str, Any], lowest: float | None
+    colmap: dict[str, Any], recorded: dict[str, Any], lowest: list[float] | None
 ) -> None:
     values = STAGE.options_of(Options.model_validate({"features": {"colmap": colmap}}))
     assert values["features"]["colmap"] == recorded
