@@ -39,6 +39,7 @@ SCALES = 5
 _FINER = (2 ** (1 / SCALES) - 1) / (2 ** (1 / 3) - 1)
 """How much less two neighbouring scales differ then, which the threshold is held against (Lowe 2004, 3)."""
 _MORE = 1.4  # places at the same threshold then (benchmarks/thresholds.md)
+UNIT = "images, lower threshold"
 _STEPS = 32  # to which a threshold in between is rounded up, so that images share it
 _NO_CAP = 1_000_000
 _IMAGES = 16  # a shard: what is lost with a worker, or an interruption
@@ -116,7 +117,7 @@ def extract_again(
     images = _below_the_cap(database, masks, extraction_options(options).sift.max_num_features)
     if not images:
         return
-    progress.start(len(images), "images, lower threshold")
+    progress.start(len(images), UNIT)
     parts.mkdir(parents=True, exist_ok=True)
     local = shares_memory(executor)
     shards = [

@@ -22,7 +22,7 @@ _DEFAULTS: Mapping[Encoding, str] = {
     "linear": "the default grey of developed photographs (Rec.709 after white balance)",
 }
 _CLEAR = 2.0  # standard errors
-_BETWEEN_PAIRS = 1.12  # pairs differ by so much more than their cells let expect: 19 pairs of two real sets
+_BETWEEN_PAIRS = 1.3  # pairs differ by so much more than their cells let expect: 24 trials of eight sets
 
 
 @dataclass(frozen=True)

@@ -262,7 +262,7 @@ def test_the_standard_error_is_the_spread_of_gains() -> None:
         drawn.append(gain_of(shared + rng.poisson(8, (3, 16)), shared + rng.poisson(6, (3, 16))))
     gains, errors = np.array(drawn).T
     assert np.mean(gains) == pytest.approx(2 / 26, abs=0.005)
-    assert np.std(gains) < np.mean(errors) < 1.25 * np.std(gains)
+    assert np.std(gains) < np.mean(errors) < 1.45 * np.std(gains)
 
 
 def sums(*inliers: int) -> TrialResult:
@@ -280,7 +280,7 @@ def test_words_for_gains_losses_and_no_difference() -> None:
     assert chosen == ["ihe", "rec709", "rec709"]
     assert in_words(better, "ihe") == (
         "on 1 pair of your photographs this grey gave 2,080 verified matches, COLMAP's default grey 1,600:"
-        " 30 % more (give or take 8 %)"
+        " 30 % more (give or take 9 %)"
     )
     assert in_words(worse, "ihe") == (
         "on 1 pair of your photographs this grey gave 1,280 verified matches, COLMAP's default grey 1,600:"
@@ -326,5 +326,5 @@ def test_words_tell_where_the_choice_had_no_part() -> None:
         replace(sums(1600, 1632), held_out=sums(1600, 1616)), "rec709", fitted="0.24 0.43 0.33"
     ) == (
         "this set keeps COLMAP's default grey: on 1 pair of your photographs the fitted one (0.24 0.43 0.33) gave"
-        " 1,616 verified matches, and this 1,600: no difference that this measurement can see (it would see 6 %)"
+        " 1,616 verified matches, and this 1,600: no difference that this measurement can see (it would see 7 %)"
     )

@@ -11,7 +11,7 @@ from colmap_ihe.colmap import features
 from colmap_ihe.colmap.database import database_is_sound, looks_whole, remove_database
 from colmap_ihe.colmap.extraction import extraction_bytes, extraction_options
 from colmap_ihe.colmap.features import FeatureCounts
-from colmap_ihe.colmap.lower_thresholds import COLMAPS_THRESHOLD, LOWEST, SCALES, lowers_thresholds
+from colmap_ihe.colmap.lower_thresholds import COLMAPS_THRESHOLD, LOWEST, SCALES, UNIT, lowers_thresholds
 from colmap_ihe.colmap.second_features import add_second_features
 from colmap_ihe.colmap.tried_features import TriedFeatures
 from colmap_ihe.dense.cost import pixels_within
@@ -34,6 +34,7 @@ from colmap_ihe.project.options import Options
 _KEYPOINT = 160  # bytes on disk of a feature with its descriptor, of COLMAP's four floats, six or 128 bytes
 _FEATURES = 1.6  # for each that COLMAP is asked for at the most, as it counts places and not directions
 _FEATURES_A_PIXEL = 0.02  # of a small photograph
+_STAYS_BELOW = 650_000  # pixels of a photograph with fewer features than COLMAP's cap
 FEWER_FEATURES = "a smaller features.colmap.sift.max_num_features"
 _COLMAPS_LARGEST = 3200  # pixels along the longer side, of images in which features are sought
 
@@ -172,7 +173,10 @@ def _needs(options: Options, size: PhotoSetSize) -> StageNeeds:
 def _parts(options: Options, known: Known) -> list[Part]:
     largest = options.features.max_image_size or _COLMAPS_LARGEST
     megapixels = pixels_within(largest, known.images, known.pixels) / 1e6
-    return [Part("features", "images", 0.55 * megapixels + 0.4 * known.images)]
+    parts = [Part("features", "images", 0.55 * megapixels + 0.4 * known.images)]
+    if lowers_thresholds(options.features) and known.pixels < _STAYS_BELOW * known.images:
+        parts.append(Part("features", UNIT, 0.8 * megapixels + 0.4 * known.images))
+    return parts
 
 
 STAGE = Stage(

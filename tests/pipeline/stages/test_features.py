@@ -7,6 +7,7 @@ from typing import Any
 import pytest
 
 from colmap_ihe.colmap.lower_thresholds import COLMAPS_THRESHOLD
+from colmap_ihe.pipeline.resource_needs import Known
 from colmap_ihe.pipeline.stages.features import STAGE
 from colmap_ihe.project.options import Options
 
@@ -29,3 +30,21 @@ def test_options_that_decide_features(
     values = STAGE.options_of(Options.model_validate({"features": {"colmap": colmap}}))
     assert values["features"]["colmap"] == recorded
     assert values.get("lowest_threshold") == lowest
+
+
+@pytest.mark.parametrize(
+    ("pixels", "colmap", "units"),
+    [
+        (400_000, {}, ["images", "images, lower threshold"]),
+        (2_000_000, {}, ["images"]),
+        (400_000, {"sift": OWN}, ["images"]),
+    ],
+)
+def test_small_photographs_are_expected_to_take_two_extractions(
+    pixels: int, colmap: dict[str, Any], units: list[str]
+) -> None:
+    options = Options.model_validate({"features": {"colmap": colmap}})
+    known = Known(
+        images=10, pixels=10 * pixels, raw_pixels=0, with_gps=0, features=0, inliers=0, registered=10
+    )
+    assert [part.unit for part in STAGE.parts(options, known)] == units
