@@ -284,7 +284,7 @@ def test_words_for_gains_losses_and_no_difference() -> None:
     )
     assert in_words(worse, "ihe") == (
         "on 1 pair of your photographs this grey gave 1,280 verified matches, COLMAP's default grey 1,600:"
-        " 20 % fewer (give or take 5 %): `--set fit.method=rec709` would do better here"
+        " 20 % fewer (give or take 6 %): `--set fit.method=rec709` would do better here"
     )
     assert "no difference that this measurement can see" in in_words(alike, "ihe")
     assert in_words(better, "rec709").endswith("it is COLMAP's default grey")
