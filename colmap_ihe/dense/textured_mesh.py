@@ -21,14 +21,15 @@ from colmap_ihe.dense.texture.atlas import Atlas, cut, pack
 from colmap_ihe.dense.texture.bake import bake, corner_colours
 from colmap_ihe.dense.texture.level import seam_offsets
 from colmap_ihe.dense.texture.mesh import Mesh, neighbours, vertex_normals
-from colmap_ihe.dense.texture.select import UNSEEN, Candidates, box_labels, choose, quality_in
+from colmap_ihe.dense.texture.seams import seam_points
+from colmap_ihe.dense.texture.select import Candidates, choose, quality_in
 from colmap_ihe.dense.undistort import read_colour, read_mask
 from colmap_ihe.machine.executor import in_order
 from colmap_ihe.machine.files import write_bytes
 from colmap_ihe.machine.progress import SILENT, Progress
 
 FILES = ("mesh.glb", "mesh.obj", "mesh.mtl", "mesh.jpeg")
-_JPEG_QUALITY = 95
+_JPEG_QUALITY = 97
 _UNLIT = "KHR_materials_unlit"
 
 
@@ -69,9 +70,10 @@ def texture_mesh(
         progress.advance()
     progress.start(1, "atlases")
     pairs = neighbours(mesh.faces)
-    chosen = choose(candidates, pairs)
-    patches = cut(mesh, box_labels(mesh, chosen, len(views)), views, pairs)
+    labels, coloured = choose(candidates, mesh, pairs, len(views))
+    patches = cut(mesh, labels, coloured, views, pairs)
     atlas = pack(patches, largest)
+    points = seam_points(patches, atlas)
     progress.advance()
     progress.start(len(views), "photographs compared at seams")
     colours, seen = corner_colours(patches, _pictures(paths, progress), mesh.colours)
@@ -79,7 +81,7 @@ def texture_mesh(
     offsets = seam_offsets(patches, colours, seen)
     progress.advance()
     progress.start(len(views), "photographs on the texture")
-    texture = bake(atlas, patches, _pictures(paths, progress), offsets, mesh.colours)
+    texture = bake(atlas, patches, _pictures(paths, progress), colours, offsets, points)
     progress.start(1, "sets of files")
     turn = upright([view.cam_from_world for view in views])
     _write(mesh_file.parent, mesh, atlas, patches.vertex[atlas.source], texture, turn)
@@ -87,9 +89,9 @@ def texture_mesh(
     return Texture(
         *atlas.size,
         patches=int(patches.patch.max(initial=-1)) + 1,
-        faces_unseen=int((chosen == UNSEEN).sum()),
+        faces_unseen=int((~coloured).sum()),
         texels_per_pixel=round(atlas.scale, 3),
-        views_used=len(np.unique(chosen[chosen != UNSEEN])),
+        views_used=len(np.unique(labels[coloured])),
     )
 
 

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from colmap_ihe.dense.camera import Float64, Int32, Int64, PinholeCamera
+from colmap_ihe.dense.camera import Bool, Float64, Int32, Int64, PinholeCamera
 from colmap_ihe.dense.texture.mesh import Mesh, components, face_normals
 from colmap_ihe.dense.texture.raster import areas
 from colmap_ihe.errors import CapabilityError
@@ -27,7 +27,7 @@ class Patches:
 
     `vertex` (P,) is the row in the mesh of each corner of the cut mesh, `label` (P,) the label of the faces around
     it, `pixel` (P, 2) float64 its position on the photograph of that label; `faces` (F, 3) int32 are rows of
-    corners, `patch` (F,) numbers the patches.
+    corners, `patch` (F,) numbers the patches, `coloured` (F,) is false where no photograph colours a face.
     """
 
     vertex: Int64
@@ -35,6 +35,7 @@ class Patches:
     pixel: Float64
     faces: Int32
     patch: Int64
+    coloured: Bool
 
 
 @dataclass(frozen=True)
@@ -52,10 +53,10 @@ class Atlas:
     scale: float
 
 
-def cut(mesh: Mesh, labels: Int32, views: Sequence[PinholeCamera], pairs: Int64) -> Patches:
-    """Cut a mesh along its `labels` (F,): rows of `views`, and above them sides of a box (see `select.box_labels`).
+def cut(mesh: Mesh, labels: Int32, coloured: Bool, views: Sequence[PinholeCamera], pairs: Int64) -> Patches:
+    """Cut a mesh along its `labels` (F,): rows of `views`, and above them sides of a box (see `select.choose`).
 
-    `pairs` (E, 2) are neighbouring faces.
+    `pairs` (E, 2) are neighbouring faces; `coloured` (F,) tells which faces have the colours of a photograph.
     """
     joined = pairs[labels[pairs[:, 0]] == labels[pairs[:, 1]]]
     patch = components(len(mesh.faces), joined)
@@ -73,7 +74,7 @@ def cut(mesh: Mesh, labels: Int32, views: Sequence[PinholeCamera], pairs: Int64)
     for side in range(6):
         members = label == len(views) + side
         pixel[members] = np.delete(mesh.vertices[vertex[members]], side % 3, axis=1) * density
-    return Patches(vertex, label, pixel, faces, patch)
+    return Patches(vertex, label, pixel, faces, patch, coloured)
 
 
 def _texels_per_unit(mesh: Mesh) -> float:

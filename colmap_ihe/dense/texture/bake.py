@@ -7,11 +7,15 @@ from collections.abc import Iterable
 import cv2
 import numpy as np
 
-from colmap_ihe.dense.camera import Bool, Float32, Float64, UInt8
+from colmap_ihe.dense.camera import Bool, Float32, Float64, Int32, UInt8
 from colmap_ihe.dense.texture.atlas import Atlas, Patches
-from colmap_ihe.dense.texture.raster import Covered, covered
+from colmap_ihe.dense.texture.raster import Covered, barycentric, covered
+from colmap_ihe.dense.texture.seams import Integers, SeamPoints, seam_shifts, spread_shifts
 
 _SEAM_BLUR_PX = 1.5  # of the colours compared across seams: photographs are not aligned to less than a pixel
+_RIM_TEXELS = 1.5
+_SEAM_SHARES = (1.0, 0.5, 0.5)  # of the difference at seams that each round takes away
+_FARTHEST = 20.0  # barycentric coordinate, beyond which a face is too thin to go on from
 _REMAP_ROW = 1024
 _REMAP_ROWS = 16_384  # OpenCV takes no more than 32,766
 
@@ -37,22 +41,22 @@ def texels_of(atlas: Atlas) -> Covered:
     return Covered(pixel.astype(np.int32), face[pixel], weights[pixel])
 
 
-def sample(picture: UInt8, pixels: Float64, scale: float = 1.0) -> Float32:
+def sample(picture: UInt8 | Float32, pixels: Float64, scale: float = 1.0) -> Float32:
     """Return the colours (N, 3) float32 of a picture (H, W, 3) at `pixels` (N, 2), bilinear.
 
     Where `scale`, of texels per pixel, is well below one, they come from a picture of that scale.
     """
+    source = picture.astype(np.float32)
     if scale < 0.75:
         height, width = picture.shape[:2]
         size = max(1, round(width * scale)), max(1, round(height * scale))
-        picture = np.asarray(cv2.resize(picture, size, interpolation=cv2.INTER_AREA), np.uint8)
+        source = np.asarray(cv2.resize(picture, size, interpolation=cv2.INTER_AREA), np.float32)
         pixels = pixels * (size[0] / width, size[1] / height)
     count = len(pixels)
     rows = -(-count // _REMAP_ROW)
     positions = np.zeros((rows, _REMAP_ROW, 2), np.float32)
     positions.reshape(-1, 2)[:count] = pixels - 0.5
     colours = np.empty((rows, _REMAP_ROW, 3), np.float32)
-    source = picture.astype(np.float32)
     for top in range(0, rows, _REMAP_ROWS):
         x, y = np.moveaxis(positions[top : top + _REMAP_ROWS], 2, 0)
         colours[top : top + _REMAP_ROWS] = cv2.remap(
@@ -65,51 +69,88 @@ def corner_colours(
     patches: Patches, pictures: Iterable[UInt8], vertex_colours: UInt8
 ) -> tuple[Float64, Bool]:
     """Return the colours (P, 3) float64 of each corner of the cut mesh in its photograph, and (P,), true where one
-    shows it; else it has its vertex colour."""
+    colours a face there; else it has its vertex colour."""
     colours = vertex_colours[patches.vertex].astype(np.float64)
     seen = np.zeros(len(colours), bool)
+    seen[patches.faces[patches.coloured]] = True
     for number, picture in enumerate(pictures):
-        members = patches.label == number
+        members = seen & (patches.label == number)
         blurred = cv2.GaussianBlur(picture, (0, 0), _SEAM_BLUR_PX)
         colours[members] = sample(np.asarray(blurred, np.uint8), patches.pixel[members])
-        seen |= members
     return colours, seen
 
 
 def bake(
-    atlas: Atlas, patches: Patches, pictures: Iterable[UInt8], offsets: Float64, vertex_colours: UInt8
+    atlas: Atlas,
+    patches: Patches,
+    pictures: Iterable[UInt8],
+    corners: Float64,
+    offsets: Float64,
+    points: SeamPoints,
 ) -> UInt8:
     """Return the texture, (height, width, 3) uint8 RGB, gamma-coded as the pictures.
 
-    Labels of `patches` are numbers of `pictures`, or above them where no photograph shows a face: there it has
-    `vertex_colours`. `offsets` (P, 3) are added to the corners' colours.
+    Labels of `patches` are numbers of `pictures`, or above them. Where no photograph colours a face it has the colours
+    `corners` (P, 3) of its corners. `offsets` (P, 3) are added to those, and what makes both sides agree at `points`.
     """
-    texels = texels_of(atlas)
-    corners = atlas.source[atlas.faces][texels.face]
-    label = patches.label[corners[:, 0]]
-    weights = texels.weights[:, :, None]
-    colours = (vertex_colours[patches.vertex].astype(np.float32)[corners] * weights).sum(axis=1)
+    texels = _with_rim(texels_of(atlas), atlas)
+    rows = atlas.source[atlas.faces][texels.face]
+    label = np.where(patches.coloured[texels.face], patches.label[rows[:, 0]], -1)
+    inside = np.clip(texels.weights, 0, 1)[:, :, None]
+    inside /= inside.sum(axis=1, keepdims=True)
+    colours = (corners.astype(np.float32)[rows] * inside).sum(axis=1)
     for number, picture in enumerate(pictures):
-        rows = np.flatnonzero(label == number)
-        if len(rows):
-            pixels = (patches.pixel[corners[rows]] * weights[rows]).sum(axis=1)
-            colours[rows] = sample(picture, pixels, atlas.scale)
-    colours += (offsets.astype(np.float32)[corners] * weights).sum(axis=1)
-    width, height = atlas.size
-    texture = np.zeros((height * width, 3), np.uint8)
-    texture[texels.pixel] = np.clip(np.rint(colours), 0, 255)
-    filled = np.zeros(len(texture), bool)
-    filled[texels.pixel] = True
-    return _with_gutters(texture.reshape(height, width, 3), filled.reshape(height, width))
+        members = np.flatnonzero(label == number)
+        if len(members):
+            pixels = (patches.pixel[rows[members]] * texels.weights[members, :, None]).sum(axis=1)
+            colours[members] = sample(picture, pixels, atlas.scale)
+    colours += (offsets.astype(np.float32)[rows] * inside).sum(axis=1)
+    if not len(colours):
+        return np.zeros((*atlas.size[::-1], 3), np.uint8)
+    everywhere = _nearest(texels, atlas)[1].reshape(atlas.size[::-1])
+    for share in _SEAM_SHARES:
+        sides = sample(colours[everywhere], points.texel.reshape(-1, 2)).reshape(-1, 2, 3)
+        shifts = share * seam_shifts(points, sides)
+        colours += spread_shifts(points, shifts, atlas.size, texels.pixel, patches.patch[texels.face])
+    return np.asarray(np.clip(np.rint(colours), 0, 255).astype(np.uint8)[everywhere])
 
 
-def _with_gutters(texture: UInt8, filled: Bool) -> UInt8:
-    """Give texels between charts the colour of the nearest chart, for the smaller copies that viewers make."""
-    if not filled.any():
-        return texture
-    _, nearest = cv2.distanceTransformWithLabels(
-        (~filled).astype(np.uint8), cv2.DIST_L2, 5, labelType=cv2.DIST_LABEL_PIXEL
+def _with_rim(texels: Covered, atlas: Atlas) -> Covered:
+    """Return `texels` and those just outside the charts, which viewers mix with those inside: by the face of the
+    nearest texel, with barycentric coordinates outside of it."""
+    if not len(texels.pixel):
+        return texels
+    distance, row = _nearest(texels, atlas)
+    rim = np.flatnonzero((distance > 0) & (distance <= _RIM_TEXELS)).astype(np.int32)
+    face = texels.face[row[rim]]
+    return Covered(
+        np.concatenate((texels.pixel, rim)),
+        np.concatenate((texels.face, face)),
+        np.concatenate((texels.weights, _weights(atlas, rim, face))),
     )
-    by_label = np.zeros((int(nearest.max()) + 1, 3), np.uint8)
-    by_label[nearest[filled]] = texture[filled]
-    return np.asarray(by_label[nearest], np.uint8)
+
+
+def _weights(atlas: Atlas, texels: Integers, face: Integers) -> Float32:
+    """Return (M, 3) float32, the barycentric coordinates of the centres of `texels` in `face`, outside too."""
+    row, column = np.divmod(texels, atlas.size[0])
+    centre = np.stack((column + 0.5, row + 0.5), axis=1)
+    a, b, c = np.moveaxis(atlas.texel[atlas.faces[face]], 1, 0)
+    weights = barycentric(a, b, c, centre)
+    wide = np.abs(weights).max(axis=1) < _FARTHEST
+    return np.where(wide[:, None], weights, 1 / 3).astype(np.float32)
+
+
+def _nearest(texels: Covered, atlas: Atlas) -> tuple[Float32, Int32]:
+    """Return for each texel of the texture, row by row, the distance to the nearest of `texels` and its row there.
+
+    So texels between charts get the colour of the nearest chart, for the smaller copies that viewers make.
+    """
+    width, height = atlas.size
+    away = np.ones(width * height, np.uint8)
+    away[texels.pixel] = 0
+    distance, label = cv2.distanceTransformWithLabels(
+        away.reshape(height, width), cv2.DIST_L2, 5, labelType=cv2.DIST_LABEL_PIXEL
+    )
+    row = np.zeros(int(label.max()) + 1, np.int32)
+    row[label.ravel()[texels.pixel]] = np.arange(len(texels.pixel))
+    return np.asarray(distance.ravel(), np.float32), row[label.ravel()]

@@ -18,45 +18,61 @@ from colmap_ihe.dense.texture.atlas import Patches
 
 _SMOOTH = 0.1  # weight of the difference between neighbours in a patch; of Waechter's lambda, the inverse
 _REST = 1e-4  # weight of an offset itself, which holds the mean
-_TOLERANCE, _ROUNDS = 1e-4, 600
+_UNSEEN = 0.01  # weight of a seam at which one side or both have no photograph
+_TOLERANCE, _ROUNDS = 3e-4, 600
 
 
 def seam_offsets(patches: Patches, colours: Float64, seen: Bool) -> Float64:
     """Return (P, 3) float64: what to add to the colours of each corner of the cut mesh.
 
-    `colours` (P, 3) are those of its photograph there; `seen` (P,) is False where no photograph shows it.
+    `colours` (P, 3) are those of its photograph there; `seen` (P,) is False where no photograph shows it: such a corner
+    follows its neighbours, and hardly draws them.
     """
     if colours.shape != (len(patches.vertex), 3):
         raise ValueError(f"{colours.shape=}, expected ({len(patches.vertex)}, 3)")
-    seams, edges = _seams(patches, seen), _edges(patches)
+    seams, edges = _seams(patches), _edges(patches)
     ends = np.concatenate((seams, edges)).astype(np.int64)
-    weight = np.repeat((1.0, _SMOOTH), (len(seams), len(edges)))
+    weight = np.full((len(ends), 1), _SMOOTH)
+    weight[: len(seams), 0] = np.where(seen[seams].all(axis=1), 1.0, _UNSEEN)
     # The offset of the first end less that of the second: on seams as large as the difference of colours, else zero.
     difference = np.zeros((len(ends), 3))
     difference[: len(seams)] = colours[seams[:, 1]] - colours[seams[:, 0]]
-    count = len(patches.vertex)
-    diagonal = _REST + np.bincount(ends.ravel(), np.repeat(weight, 2), count)
-    weight = weight[:, None]
+    start = _patch_offsets(patches, seams, weight[: len(seams)], difference[: len(seams)])
+    return _solve(ends, weight, difference, np.full((len(colours), 1), _REST), start)
+
+
+def _patch_offsets(patches: Patches, seams: Int64, weight: Float64, difference: Float64) -> Float64:
+    """Return (P, 3), the offsets where all corners of a patch have the same: a start from which few rounds lead on."""
+    patch = np.zeros(len(patches.vertex), np.int64)
+    patch[patches.faces] = patches.patch[:, None]
+    rest = np.asarray(_REST * np.bincount(patch)[:, None], np.float64)
+    return _solve(patch[seams], weight, difference, rest, np.zeros((len(rest), 3)))[patch]
+
+
+def _solve(ends: Int64, weight: Float64, difference: Float64, rest: Float64, start: Float64) -> Float64:
+    """Return (N, 3), offsets of least squares: `difference` (E, 3) is expected between those of `ends` (E, 2), by
+    `weight` (E, 1), and zero of each by `rest` (N, 1)."""
+    count = len(start)
+    diagonal = rest + np.bincount(ends.ravel(), np.repeat(weight, 2), count)[:, None]
 
     def times(offsets: Float64) -> Float64:
-        return _REST * offsets + _scatter(ends, weight * (offsets[ends[:, 0]] - offsets[ends[:, 1]]), count)
+        return rest * offsets + _scatter(ends, weight * (offsets[ends[:, 0]] - offsets[ends[:, 1]]), count)
 
-    target = _scatter(ends, weight * difference, count)
-    return _conjugate_gradients(times, target, np.asarray(diagonal[:, None], np.float64))
+    return _conjugate_gradients(times, _scatter(ends, weight * difference, count), diagonal, start)
 
 
-def _seams(patches: Patches, seen: Bool) -> Int64:
-    """Return (S, 2), pairs of corners of one vertex, in different patches that photographs show."""
+def _seams(patches: Patches) -> Int64:
+    """Return (S, 2), pairs of corners of one vertex, in different patches."""
     order = np.argsort(patches.vertex, kind="stable")
     same = patches.vertex[order][1:] == patches.vertex[order][:-1]
-    seams = np.stack((order[:-1][same], order[1:][same]), axis=1)
-    return np.asarray(seams[seen[seams].all(axis=1)])
+    return np.stack((order[:-1][same], order[1:][same]), axis=1)
 
 
 def _edges(patches: Patches) -> Int64:
     """Return (E, 2), pairs of corners that an edge within a patch joins."""
-    edges = np.sort(patches.faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1)
-    return np.unique(edges, axis=0).astype(np.int64)
+    edges = np.sort(patches.faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1).astype(np.int64)
+    keys = np.unique(edges[:, 0] * len(patches.vertex) + edges[:, 1])
+    return np.stack(np.divmod(keys, len(patches.vertex)), axis=1)
 
 
 def _scatter(ends: Int64, values: Float64, count: int) -> Float64:
@@ -66,14 +82,16 @@ def _scatter(ends: Int64, values: Float64, count: int) -> Float64:
     return np.stack(columns, axis=1)
 
 
-def _conjugate_gradients(times: Callable[[Float64], Float64], target: Float64, diagonal: Float64) -> Float64:
+def _conjugate_gradients(
+    times: Callable[[Float64], Float64], target: Float64, diagonal: Float64, start: Float64
+) -> Float64:
     """Solve for all columns at once (Hestenes and Stiefel 1952)."""
-    solution = np.zeros_like(target)
-    rest = target.copy()
+    solution = start.copy()
+    rest = target - times(start)
     scaled = rest / diagonal
     direction = scaled.copy()
     energy = (rest * scaled).sum(axis=0)
-    goal = _TOLERANCE**2 * np.maximum(energy, 1e-30)
+    goal = _TOLERANCE**2 * np.maximum((target**2 / diagonal).sum(axis=0), 1e-30)
     for _ in range(_ROUNDS):
         if (energy <= goal).all():
             break

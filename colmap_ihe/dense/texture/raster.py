@@ -64,6 +64,15 @@ def _inside(corners: Float64, faces: Int64, low: Int64, span: Int64, count: Int6
     return Covered((row * width + column)[inside], face[inside], weights)
 
 
+def barycentric(a: Float64, b: Float64, c: Float64, point: Float64) -> Float64:
+    """Return (N, 3), the barycentric coordinates of points (N, 2) in triangles of corners `a`, `b`, `c` (N, 2), not
+    finite in triangles without area."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        second = _cross(point - a, c - a) / _cross(b - a, c - a)
+        third = _cross(b - a, point - a) / _cross(b - a, c - a)
+    return np.stack((1 - second - third, second, third), axis=1)
+
+
 def areas(corners: Float64) -> Float64:
     """Return (F,), the areas of triangles of `corners` (F, 3, 2)."""
     return np.abs(_cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])) / 2

@@ -9,17 +9,21 @@ import cv2
 import numpy as np
 
 from colmap_ihe.dense.camera import Bool, Float32, Int32, Int64, PinholeCamera, UInt8
+from colmap_ihe.dense.texture.labels import Choices, label_faces
 from colmap_ihe.dense.texture.mesh import Mesh, face_normals
 from colmap_ihe.dense.texture.raster import areas, depth_picture
 
 UNSEEN = -1
-_KEPT = 6  # views a face may choose from
+_KEPT = 12  # views a face may choose from
 _LEAST_FACING = 0.15  # cosine between the normal and the ray to the camera
 _BEHIND = 0.005  # relative depth behind the nearest surface at which something is hidden
 _BEFORE = 0.02  # relative depth of a step: whatever is nearer than that stands in front of what is behind
 _MARGIN_PX = 5  # side of the square in which such a step hides a face, since edges of a mesh are not exact
-_NEIGHBOUR = 0.4  # what a neighbour with the same view is worth, as a natural logarithm of quality
-_ROUNDS = 30
+_BESIDE_EDGE = 0.01  # what the quality of such a view counts, for a face that has another one or none
+_LEAST_SIDE = 0.3  # cosine between the normal and the side of a box on which a face is laid
+_SIDES = 3  # of a box that a face can look at
+_LAID = 0.5  # cost of a picture for a face that it shows badly, where a side of a box shows all of it
+_TURNED = 0.3  # cost of the side of a box, times the cosine that it has less than the best side
 # Corners, middles of the sides and the centre of a face: the points that must all be seen.
 _SAMPLES = np.array(
     [[1, 0, 0], [0, 1, 0], [0, 0, 1], [0.5, 0.5, 0], [0, 0.5, 0.5], [0.5, 0, 0.5], [1 / 3, 1 / 3, 1 / 3]]
@@ -29,7 +33,7 @@ _SAMPLES = np.array(
 @dataclass
 class Candidates:
     """Hold the best views of each face so far: `view` (F, K) int32, `UNSEEN` where there is none, and `quality`
-    (F, K) float32, zero there."""
+    (F, K) float32, zero there, and negative where a view shows the face beside an edge (see `quality_in`)."""
 
     view: Int32
     quality: Float32
@@ -40,16 +44,21 @@ class Candidates:
         return cls(np.full((faces, _KEPT), UNSEEN, np.int32), np.zeros((faces, _KEPT), np.float32))
 
     def add(self, number: int, quality: Float32) -> None:
-        """Add the view `number` with its `quality` (F,), zero where it does not see a face."""
-        worst = np.argmin(self.quality, axis=1)
-        rows = np.flatnonzero(quality > self.quality[np.arange(len(worst)), worst])
+        """Add the view `number` with its `quality` (F,) as `quality_in` returns it."""
+        values = worth(self.quality)
+        worst = np.argmin(values, axis=1)
+        rows = np.flatnonzero(worth(quality) > values[np.arange(len(worst)), worst])
         self.view[rows, worst[rows]] = number
         self.quality[rows, worst[rows]] = quality[rows]
 
 
 def quality_in(mesh: Mesh, view: PinholeCamera, mask: Callable[[], UInt8 | None] = lambda: None) -> Float32:
     """Return (F,) float32: how well `view` shows each face, zero where it does not: its area on the picture in
-    pixels, times the cosine of the viewing angle. `mask()` (H, W) uint8 is 0 where the picture must not be used."""
+    pixels, times the cosine of the viewing angle.
+
+    Negative where it shows the face, but edge-on, or so near to the edge of something in front that the photograph may
+    show that instead. `mask()` (H, W) uint8 is 0 where the picture must not be used.
+    """
     pixels, depths = view.project(mesh.vertices)
     corners = mesh.corners()
     normals = face_normals(corners)
@@ -58,27 +67,35 @@ def quality_in(mesh: Mesh, view: PinholeCamera, mask: Callable[[], UInt8 | None]
     facing = (normals * rays).sum(axis=1) / np.maximum(lengths, 1e-30)
     shown = pixels[mesh.faces]
     area = areas(shown)
-    possible = (facing > _LEAST_FACING) & (np.nan_to_num(area) > 0)
+    possible = (facing > 0) & (np.nan_to_num(area) > 0)
     quality = np.zeros(len(mesh.faces), np.float32)
     rows = np.flatnonzero(possible)
     nearest = depth_picture(shown, depths[mesh.faces], view.size)
     if (allowed := mask()) is not None:
         nearest[allowed == 0] = 0  # as if something stood right before the camera
-    rows = rows[_seen(corners[rows], view, nearest)]
-    quality[rows] = area[rows] * facing[rows]
+    seen, clear = _seen(corners[rows], view, nearest)
+    clear &= facing[rows] > _LEAST_FACING
+    quality[rows] = np.where(clear, 1, -1) * np.where(seen, area[rows] * facing[rows], 0)
     return quality
 
 
-def _seen(corners: Float32, view: PinholeCamera, nearest: Float32) -> Bool:
-    """Return (F,), true where all of a face is on the picture and nothing hides it.
+def worth(quality: Float32) -> Float32:
+    """Return by what views are compared: the quality, and little of it beside an edge."""
+    return np.where(quality < 0, np.float32(-_BESIDE_EDGE) * quality, quality)
 
-    A sample is hidden where the farthest surface within a pixel is nearer, since depth changes within a pixel; or
-    where anything close by is much nearer, since a silhouette in the mesh is a few pixels off that in the picture.
+
+def _seen(corners: Float32, view: PinholeCamera, nearest: Float32) -> tuple[Bool, Bool]:
+    """Return (F,), true where all of a face is on the picture and nothing hides it, and (F,), true where besides
+    nothing in front is near.
+
+    A sample is hidden where the farthest surface within a pixel is nearer, since depth changes within a pixel.
+    Something in front is near where anything close by is much nearer, since a silhouette in the mesh is a few pixels
+    off that in the picture.
     """
     width, height = view.size
     farthest = cv2.dilate(nearest, np.ones((3, 3), np.uint8))
     closest = cv2.erode(nearest, np.ones((_MARGIN_PX, _MARGIN_PX), np.uint8))
-    seen = np.ones(len(corners), bool)
+    seen, clear = np.ones((2, len(corners)), bool)
     for weights in _SAMPLES:
         pixels, depth = view.project(np.einsum("k,fkc->fc", weights, corners))
         with np.errstate(invalid="ignore"):
@@ -86,48 +103,45 @@ def _seen(corners: Float32, view: PinholeCamera, nearest: Float32) -> Bool:
             inside = (column >= 1) & (row >= 1) & (column < width - 1) & (row < height - 1)
         column, row = (np.where(inside, v, 0).astype(np.intp) for v in (column, row))
         seen &= inside & (depth < (1 + _BEHIND) * farthest[row, column])
-        seen &= closest[row, column] > (1 - _BEFORE) * depth
-    return seen
+        clear &= closest[row, column] > (1 - _BEFORE) * depth
+    return seen, clear
 
 
-def choose(candidates: Candidates, pairs: Int64) -> Int32:
-    """Return (F,) int32: the view of each face, `UNSEEN` where none sees it. `pairs` (E, 2) are neighbouring faces.
+def choose(candidates: Candidates, mesh: Mesh, pairs: Int64, views: int) -> tuple[Int32, Bool]:
+    """Return (F,) int32, the label of each face, and (F,), true where a photograph colours it.
 
-    Iterated conditional modes (Besag 1986): every face takes the view whose quality, with a bonus for each
-    neighbour of the same view, is highest; half of the faces at a time, since all at once would swap for ever.
+    A label below `views` is the view on whose picture the face is laid; `views` + 0 .. 5 is the side of a box that it
+    looks at: -x, -y, -z, x, y, z. A face that no view shows clear of edges has no photograph's colours, but is laid on
+    the picture of its neighbours where that view shows it, so that it makes no patch of its own. `pairs` (E, 2) are
+    neighbouring faces.
     """
-    rows = np.arange(len(candidates.view))
-    with np.errstate(divide="ignore"):
-        value = np.log(candidates.quality.astype(np.float64))
-    chosen = candidates.view[rows, np.argmax(value, axis=1)]
-    face, neighbour = np.concatenate((pairs, pairs[:, ::-1])).T
-    draw = np.random.default_rng(0)
-    for _ in range(_ROUNDS):
-        votes = [np.bincount(face, view[face] == chosen[neighbour], len(rows)) for view in candidates.view.T]
-        agrees = np.stack(votes, axis=1)
-        best = candidates.view[rows, np.argmax(value + _NEIGHBOUR * agrees, axis=1)]
-        changes = (best != chosen) & (draw.random(len(rows)) < 0.5)
-        if not (best != chosen).any():
-            break
-        chosen = np.where(changes, best, chosen)
-    return _without_specks(candidates, chosen, face, neighbour)
+    clear = np.asarray((candidates.quality > 0).any(axis=1))
+    return label_faces(_choices(candidates, mesh, clear, views), pairs), clear
 
 
-def _without_specks(candidates: Candidates, chosen: Int32, face: Int64, neighbour: Int64) -> Int32:
-    """Give a face that disagrees with all its neighbours the view of one of them, where that view sees it."""
-    for _ in range(3):
-        alone = np.bincount(face, chosen[face] == chosen[neighbour], len(chosen)) == 0
-        rows = np.flatnonzero(alone[face] & (chosen[face] != UNSEEN) & (chosen[neighbour] != UNSEEN))
-        rows = rows[(candidates.view[face[rows]] == chosen[neighbour[rows]][:, None]).any(axis=1)]
-        chosen = chosen.copy()
-        chosen[face[rows]] = chosen[neighbour[rows]]
-    return chosen
+def _choices(candidates: Candidates, mesh: Mesh, clear: Bool, views: int) -> Choices:
+    """Return the labels that each face may have and their costs: natural logarithms of the best quality over theirs.
+
+    A face without a `clear` view is laid on any picture at no cost, or on a side of a box.
+    """
+    value = worth(candidates.quality)
+    order = np.argsort(-value, axis=1, kind="stable")
+    label = np.take_along_axis(candidates.view, order, axis=1)
+    value = np.take_along_axis(value, order, axis=1)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        cost = np.where(value > 0, np.log(value[:, :1]) - np.log(value), np.inf).astype(np.float32)
+    rows = np.flatnonzero(~clear)
+    cost[rows] = np.where(label[rows] == UNSEEN, np.inf, _LAID)
+    label[rows, -_SIDES:], cost[rows, -_SIDES:] = _sides(mesh, rows, views)
+    return Choices(label, cost, views + 6)
 
 
-def box_labels(mesh: Mesh, chosen: Int32, views: int) -> Int32:
-    """Return `chosen` (F,), with faces that no photograph shows labelled by the side of a box that they face:
-    `views` + 0 .. 5 for -x, -y, -z, x, y, z."""
-    normals = face_normals(mesh.corners())
-    axis = np.argmax(np.abs(normals), axis=1)
-    side = axis + 3 * (normals[np.arange(len(axis)), axis] > 0)
-    return np.where(chosen == UNSEEN, views + side, chosen).astype(np.int32)
+def _sides(mesh: Mesh, rows: Int64, views: int) -> tuple[Int32, Float32]:
+    """Return (N, 3) int32 and float32: labels of the sides of a box on which faces may be laid, and their costs."""
+    normals = face_normals(mesh.vertices[mesh.faces[rows]])
+    normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-300)
+    cosine = np.abs(normals)
+    best = cosine.max(axis=1, keepdims=True)
+    possible = (cosine > _LEAST_SIDE) | (cosine == best)
+    cost = np.where(possible, _TURNED * (best - cosine), np.inf)
+    return (views + np.arange(3) + 3 * (normals > 0)).astype(np.int32), cost.astype(np.float32)

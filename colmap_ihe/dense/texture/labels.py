@@ -1,0 +1,138 @@
+"""Label the faces of a mesh so that few patches come about at little cost.
+
+The energy is that of a Potts model: the costs of the labels, and a price for each edge between faces of different
+labels. Single faces change their labels first (iterated conditional modes, Besag 1986), which stops in the nearest
+minimum. Then whole patches take the label of a neighbour wherever that lowers the energy, and become one with it: a
+patch crosses the barrier that its faces one by one do not. At the end patches of a few faces are given away at any
+cost.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from colmap_ihe.dense.camera import Bool, Float32, Float64, Int32, Int64
+from colmap_ihe.dense.texture.mesh import components
+
+_FIRST_EDGE, _EDGE = 0.4, 0.7  # price of an edge between labels, while faces settle and from then on
+_FACE_ROUNDS = 12
+_PATCH_ROUNDS = 60
+_SMALL = 15  # faces: patches below go to a neighbour that can take them, whatever that costs
+_LEAST_GAIN = 1e-6
+
+
+@dataclass(frozen=True)
+class Choices:
+    """Hold `label` (F, K) int32, the labels that each face may have, and `cost` (F, K) float32, infinite where an
+    entry is none; `count` is above all labels."""
+
+    label: Int32
+    cost: Float32
+    count: int
+
+
+def label_faces(choices: Choices, pairs: Int64) -> Int32:
+    """Return (F,) int32, the label of each face; `pairs` (E, 2) are neighbouring faces. Each needs a finite cost."""
+    rows = np.arange(len(choices.label))
+    labels = choices.label[rows, np.argmin(choices.cost, axis=1)]
+    labels = _change_faces(choices, labels, pairs, _FIRST_EDGE)
+    labels = _change_patches(choices, labels, pairs, small=0)
+    labels = _change_faces(choices, labels, pairs, _EDGE)
+    return _change_patches(choices, labels, pairs, small=_SMALL)
+
+
+def _change_faces(choices: Choices, labels: Int32, pairs: Int64, edge: float) -> Int32:
+    """Give each face the label of least energy, half of those that would change at a time: all at once would swap for
+    ever. Only faces beside another label can gain."""
+    draw = np.random.default_rng(0)
+    for _ in range(_FACE_ROUNDS):
+        border = pairs[labels[pairs[:, 0]] != labels[pairs[:, 1]]]
+        active = np.zeros(len(labels), bool)
+        active[border] = True
+        faces = np.flatnonzero(active)
+        energy = choices.cost[faces] - edge * _agreeing(choices.label, labels, pairs, active)
+        best = choices.label[faces, np.argmin(energy, axis=1)]
+        now = np.where(choices.label[faces] == labels[faces, None], energy, np.inf).min(axis=1)
+        gains = energy.min(axis=1) < now - _LEAST_GAIN
+        if not gains.any():
+            break
+        gains &= draw.random(len(faces)) < 0.5
+        labels = labels.copy()
+        labels[faces[gains]] = best[gains]
+    return labels
+
+
+def _agreeing(choice: Int32, labels: Int32, pairs: Int64, active: Bool) -> Float64:
+    """Return (N, K), how many neighbours of each of the `active` faces have each of its possible labels."""
+    number = np.cumsum(active) - 1
+    face, neighbour = np.concatenate((pairs, pairs[:, ::-1])).T
+    of_active = active[face]
+    face, neighbour = face[of_active], neighbour[of_active]
+    same = choice[face] == labels[neighbour, None]
+    row = number[face]
+    votes = [np.bincount(row, column, int(active.sum())) for column in same.T]
+    return np.stack(votes, axis=1)
+
+
+def _change_patches(choices: Choices, labels: Int32, pairs: Int64, small: int) -> Int32:
+    """Give whole patches the label of a neighbour where all of their faces may have it and the energy falls, or where
+    the patch has less than `small` faces; among neighbours the one that gains most goes first."""
+    patch = components(len(labels), pairs[labels[pairs[:, 0]] == labels[pairs[:, 1]]])
+    size = np.bincount(patch)
+    label = np.zeros(len(size), np.int64)
+    label[patch] = labels
+    cost = _patch_costs(choices, patch, size)
+    ends = patch[pairs]
+    node = patch
+    for _ in range(_PATCH_ROUNDS):
+        ends = ends[ends[:, 0] != ends[:, 1]]
+        best, gain = _best_neighbour(cost, label, ends)
+        gain += np.where(size < small, 1e9 - 1e6 * size, 0)  # the smallest first
+        goes = (gain > _LEAST_GAIN) & _gains_most(gain, ends)
+        if not goes.any():
+            break
+        label = np.where(goes, best, label)
+        merged = components(len(label), ends[label[ends[:, 0]] == label[ends[:, 1]]])
+        kept = np.zeros(int(merged.max()) + 1, np.int64)
+        kept[merged] = label
+        total = np.zeros((len(kept), choices.count))
+        np.add.at(total, merged, cost)
+        cost, label, size = total, kept, np.bincount(merged, size).astype(np.int64)
+        node, ends = merged[node], merged[ends]
+    return label[node].astype(np.int32)
+
+
+def _patch_costs(choices: Choices, patch: Int64, size: Int64) -> Float64:
+    """Return (P, L), the sum of the costs of each label over the faces of a patch, infinite where one cannot have
+    it."""
+    known = np.isfinite(choices.cost)
+    key = (patch[:, None] * choices.count + choices.label)[known]
+    cells = len(size) * choices.count
+    cost = np.bincount(key, choices.cost[known], cells).reshape(len(size), choices.count)
+    able = np.bincount(key, minlength=cells).reshape(cost.shape)
+    return np.where(able == size[:, None], cost, np.inf)
+
+
+def _best_neighbour(cost: Float64, label: Int64, ends: Int64) -> tuple[Int64, Float64]:
+    """Return (P,), the best label among those of each patch's neighbours, and by how much the energy would fall,
+    minus infinity where there is none. `ends` (E, 2) are patches on both sides of the edges of faces."""
+    first, second = ends.T
+    key = np.concatenate((first * cost.shape[1] + label[second], second * cost.shape[1] + label[first]))
+    shared = np.bincount(key, minlength=cost.size).reshape(cost.shape)
+    rows = np.arange(len(label))
+    others = np.where(shared > 0, cost - _EDGE * shared, np.inf)
+    best = np.argmin(others, axis=1)
+    return best, cost[rows, label] - others[rows, best]
+
+
+def _gains_most(gain: Float64, ends: Int64) -> Bool:
+    """Return (P,), true where no neighbour gains more, or as much and has a smaller number."""
+    order = np.lexsort((np.arange(len(gain)), -gain))
+    rank = np.empty(len(gain), np.int64)
+    rank[order] = np.arange(len(gain))
+    best = rank.copy()
+    for first, second in (ends.T, ends[:, ::-1].T):
+        np.minimum.at(best, first, rank[second])
+    return np.asarray(best == rank)
