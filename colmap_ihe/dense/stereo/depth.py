@@ -25,7 +25,7 @@ _MIN_SINGLE_CORRELATION = 0.6  # with which one supporting source is enough
 # grey values vary by at least so much: a wall does, the sky does not.
 _MIN_VARIANCE = 1.0
 _SPECKLE_PX = 60  # smaller patches are dropped, in pixels of each size
-_NORMAL_RADIUS_PX = 6  # half of the window of the normals
+_NORMAL_RADIUS_PX = 8  # half of the window of the normals
 
 
 _Match = tuple[RectifiedPair, StereoView]
