@@ -17,7 +17,7 @@ from colmap_ihe.dense.stereo.refine import compare, prepared, refined
 from colmap_ihe.dense.stereo.views import StereoView, sizes_coarse_to_fine
 
 # Measured with benchmarks/dense.py.
-_COARSEST_PX = 400  # longer side of the size at which the whole range of depths is searched
+_COARSEST_PX = 800  # longer side of the size at which the whole range of depths is searched
 _ITERATIONS = 2  # Gauss-Newton steps at each size
 _MIN_CORRELATION = 0.4  # of the window of a pixel with a source that supports it
 _MIN_SINGLE_CORRELATION = 0.6  # with which one supporting source is enough
