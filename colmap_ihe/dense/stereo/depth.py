@@ -9,6 +9,7 @@ import cv2
 import numpy as np
 
 from colmap_ihe.dense.camera import Float32, Float64, UInt8
+from colmap_ihe.dense.stereo.edges import sharpened
 from colmap_ihe.dense.stereo.match import match_around, match_whole_range
 from colmap_ihe.dense.stereo.merge import filled, merge, without_speckles
 from colmap_ihe.dense.stereo.normals import normals_from_inverse_depth
@@ -113,7 +114,9 @@ def _match_at_size(
     sources = [source for _, source in matches]
     inverse = _confirmed(reference, sources, inverse, merged, float(np.median(one_pixel)), check)
     # Speckles by the coarsest pair: by the finest, a steep surface falls apart into single pixels.
-    return without_speckles(inverse, _SPECKLE_PX, max(one_pixel))
+    inverse = without_speckles(inverse, _SPECKLE_PX, max(one_pixel))
+    check()
+    return sharpened(reference, sources, inverse, float(np.median(one_pixel)))
 
 
 def _confirmed(

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from colmap_ihe.dense.camera import Bool, Float32, Float64
 from colmap_ihe.dense.stereo.rectify import inside
@@ -57,13 +58,14 @@ def prepared(view: StereoView) -> Reference:
 
 def compare(reference: Reference, source: StereoView, inverse_depth: Float32) -> Comparison:
     """Tell how a source supports `inverse_depth` (H, W) float32, > 0, of the reference."""
-    x, y, dx, dy, seen = _project(reference.view, source, inverse_depth)
+    u, v = (np.arange(side) + 0.5 for side in reference.view.size)
+    x, y, dx, dy, seen = project(reference.view, source, u[None, :], v[:, None], inverse_depth)
     # One pixel along the epipolar line, for the derivative by central difference.
     length: Float32 = np.maximum(np.sqrt(dx * dx + dy * dy), np.float32(1e-12))
     half = np.float32(0.5) / length
     half_x, half_y = dx * half, dy * half
-    grey = _sample(source, x, y)
-    slope = _sample(source, x + half_x, y + half_y) - _sample(source, x - half_x, y - half_y)
+    grey = sampled(source, x, y)
+    slope = sampled(source, x + half_x, y + half_y) - sampled(source, x - half_x, y - half_y)
     mean = _window_mean(grey)
     slope_mean = _window_mean(slope)
     variance = np.maximum(_window_mean(grey * grey) - mean * mean, 0)
@@ -103,19 +105,22 @@ def refined(
     return inverse_depth
 
 
-def _project(
-    reference: StereoView, source: StereoView, inverse_depth: Float32
+def project(
+    reference: StereoView,
+    source: StereoView,
+    u: NDArray[np.floating],
+    v: NDArray[np.floating],
+    inverse_depth: Float32,
 ) -> tuple[Float32, Float32, Float32, Float32, Bool]:
-    """Return OpenCV positions in the source, their derivative by inverse depth, and whether the source sees them."""
+    """Return OpenCV positions in the source of the reference's pixels at `inverse_depth`, their derivative by inverse
+    depth, and whether the source sees them. `u` and `v` are the pixels' columns and rows, the first one at 0.5, which
+    broadcast to the shape of `inverse_depth`."""
     rotation = source.rotation @ reference.rotation.T
     translation = source.cam_from_world[:, 3] - rotation @ reference.cam_from_world[:, 3]
     infinite: Float64 = source.K @ rotation @ np.linalg.inv(reference.K)
     epipole: Float64 = source.K @ translation
-    u = np.arange(reference.size[0]) + 0.5
-    v = np.arange(reference.size[1]) + 0.5
     a, b, c = (
-        (row[0] * u[None, :] + (row[1] * v[:, None] + row[2])).astype(np.float32)
-        + np.float32(shift) * inverse_depth
+        (row[0] * u + (row[1] * v + row[2])).astype(np.float32) + np.float32(shift) * inverse_depth
         for row, shift in zip(infinite, epipole, strict=True)
     )
     in_front = c > 1e-6
@@ -127,9 +132,10 @@ def _project(
     return x, y, dx, dy, in_front & inside(x, y, source)
 
 
-def _sample(view: StereoView, x: Float32, y: Float32) -> Float32:
-    sampled = cv2.remap(view.grey_u8, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-    return np.asarray(sampled, np.float32)
+def sampled(view: StereoView, x: Float32, y: Float32) -> Float32:
+    """Return the grey values (H, W) float32 of a photograph at OpenCV positions (H, W) float32."""
+    values = cv2.remap(view.grey_u8, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    return np.asarray(values, np.float32)
 
 
 def _window_mean(image: Float32) -> Float32:
