@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from colmap_ihe.dense.stereo.normals import normals_from_inverse_depth
+from colmap_ihe.dense.stereo.normals import best_slopes, normals_from_slopes
 from colmap_ihe.evaluation.depth_errors import TOLERANCE, true_pixels
 from colmap_ihe.evaluation.truth import F32, F64, TrueImage
 
@@ -126,7 +126,8 @@ def _angles(
 ) -> tuple[F32, _Bool]:
     """Return the angles in degrees between normals (H, W, 3) and the true ones, and where both are known."""
     inverse = np.divide(1, true, out=np.zeros_like(true), where=true > 0)
-    expected = normals_from_inverse_depth(inverse, calibration, _TRUE_NORMAL_PX)[rows, columns]
+    slope_x, slope_y, _ = best_slopes(inverse, _TRUE_NORMAL_PX, _TRUE_NORMAL_PX)
+    expected = normals_from_slopes(inverse, slope_x, slope_y, calibration)[rows, columns]
     cosines = np.clip((normals * expected).sum(axis=-1), -1, 1)
     known = (normals != 0).any(axis=-1) & (expected != 0).any(axis=-1)
     return np.degrees(np.arccos(cosines)).astype(np.float32), known

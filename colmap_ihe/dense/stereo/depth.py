@@ -22,10 +22,16 @@ _COARSEST_PX = 800  # longer side of the size at which the whole range of depths
 _ITERATIONS = 2  # Gauss-Newton steps at each size
 _MIN_CORRELATION = 0.4  # of the window of a pixel with a source that supports it
 _MIN_SINGLE_CORRELATION = 0.6  # with which one supporting source is enough
+# A window that is mostly of what is behind a thin thing correlates at the depth behind. The thing itself does not: at
+# the pixel, grey values differ by more levels than so many, and more of the window's standard deviation.
+_MOST_LEVELS, _MOST_CONTRAST = 5.0, 0.5
 # Variance of 8-bit values. Where windows are too flat to correlate, sources that agree in depth are enough if the
 # grey values vary by at least so much: a wall does, the sky does not.
 _MIN_VARIANCE = 1.0
 _SPECKLE_PX = 60  # smaller patches are dropped, in pixels of each size
+_COARSE_SPECKLE_PX = (
+    15  # at the coarsest size: of a thin thing pieces are found there, which the next size joins
+)
 _NORMAL_RADIUS_PX = 8  # half of the window of the normals
 
 
@@ -114,7 +120,8 @@ def _match_at_size(
     sources = [source for _, source in matches]
     inverse = _confirmed(reference, sources, inverse, merged, float(np.median(one_pixel)), check)
     # Speckles by the coarsest pair: by the finest, a steep surface falls apart into single pixels.
-    inverse = without_speckles(inverse, _SPECKLE_PX, max(one_pixel))
+    smallest_px = _COARSE_SPECKLE_PX if prior is None else _SPECKLE_PX
+    inverse = without_speckles(inverse, smallest_px, max(one_pixel))
     check()
     return sharpened(reference, sources, inverse, float(np.median(one_pixel)))
 
@@ -134,11 +141,13 @@ def _confirmed(
     support = np.zeros(inverse.shape, np.uint8)
     alike = np.zeros(inverse.shape, np.uint8)
     best = np.full(inverse.shape, -1, np.float32)
+    most = np.maximum(np.float32(_MOST_LEVELS), _MOST_CONTRAST * np.sqrt(reference.variance))
     for source in sources:
         fit = compare(reference, source, moved)
-        support += fit.correlation >= _MIN_CORRELATION
-        alike += fit.likeness >= _MIN_CORRELATION
-        np.maximum(best, fit.correlation, out=best)
+        same = fit.difference <= most
+        support += same & (fit.correlation >= _MIN_CORRELATION)
+        alike += same & (fit.likeness >= _MIN_CORRELATION)
+        np.maximum(best, fit.correlation, out=best, where=same)
     keep = (inverse > 0) & (moved > 0)
     if view.mask_u8 is not None:
         keep &= view.mask_u8 > 0

@@ -66,7 +66,8 @@ def sharpened(
     """Return `inverse_depth` (H, W) float32, 0 for none, of `reference` with the surface beside each edge that
     `sources` confirm; pixels there without depth take one where it fits as well. `one_pixel` is the change of inverse
     depth that moves a match by one pixel."""
-    beside = _beside_edges(inverse_depth, one_pixel)
+    nearest, farthest = _extremes(inverse_depth)
+    beside = (nearest > 0) & _is_step(nearest, farthest, one_pixel)
     if reference.mask_u8 is not None:
         beside &= reference.mask_u8 > 0
     if not beside.any():
@@ -74,6 +75,8 @@ def sharpened(
     pixels = _listed(beside)
     present = pixels.of(filled(inverse_depth))
     nearer, farther = _surfaces(inverse_depth, pixels, present, one_pixel)
+    thin = pixels.of(nearest)  # what is thinner than a window has its depth from nearby
+    nearer = np.where(_is_step(thin, nearer, one_pixel), thin, nearer)
     held = pixels.of(inverse_depth) > 0
     depths = (present, nearer, farther)
     now, at_nearer, at_farther = _differences(reference, sources, pixels, held, depths)
@@ -96,13 +99,12 @@ def _is_step(nearer: Float32, farther: Float32, one_pixel: float) -> Bool:
     return np.asarray(nearer - farther > np.maximum(np.float32(_STEP[0] * one_pixel), _STEP[1] * farther))
 
 
-def _beside_edges(inverse_depth: Float32, one_pixel: float) -> Bool:
+def _extremes(inverse_depth: Float32) -> tuple[Float32, Float32]:
+    """Return the largest and the smallest inverse depth within `_REACH_PX`; 0 and far more than any without one."""
     around = np.ones((2 * _REACH_PX + 1,) * 2, np.uint8)
-    nearest = np.asarray(cv2.dilate(inverse_depth, around), np.float32)
-    # Far more than any: where nothing has a depth, the farthest is nearer than the nearest.
     without_holes = np.where(inverse_depth > 0, inverse_depth, np.float32(np.finfo(np.float32).max))
-    farthest = np.asarray(cv2.erode(without_holes, around), np.float32)
-    return (nearest > 0) & _is_step(nearest, farthest, one_pixel)
+    largest, smallest = cv2.dilate(inverse_depth, around), cv2.erode(without_holes, around)
+    return np.asarray(largest, np.float32), np.asarray(smallest, np.float32)
 
 
 def _listed(beside: Bool) -> _Pixels:

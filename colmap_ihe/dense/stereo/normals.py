@@ -10,6 +10,10 @@ from colmap_ihe.dense.camera import Float32, Float64
 # A window beside a pixel is taken where its misfit is so much less than that of the window around it: beside an edge
 # it is less by orders of magnitude, on a surface only by chance.
 _CLEARLY_LESS = 0.7
+_AWAY = 1.5  # how far such a window's middle is from the pixel, in half windows: depth right beside an edge is poor
+# Where the misfit is more than so many times the usual one, as between two edges, a window of 5 / 8 is taken if its
+# misfit is less than half.
+_UNUSUAL, _SMALLER, _HALF = 2.0, 5 / 8, 0.5
 _Offset = tuple[int, int]
 
 
@@ -18,10 +22,23 @@ def normals_from_inverse_depth(inverse_depth: Float32, K: Float64, radius_px: in
 
     `inverse_depth` (H, W) float32, 0 for none; `K` (3, 3). The inverse depth of a plane n.X = c is the
     affine function n.(x, y, 1) / c of the normalised pixel, so a plane is fitted by least squares in a
-    window of 2 `radius_px` + 1 pixels. Of that window around a pixel and the eight around it that reach the pixel, the
-    one whose plane fits best is taken, so that windows do not reach across edges.
+    window of 2 `radius_px` + 1 pixels. Of the window around a pixel and eight beside it, the one whose plane, continued
+    to the pixel, fits best is taken, so that windows do not reach across edges; between edges also smaller ones.
     """
-    slope_x, slope_y = _slopes(inverse_depth, radius_px)
+    slope_x, slope_y, misfit = best_slopes(inverse_depth, radius_px, round(_AWAY * radius_px))
+    fitted = np.isfinite(misfit) & (inverse_depth > 0)
+    if fitted.any():
+        small = round(_SMALLER * radius_px)
+        small_x, small_y, small_misfit = best_slopes(inverse_depth, small, small)
+        unusual = misfit > _UNUSUAL * np.median(misfit[fitted])
+        better = unusual & (small_misfit < _HALF * misfit)
+        slope_x, slope_y = np.where(better, small_x, slope_x), np.where(better, small_y, slope_y)
+    return normals_from_slopes(inverse_depth, slope_x, slope_y, K)
+
+
+def normals_from_slopes(inverse_depth: Float32, slope_x: Float32, slope_y: Float32, K: Float64) -> Float32:
+    """Return unit normals (H, W, 3) float32 as `normals_from_inverse_depth` does, from the slopes (H, W) of inverse
+    depth by column and row."""
     slope_x, slope_y = slope_x * np.float32(K[0, 0]), slope_y * np.float32(K[1, 1])
     height, width = inverse_depth.shape
     x = ((np.arange(width) + 0.5 - K[0, 2]) / K[0, 0]).astype(np.float32)[None, :]
@@ -34,12 +51,13 @@ def normals_from_inverse_depth(inverse_depth: Float32, K: Float64, radius_px: in
     return np.asarray(away * scale[..., None], np.float32)
 
 
-def _slopes(inverse_depth: Float32, radius_px: int) -> tuple[Float32, Float32]:
-    """Return the slopes of inverse depth by column and row, per pixel, of the window that fits each pixel best."""
+def best_slopes(inverse_depth: Float32, radius_px: int, away_px: int) -> tuple[Float32, Float32, Float32]:
+    """Return per pixel the slopes of inverse depth by column and row, and the misfit, of the window that fits it best;
+    windows beside it have their middle `away_px` columns and rows away."""
     mean, slope_x, slope_y, misfit = fitted_planes(inverse_depth, radius_px)
     best = misfit * np.float32(_CLEARLY_LESS)
     away = np.zeros(inverse_depth.shape, np.int32)
-    offsets = [(x, y) for y in (-radius_px, 0, radius_px) for x in (-radius_px, 0, radius_px) if x or y]
+    offsets = [(x, y) for y in (-away_px, 0, away_px) for x in (-away_px, 0, away_px) if x or y]
     for offset in offsets:
         of_pixels, of_windows = _overlap(inverse_depth.shape, offset)
         here = mean[of_windows] - slope_x[of_windows] * offset[0] - slope_y[of_windows] * offset[1]
@@ -48,7 +66,7 @@ def _slopes(inverse_depth: Float32, radius_px: int) -> tuple[Float32, Float32]:
         best[of_pixels][better] = worst[better]
         away[of_pixels][better] = offset[1] * inverse_depth.shape[1] + offset[0]
     window = np.arange(inverse_depth.size, dtype=np.int32).reshape(inverse_depth.shape) + away
-    return slope_x.ravel()[window], slope_y.ravel()[window]
+    return slope_x.ravel()[window], slope_y.ravel()[window], best
 
 
 def fitted_planes(inverse_depth: Float32, radius_px: int) -> tuple[Float32, Float32, Float32, Float32]:

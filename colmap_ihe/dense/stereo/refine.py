@@ -39,12 +39,14 @@ class Comparison:
     """Compare the reference and one source at the present depth: all (H, W) float32.
 
     `correlation` -1..1 is 0 where there is nothing to compare; `likeness` -1..1 is 1 there, and the
-    same elsewhere; both are -1 where the source does not see the pixel. `numerator / denominator` is
-    the change of inverse depth that this source alone asks for.
+    same elsewhere; both are -1 where the source does not see the pixel. `difference` is that of the grey levels of
+    the pixel itself and those that touch it, less those of the windows' means. `numerator / denominator` is the change
+    of inverse depth that this source alone asks for.
     """
 
     correlation: Float32
     likeness: Float32
+    difference: Float32
     numerator: Float32
     denominator: Float32
 
@@ -74,12 +76,14 @@ def compare(reference: Reference, source: StereoView, inverse_depth: Float32) ->
     correlation = np.where(seen, covariance / expected, -1)
     likeness = np.where(seen, (covariance + NOISE_VARIANCE) / expected, -1)
     gain = np.sqrt((reference.variance + NOISE_VARIANCE) / (variance + NOISE_VARIANCE))
+    levels = np.abs((grey - mean) - (reference.grey - reference.mean))
+    difference = np.asarray(cv2.blur(levels, (3, 3)), np.float32)
     slope_reference = _window_mean(slope * reference.grey) - slope_mean * reference.mean
     slope_source = _window_mean(slope * grey) - slope_mean * mean
     slope_square = np.maximum(_window_mean(slope * slope) - slope_mean * slope_mean, 0)
     numerator = length * gain * (slope_reference - gain * slope_source)
     denominator = length * length * gain * gain * slope_square
-    return Comparison(correlation, likeness, numerator, denominator)
+    return Comparison(correlation, likeness, difference, numerator, denominator)
 
 
 def refined(

@@ -150,3 +150,23 @@ def test_points_of_another_shape_are_refused() -> None:
     view, _ = render(REFERENCE, [SLANTED])
     with pytest.raises(ValueError, match=r"points_world.shape=\(3, 4\), expected \(N, 3\)"):
         depth_and_normals(view, [], np.zeros((3, 4)))
+
+
+def test_a_thin_pole_is_found_or_left_out_but_not_taken_for_the_wall(monkeypatch: pytest.MonkeyPatch) -> None:
+    """6 pixels wide, darker than the wall."""
+    pole, wall = plane(3.0, 0, 0, (0.02, 5.0), seed=2), plane(5.0, 0.1, 0, (5.0, 5.0), seed=3)
+    pole = replace(pole, texture_u8=(pole.texture_u8 * 0.4).astype(np.uint8))
+    sources = [camera([x, y, 0]) for x, y in ((-0.3, 0), (0.3, 0), (0.2, 0.3), (-0.2, -0.3))]
+
+    def shares() -> tuple[float, float]:
+        result, truth = _reconstructed(sources, pole, wall)
+        thin = truth < 3.5
+        assert 5 < thin.sum() / 300 < 6.5
+        at_pole, at_wall = (np.abs(result.depth[thin] / z - 1) < 0.03 for z in (3.0, 5.0))
+        return float(at_pole.mean()), float(at_wall.mean())
+
+    found, taken_for_wall = shares()
+    assert found > 0.5, f"{found:.2f}"
+    assert taken_for_wall < 0.1, f"{taken_for_wall:.2f}"
+    monkeypatch.setattr(depth_module, "_MOST_LEVELS", 1e9)
+    assert shares()[1] > taken_for_wall
