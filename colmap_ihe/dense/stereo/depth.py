@@ -22,7 +22,7 @@ _COARSEST_PX = 400  # longer side of the size at which the whole range of depths
 # Thin things are lost in small pictures, so it is twice as large where two pairs take no more disparities there; wider
 # ones take part from the next size on.
 _LARGER_PX, _MOST_DISPARITIES = 800, 320
-_ITERATIONS = 2  # Gauss-Newton steps at each size
+_ITERATIONS = 1  # Gauss-Newton steps at each size: a second one made the error larger, on true depth too
 _MIN_CORRELATION = 0.4  # of the window of a pixel with a source that supports it
 _MIN_SINGLE_CORRELATION = 0.6  # with which one supporting source is enough
 # A window that is mostly of what is behind a thin thing correlates at the depth behind. The thing itself does not: at

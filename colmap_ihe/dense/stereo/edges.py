@@ -33,10 +33,8 @@ _LIGHT_PX = 15  # half of the window over which a source may be brighter
 _MOST_BRIGHTER = 25.0  # than usual in a pair, in levels
 _MOST_LEVELS = 10.0  # larger differences of grey values count as this
 _BEST_SOURCES = 2
-_TO_FARTHER, _TO_NEARER = (
-    1.1,
-    0.8,
-)  # of the present difference, to change sides: windows err towards the nearer
+# Of the present difference, to change sides: windows err towards the nearer.
+_TO_FARTHER, _TO_NEARER = 1.2, 0.8
 # A pixel without depth takes one up to such a difference, in levels, or so many times the usual one beside edges.
 _IN_HOLES_LEVELS, _IN_HOLES = 4.0, 1.6
 
