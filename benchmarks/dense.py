@@ -13,6 +13,7 @@ highest that the process came to in each part.
 from __future__ import annotations
 
 import argparse
+import json
 import tempfile
 import time
 from collections.abc import Callable
@@ -42,6 +43,7 @@ def main() -> None:
     parser.add_argument("--max-image-size", type=int, default=-1, help="of the undistorted images")
     parser.add_argument("--sources", type=int, default=5, help="matched with each image")
     parser.add_argument("--work", type=Path, help="kept, and its sparse model used again")
+    parser.add_argument("--json", action="store_true", help="print the table as JSON")
     arguments = parser.parse_args()
     pycolmap.logging.minloglevel = int(pycolmap.logging.ERROR)
     with tempfile.TemporaryDirectory() as temporary:
@@ -58,7 +60,7 @@ def main() -> None:
             ),
             ("fuse", *_timed(lambda: fuse(folder))),
         ]
-        _print_table(rows, folder)
+        _print_table(rows, folder, arguments.json)
 
 
 def _sparse(photographs: Path, work: Path, scale: float) -> int:
@@ -115,7 +117,7 @@ def _errors(folder: Path) -> np.ndarray[Any, np.dtype[np.float64]]:
     return np.array(errors)
 
 
-def _print_table(rows: list[tuple[str, Any, float, float, float]], folder: Path) -> None:
+def _print_table(rows: list[tuple[str, Any, float, float, float]], folder: Path, as_json: bool) -> None:
     results = {name: result for name, result, *_ in rows}
     counts = results["depth maps"]
     errors = 100 * _errors(folder)
@@ -138,6 +140,9 @@ def _print_table(rows: list[tuple[str, Any, float, float, float]], folder: Path)
         (f"{name}: seconds, core-seconds, peak memory", f"{wall:.1f}, {core:.1f}, {peak:.2f} GB")
         for name, _, wall, core, peak in rows
     ]
+    if as_json:
+        print(json.dumps(dict(lines), indent=2))
+        return
     print("| measure | value |\n|---|---|")
     for name, value in lines:
         print(f"| {name} | {value} |")

@@ -1,6 +1,6 @@
 """Run dense stereo on several greys of one set with the same cameras, against true surfaces where there are any.
 
-    python benchmarks/dense_truth.py PROJECT [--truth PROJECT/truth] [--methods ihe paper rec709 green]
+    python benchmarks/dense_truth.py PROJECT [--truth PROJECT/truth] [--methods ihe paper rec709 green] [--json]
 
 PROJECT is reconstructed as far as the sparse model, whose cameras serve every method; "paper" is IHE without the
 guard. Of the demo, whose truth is exact: accuracy is the share of the fused points that are so near to a true surface,
@@ -8,11 +8,14 @@ completeness the share of what the photographs truly see that is so near to a fu
 (Schoeps et al. 2017, ETH3D); the distance is in percent of the scene's extent. "Walls" fits a plane to the points on
 each of the demo's flat walls: the median distance from it, in percent of the extent, over the walls and of the worst;
 "flat surfaces" are floors, treads and undersides too, with what stands on them within 0.5 % of the extent.
+"Far side of edges": pixels that see the farther surface within 4 pixels of an edge of true depth; the share that has a
+depth, the share of these that is wrong by over 2 %, and their median signed error (fattened foreground is negative).
 """
 
 from __future__ import annotations
 
 import argparse
+import json
 import tempfile
 from collections.abc import Iterator
 from pathlib import Path
@@ -24,13 +27,14 @@ from surface_errors import moved, surface_errors, true_points
 from colmap_ihe import convert_folder
 from colmap_ihe.colmap.native import pycolmap
 from colmap_ihe.commandline.bars import print_table
-from colmap_ihe.dense.depth_maps import DepthCounts, depth_file, read_planes, sgm_depth_maps
+from colmap_ihe.dense.depth_maps import DepthCounts, depth_file, normal_file, read_planes, sgm_depth_maps
 from colmap_ihe.dense.fusion import fuse
 from colmap_ihe.dense.ply import read_ply
 from colmap_ihe.dense.undistort import undistort
 from colmap_ihe.evaluation.demo.scene import portico
 from colmap_ihe.evaluation.demo.shapes import Rect
 from colmap_ihe.evaluation.depth_errors import depth_errors, pooled
+from colmap_ihe.evaluation.edge_errors import EdgeErrors, edge_errors, pooled_edges
 from colmap_ihe.evaluation.truth import Truth, key_of, pose_errors, read_truth
 from colmap_ihe.project.folder import Project
 from colmap_ihe.project.options import FitOptions
@@ -55,6 +59,7 @@ def main() -> None:
     parser.add_argument("project", type=Path)
     parser.add_argument("--truth", type=Path, help="a folder of truth, as the demo writes it")
     parser.add_argument("--methods", nargs="+", choices=METHODS, default=list(METHODS))
+    parser.add_argument("--json", action="store_true", help="print the table as JSON")
     parsed = parser.parse_args()
     pycolmap.logging.minloglevel = int(pycolmap.logging.ERROR)
     project = Project.at(parsed.project)
@@ -71,8 +76,11 @@ def main() -> None:
             columns[method] = {"weights": shown, **_of_maps(counts, points)}
             if truth is not None:
                 columns[method] |= _against_truth(dense, truth)
-        rows = [(row, *(found[row] for found in columns.values())) for row in columns[method]]
-        print_table("", rows, ("", *columns))
+    if parsed.json:
+        print(json.dumps(columns, indent=2))
+        return
+    rows = [(row, *(found[row] for found in columns.values())) for row in columns[parsed.methods[0]]]
+    print_table("", rows, ("", *columns))
 
 
 def _of_maps(counts: DepthCounts, points: int) -> dict[str, str]:
@@ -93,6 +101,16 @@ def _against_truth(dense: Path, truth: Truth) -> dict[str, str]:
         )
         for image in images
     )
+    edges = pooled_edges(
+        edge_errors(
+            read_planes(depth_file(dense, image.name))[0],
+            read_planes(normal_file(dense, image.name)).transpose(1, 2, 0),
+            model.cameras[image.camera_id].calibration_matrix(),
+            truth.images[key_of(image.name)],
+            similarity.scale,
+        )
+        for image in images
+    )
     rows = read_ply(dense / "fused.ply")["vertex"]
     cloud = moved(np.stack([rows[axis] for axis in "xyz"], axis=1), similarity)
     true = np.concatenate([true_points(image, step=2) for image in truth.images.values()])
@@ -105,6 +123,7 @@ def _against_truth(dense: Path, truth: Truth) -> dict[str, str]:
     found = {"depth, median error": f"{depth.median_percent:.3f} %"}
     for where, judged in (("all pixels", depth.all), ("0 to 4 px from edges", depth.near_edges)):
         found[f"right, wrong depths: {where}"] = f"{judged.right_percent:.1f}, {judged.wrong_percent:.1f} %"
+    found |= _at_edges(edges)
     for percent in WITHIN_PERCENT:
         within = percent / 100 * truth.extent_m
         a, c = (100 * float(np.mean(errors <= within)) for errors in (accuracy, completeness))
@@ -117,6 +136,16 @@ def _against_truth(dense: Path, truth: Truth) -> dict[str, str]:
         f"{np.median(surfaces):.4f}, {surfaces.max():.4f} % of {len(surfaces)}"
     )
     return found
+
+
+def _at_edges(edges: EdgeErrors) -> dict[str, str]:
+    return {
+        "far side of edges: with depth": f"{edges.far_side_covered_percent:.1f} %",
+        "far side of edges: wrong, median error": f"{edges.far_side_wrong_percent:.1f} %,"
+        f" {edges.far_side_median_percent:+.3f} %",
+        "normals 2 to 6 px from edges: off by over 10 degrees": f"{edges.normals_near_wrong_percent:.1f} %",
+        "normals elsewhere, median": f"{edges.normals_elsewhere_median_deg:.2f} degrees",
+    }
 
 
 def _flat(cloud: Points, extent_m: float) -> Iterator[tuple[Rect, float]]:

@@ -14,7 +14,7 @@ ASPECT = 1.5  # of photographs, by and large
 STEREO_BYTES_A_PIXEL = 200
 """Of one depth map under way: five sources and their common frames. Measured with benchmarks/dense.py."""
 _CORE_SECONDS_A_MEGAPIXEL = 7.2
-"""Of semi-global matching with fusion, on a server's core of 2 to 3 GHz: 4.8 where nothing else runs, likewise, and up
+"""Of semi-global matching with fusion, on a server's core of 2 to 3 GHz: 5.3 beside little other work, and up
 to 13 beside other work."""
 _FILES_BYTES_A_PIXEL = 28  # grey, colour, depth and normals of a pixel, and its share of the cloud
 

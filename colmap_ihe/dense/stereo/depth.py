@@ -9,6 +9,7 @@ import cv2
 import numpy as np
 
 from colmap_ihe.dense.camera import Float32, Float64, UInt8
+from colmap_ihe.dense.stereo.edges import sharpened
 from colmap_ihe.dense.stereo.match import match_around, match_whole_range
 from colmap_ihe.dense.stereo.merge import filled, merge, without_speckles
 from colmap_ihe.dense.stereo.normals import normals_from_inverse_depth
@@ -18,14 +19,23 @@ from colmap_ihe.dense.stereo.views import StereoView, sizes_coarse_to_fine
 
 # Measured with benchmarks/dense.py.
 _COARSEST_PX = 400  # longer side of the size at which the whole range of depths is searched
-_ITERATIONS = 2  # Gauss-Newton steps at each size
+# Thin things are lost in small pictures, so it is twice as large where two pairs take no more disparities there; wider
+# ones take part from the next size on.
+_LARGER_PX, _MOST_DISPARITIES = 800, 320
+_ITERATIONS = 1  # Gauss-Newton steps at each size: a second one made the error larger, on true depth too
 _MIN_CORRELATION = 0.4  # of the window of a pixel with a source that supports it
 _MIN_SINGLE_CORRELATION = 0.6  # with which one supporting source is enough
+# A window that is mostly of what is behind a thin thing correlates at the depth behind. The thing itself does not: at
+# the pixel, grey values differ by more levels than so many, and more of the window's standard deviation.
+_MOST_LEVELS, _MOST_CONTRAST = 6.0, 0.5
 # Variance of 8-bit values. Where windows are too flat to correlate, sources that agree in depth are enough if the
 # grey values vary by at least so much: a wall does, the sky does not.
 _MIN_VARIANCE = 1.0
 _SPECKLE_PX = 60  # smaller patches are dropped, in pixels of each size
-_NORMAL_RADIUS_PX = 6  # half of the window of the normals
+_COARSE_SPECKLE_PX = (
+    15  # at the coarsest size: of a thin thing pieces are found there, which the next size joins
+)
+_NORMAL_RADIUS_PX = 8  # half of the window of the normals
 
 
 _Match = tuple[RectifiedPair, StereoView]
@@ -70,11 +80,14 @@ def depth_and_normals(
         except PairLeftOutError as reason:
             left_out[index] = str(reason)
     inverse = np.zeros(reference.grey_u8.shape, np.float32)
-    for step, size in enumerate(sizes if pairs else []):
+    first, narrow = first_step(sizes, list(pairs.values())) if pairs else (len(sizes), [])
+    for step, size in list(enumerate(sizes))[first:]:
         smaller = [sources[index].resized(_scaled(sources[index], size, reference)) for index in pairs]
         matches = [(by_size[step], source) for by_size, source in zip(pairs.values(), smaller, strict=True)]
+        if step == first:
+            matches = [matches[row] for row in narrow]
         prior = None
-        if step:
+        if step > first:
             coarser = cv2.resize(filled(inverse), size, interpolation=cv2.INTER_LINEAR)
             prior = np.asarray(coarser, np.float32)
         inverse = _match_at_size(reference.resized(size), matches, prior, check)
@@ -85,6 +98,19 @@ def depth_and_normals(
     depth = np.where(held, 1 / np.where(held, inverse, 1), 0).astype(np.float32)
     normals = normals_from_inverse_depth(inverse, reference.K, _NORMAL_RADIUS_PX)
     return DepthResult(depth, normals, left_out)
+
+
+def first_step(
+    sizes: Sequence[tuple[int, int]], pairs: Sequence[Sequence[RectifiedPair]]
+) -> tuple[int, list[int]]:
+    """Return the step of `sizes` at which the whole range of depths is searched, and the rows of `pairs` that are
+    matched there; `pairs` has the frames of each source at each step."""
+    for step in range(len(sizes) - 1, 0, -1):
+        ranges = [by_size[step].disparities for by_size in pairs]
+        narrow = [row for row, (low, high) in enumerate(ranges) if high - low <= _MOST_DISPARITIES]
+        if max(sizes[step]) <= _LARGER_PX and len(narrow) >= min(2, len(pairs)):
+            return step, narrow
+    return 0, list(range(len(pairs)))
 
 
 def _match_at_size(
@@ -113,7 +139,10 @@ def _match_at_size(
     sources = [source for _, source in matches]
     inverse = _confirmed(reference, sources, inverse, merged, float(np.median(one_pixel)), check)
     # Speckles by the coarsest pair: by the finest, a steep surface falls apart into single pixels.
-    return without_speckles(inverse, _SPECKLE_PX, max(one_pixel))
+    smallest_px = _COARSE_SPECKLE_PX if prior is None else _SPECKLE_PX
+    inverse = without_speckles(inverse, smallest_px, max(one_pixel))
+    check()
+    return sharpened(reference, sources, inverse, float(np.median(one_pixel)))
 
 
 def _confirmed(
@@ -131,11 +160,13 @@ def _confirmed(
     support = np.zeros(inverse.shape, np.uint8)
     alike = np.zeros(inverse.shape, np.uint8)
     best = np.full(inverse.shape, -1, np.float32)
+    most = np.maximum(np.float32(_MOST_LEVELS), _MOST_CONTRAST * np.sqrt(reference.variance))
     for source in sources:
         fit = compare(reference, source, moved)
-        support += fit.correlation >= _MIN_CORRELATION
-        alike += fit.likeness >= _MIN_CORRELATION
-        np.maximum(best, fit.correlation, out=best)
+        same = fit.difference <= most
+        support += same & (fit.correlation >= _MIN_CORRELATION)
+        alike += same & (fit.likeness >= _MIN_CORRELATION)
+        np.maximum(best, fit.correlation, out=best, where=same)
     keep = (inverse > 0) & (moved > 0)
     if view.mask_u8 is not None:
         keep &= view.mask_u8 > 0

@@ -113,7 +113,7 @@ def rectify(reference: PinholeCamera, source: PinholeCamera, points_world: Float
     depth = points[:, 2][points[:, 2] > 0]
     if not depth.size:
         raise PairLeftOutError("no sparse point lies in front of both views")
-    low, high = np.percentile(focal_px * baseline / depth, [1, 99])
+    low, high = np.percentile(focal_px * baseline / depth, [1, 99.7])
     margin = 0.25 * (high - low) + 4.0  # for depths without sparse points
     disparities = max(0.0, float(low - margin)), float(high + margin)
     left, top, width, height = _overlap(reference, source, from_reference, from_source, disparities)

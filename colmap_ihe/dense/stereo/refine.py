@@ -14,6 +14,7 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from colmap_ihe.dense.camera import Bool, Float32, Float64
 from colmap_ihe.dense.stereo.rectify import inside
@@ -38,14 +39,29 @@ class Comparison:
     """Compare the reference and one source at the present depth: all (H, W) float32.
 
     `correlation` -1..1 is 0 where there is nothing to compare; `likeness` -1..1 is 1 there, and the
-    same elsewhere; both are -1 where the source does not see the pixel. `numerator / denominator` is
-    the change of inverse depth that this source alone asks for.
+    same elsewhere; both are -1 where the source does not see the pixel. `difference` is that of the grey levels of
+    the pixel itself and those that touch it, less those of the windows' means.
     """
 
     correlation: Float32
     likeness: Float32
-    numerator: Float32
-    denominator: Float32
+    difference: Float32
+
+
+@dataclass(frozen=True)
+class _Match:
+    """Hold where a source sees the reference's pixels at the present depth, as `project` returns it, its grey values
+    there, and the statistics of their windows."""
+
+    x: Float32
+    y: Float32
+    dx: Float32
+    dy: Float32
+    seen: Bool
+    grey: Float32
+    mean: Float32
+    variance: Float32
+    correlation: Float32
 
 
 def prepared(view: StereoView) -> Reference:
@@ -57,27 +73,45 @@ def prepared(view: StereoView) -> Reference:
 
 def compare(reference: Reference, source: StereoView, inverse_depth: Float32) -> Comparison:
     """Tell how a source supports `inverse_depth` (H, W) float32, > 0, of the reference."""
-    x, y, dx, dy, seen = _project(reference.view, source, inverse_depth)
-    # One pixel along the epipolar line, for the derivative by central difference.
-    length: Float32 = np.maximum(np.sqrt(dx * dx + dy * dy), np.float32(1e-12))
-    half = np.float32(0.5) / length
-    half_x, half_y = dx * half, dy * half
-    grey = _sample(source, x, y)
-    slope = _sample(source, x + half_x, y + half_y) - _sample(source, x - half_x, y - half_y)
+    match = _match(reference, source, inverse_depth)
+    noise = NOISE_VARIANCE / _expected(reference, match.variance)
+    likeness = np.where(match.seen, match.correlation + noise, -1)
+    levels = np.abs((match.grey - match.mean) - (reference.grey - reference.mean))
+    difference = np.asarray(cv2.blur(levels, (3, 3)), np.float32)
+    return Comparison(match.correlation, likeness, difference)
+
+
+def _match(reference: Reference, source: StereoView, inverse_depth: Float32) -> _Match:
+    u, v = (np.arange(side) + 0.5 for side in reference.view.size)
+    x, y, dx, dy, seen = project(reference.view, source, u[None, :], v[:, None], inverse_depth)
+    grey = sampled(source, x, y)
     mean = _window_mean(grey)
-    slope_mean = _window_mean(slope)
     variance = np.maximum(_window_mean(grey * grey) - mean * mean, 0)
     covariance = _window_mean(grey * reference.grey) - mean * reference.mean
-    expected = np.sqrt((variance + NOISE_VARIANCE) * (reference.variance + NOISE_VARIANCE))
-    correlation = np.where(seen, covariance / expected, -1)
-    likeness = np.where(seen, (covariance + NOISE_VARIANCE) / expected, -1)
-    gain = np.sqrt((reference.variance + NOISE_VARIANCE) / (variance + NOISE_VARIANCE))
+    correlation = np.where(seen, covariance / _expected(reference, variance), -1)
+    return _Match(x, y, dx, dy, seen, grey, mean, variance, correlation)
+
+
+def _expected(reference: Reference, variance: Float32) -> Float32:
+    """Return the covariance of windows that look alike."""
+    return np.sqrt((variance + NOISE_VARIANCE) * (reference.variance + NOISE_VARIANCE))
+
+
+def _pull(reference: Reference, source: StereoView, match: _Match) -> tuple[Float32, Float32]:
+    """Return numerator and denominator (H, W) of the change of inverse depth that a source alone asks for."""
+    # One pixel along the epipolar line, for the derivative by central difference.
+    length: Float32 = np.maximum(np.sqrt(match.dx * match.dx + match.dy * match.dy), np.float32(1e-12))
+    half = np.float32(0.5) / length
+    half_x, half_y = match.dx * half, match.dy * half
+    after, before = (sampled(source, match.x + s * half_x, match.y + s * half_y) for s in (1, -1))
+    slope = after - before
+    slope_mean = _window_mean(slope)
+    gain = np.sqrt((reference.variance + NOISE_VARIANCE) / (match.variance + NOISE_VARIANCE))
     slope_reference = _window_mean(slope * reference.grey) - slope_mean * reference.mean
-    slope_source = _window_mean(slope * grey) - slope_mean * mean
+    slope_source = _window_mean(slope * match.grey) - slope_mean * match.mean
     slope_square = np.maximum(_window_mean(slope * slope) - slope_mean * slope_mean, 0)
-    numerator = length * gain * (slope_reference - gain * slope_source)
-    denominator = length * length * gain * gain * slope_square
-    return Comparison(correlation, likeness, numerator, denominator)
+    lengthened = length * gain
+    return lengthened * (slope_reference - gain * slope_source), lengthened * lengthened * slope_square
 
 
 def refined(
@@ -93,28 +127,34 @@ def refined(
         numerator = np.zeros_like(inverse_depth)
         denominator = np.zeros_like(inverse_depth)
         for source in sources:
-            fit = compare(reference, source, inverse_depth)
-            weight = np.square(np.clip((fit.correlation - 0.3) / 0.7, 0, 1))
-            numerator += weight * fit.numerator
-            denominator += weight * fit.denominator
+            match = _match(reference, source, inverse_depth)
+            own_numerator, own_denominator = _pull(reference, source, match)
+            weight = np.square(np.clip((match.correlation - 0.3) / 0.7, 0, 1))
+            numerator += weight * own_numerator
+            denominator += weight * own_denominator
         floor = np.float32(1e-3 / one_pixel**2)
         step = numerator / (denominator + floor)
         inverse_depth = inverse_depth + np.clip(step, -one_pixel, one_pixel)
     return inverse_depth
 
 
-def _project(
-    reference: StereoView, source: StereoView, inverse_depth: Float32
+def project(
+    reference: StereoView,
+    source: StereoView,
+    u: NDArray[np.floating],
+    v: NDArray[np.floating],
+    inverse_depth: Float32,
 ) -> tuple[Float32, Float32, Float32, Float32, Bool]:
-    """Return OpenCV positions in the source, their derivative by inverse depth, and whether the source sees them."""
+    """Return OpenCV positions in the source of the reference's pixels at `inverse_depth`, their derivative by inverse
+    depth, and whether the source sees them. `u` and `v` are the pixels' columns and rows, the first one at 0.5, which
+    broadcast to the shape of `inverse_depth`."""
     rotation = source.rotation @ reference.rotation.T
     translation = source.cam_from_world[:, 3] - rotation @ reference.cam_from_world[:, 3]
     infinite: Float64 = source.K @ rotation @ np.linalg.inv(reference.K)
     epipole: Float64 = source.K @ translation
-    u = np.arange(reference.size[0]) + 0.5
-    v = np.arange(reference.size[1]) + 0.5
     a, b, c = (
-        (row[0] * u[None, :] + (row[1] * v[:, None] + row[2])).astype(np.float32)
+        (row[0] * u).astype(np.float32)
+        + (row[1] * v + row[2]).astype(np.float32)
         + np.float32(shift) * inverse_depth
         for row, shift in zip(infinite, epipole, strict=True)
     )
@@ -127,9 +167,10 @@ def _project(
     return x, y, dx, dy, in_front & inside(x, y, source)
 
 
-def _sample(view: StereoView, x: Float32, y: Float32) -> Float32:
-    sampled = cv2.remap(view.grey_u8, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-    return np.asarray(sampled, np.float32)
+def sampled(view: StereoView, x: Float32, y: Float32) -> Float32:
+    """Return the grey values (H, W) float32 of a photograph at OpenCV positions (H, W) float32."""
+    values = cv2.remap(view.grey_u8, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    return np.asarray(values, np.float32)
 
 
 def _window_mean(image: Float32) -> Float32:

@@ -12,7 +12,9 @@ from planes import Plane, camera, plane, render, sparse_points
 
 from colmap_ihe.dense.camera import Float64, PinholeCamera
 from colmap_ihe.dense.stereo import depth as depth_module
-from colmap_ihe.dense.stereo.depth import DepthResult, depth_and_normals
+from colmap_ihe.dense.stereo.depth import DepthResult, depth_and_normals, first_step
+from colmap_ihe.dense.stereo.rectify import rectify
+from colmap_ihe.dense.stereo.views import sizes_coarse_to_fine
 from colmap_ihe.errors import Cancelled
 
 SLANTED = plane(4.0, 0.3, -0.2, (4.0, 4.0), seed=1)
@@ -150,3 +152,41 @@ def test_points_of_another_shape_are_refused() -> None:
     view, _ = render(REFERENCE, [SLANTED])
     with pytest.raises(ValueError, match=r"points_world.shape=\(3, 4\), expected \(N, 3\)"):
         depth_and_normals(view, [], np.zeros((3, 4)))
+
+
+def test_a_thin_pole_is_found_or_left_out_but_not_taken_for_the_wall(monkeypatch: pytest.MonkeyPatch) -> None:
+    """6 pixels wide, darker than the wall."""
+    pole, wall = plane(3.0, 0, 0, (0.02, 5.0), seed=2), plane(5.0, 0.1, 0, (5.0, 5.0), seed=3)
+    pole = replace(pole, texture_u8=(pole.texture_u8 * 0.4).astype(np.uint8))
+    sources = [camera([x, y, 0]) for x, y in ((-0.3, 0), (0.3, 0), (0.2, 0.3), (-0.2, -0.3))]
+
+    def shares() -> tuple[float, float]:
+        result, truth = _reconstructed(sources, pole, wall)
+        thin = truth < 3.5
+        assert 5 < thin.sum() / 300 < 6.5
+        at_pole, at_wall = (np.abs(result.depth[thin] / z - 1) < 0.03 for z in (3.0, 5.0))
+        return float(at_pole.mean()), float(at_wall.mean())
+
+    found, taken_for_wall = shares()
+    assert found > 0.5, f"{found:.2f}"
+    assert taken_for_wall < 0.1, f"{taken_for_wall:.2f}"
+    monkeypatch.setattr(depth_module, "_MOST_LEVELS", 1e9)
+    assert shares()[1] > taken_for_wall
+
+
+def test_the_whole_range_is_searched_at_the_larger_size_by_the_pairs_whose_range_is_narrow() -> None:
+    large = camera([0, 0, 0], size=(1600, 1200), focal=1680)
+    sizes = sizes_coarse_to_fine(large.size, 400)
+    points = np.random.default_rng(5).uniform([-1, -0.8, 2.0], [1, 0.8, 5.0], (300, 3))
+
+    def first(*baselines: float) -> tuple[int, list[int]]:
+        sources = [camera([x, 0, 0], size=(1600, 1200), focal=1680) for x in baselines]
+        cameras = [[(large.camera_resized(s), source.camera_resized(s)) for s in sizes] for source in sources]
+        return first_step(sizes, [[rectify(*pair, points) for pair in by_size] for by_size in cameras])
+
+    assert sizes == [(400, 300), (800, 600), (1600, 1200)]
+    # At 800 pixels 840 x baseline / depth, and a quarter more either way: 378 x baseline and 8.
+    assert first(0.4, 0.5) == (1, [0, 1])
+    assert first(0.4, 0.9, 0.5) == (1, [0, 2])
+    assert first(0.4) == (1, [0])
+    assert first(0.4, 0.9) == (0, [0, 1])
