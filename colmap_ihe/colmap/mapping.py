@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from colmap_ihe.colmap.calibration.calibrate import Calibration, Known
-from colmap_ihe.colmap.calibration.models import Calibrations, Groups, calibrate_models
+from colmap_ihe.colmap.calibration.models import Calibrated, Setting, calibrate_models
 from colmap_ihe.colmap.mapper_options import (
     MAPPERS,
     calibration_settings,
@@ -44,12 +44,14 @@ class ModelStatistics:
 
 @dataclass(frozen=True)
 class Mapped:
-    """Hold the models of a mapping, that of most images first, with what came of its calibration, if anything; and the
-    images by name in groups of one camera each, of cameras that were only assumed to have taken them all."""
+    """Hold the models of a mapping, that of most images first, with what came of its calibration, if anything; the
+    images by name in groups of one camera each, of cameras that were only assumed to have taken them all; and what went
+    wrong in calibrating (`problems`)."""
 
     models: list[ModelStatistics]
     calibration: Calibration | None
     apart: list[list[str]]
+    problems: list[str]
 
 
 @dataclass(frozen=True)
@@ -98,7 +100,8 @@ def map_images(
     if not models:
         shutil.rmtree(temporary)
         raise MappingError(f"none of the {images} photographs could be registered")
-    ordered, calibrations, groups = _in_order(models), Calibrations(), Groups()
+    calibrated = Calibrated(_in_order(models), [None], [])
+    problems: list[str] = []
     if options.calibration == "auto":
 
         def map_again(other: Path) -> list[pycolmap.Reconstruction]:
@@ -107,19 +110,18 @@ def map_images(
             progress.start(images, "images again")
             return _in_order(_map_once(replace(given, database=other, out=out), progress))
 
-        settings = calibration_settings(options)
-        ordered, calibrations, groups = calibrate_models(
-            ordered, database, known, settings, map_again, work, progress
-        )
+        setting = Setting(database, known, calibration_settings(options), map_again, work, progress, problems)
+        calibrated = calibrate_models(calibrated.models, setting)
     shutil.rmtree(work)
     if colour is not None:
-        _colour_points(ordered, colour, progress)
-    for number, model in enumerate(ordered):
+        _colour_points(calibrated.models, colour, progress)
+    for number, model in enumerate(calibrated.models):
         folder = temporary / str(number)
         folder.mkdir()
         model.write(folder)
     replace_folder(temporary, sparse)
-    return Mapped([describe(model) for model in ordered], next(iter(calibrations), None), groups)
+    described = [describe(model) for model in calibrated.models]
+    return Mapped(described, calibrated.calibrations[0], calibrated.apart, problems)
 
 
 def _map_up_to_twice(

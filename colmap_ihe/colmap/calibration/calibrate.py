@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import logging
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
@@ -19,8 +18,6 @@ from colmap_ihe.colmap.calibration.sharing import focal_lengths, groups_of
 from colmap_ihe.colmap.native import pycolmap
 from colmap_ihe.machine import threads
 from colmap_ihe.machine.progress import SILENT, Progress
-
-logger = logging.getLogger(__name__)
 
 FEWEST = 3
 """Photographs by a camera from which on it is calibrated: with two, no point is seen once more than it takes."""
@@ -73,21 +70,8 @@ def calibrate(
     model: pycolmap.Reconstruction, known: Known, triangulation: Triangulation, progress: Progress = SILENT
 ) -> Calibration | Apart | None:
     """Change cameras, poses and points of a model to what its observations say of its lenses. None where no camera took
-    enough photographs, too many points are wrong, or equations have no solution, which the log says; and `Apart` where
-    a camera clearly did not take all of its own: then nothing was changed. Raises `Cancelled`."""
-    try:
-        return _calibrate(model, known, triangulation, progress)
-    except np.linalg.LinAlgError as error:
-        logger.warning(
-            "the cameras are left as COLMAP has them: the equations of their calibration have no solution (%s)",
-            error,
-        )
-        return None
-
-
-def _calibrate(
-    model: pycolmap.Reconstruction, known: Known, triangulation: Triangulation, progress: Progress
-) -> Calibration | Apart | None:
+    enough photographs or too many points are wrong; and `Apart` where a camera clearly did not take all of its own.
+    Nothing was changed then, nor where equations have no solution (raises `LinAlgError`). Raises `Cancelled`."""
     camera_ids = sorted({model.images[i].camera_id for i in model.reg_image_ids()})
     if any(model.cameras[i].is_spherical() for i in camera_ids):
         return None  # a panorama has no focal length

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import shutil
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
+
+import numpy as np
 
 from colmap_ihe.colmap.calibration.calibrate import Apart, Calibration, Known, calibrate
 from colmap_ihe.colmap.calibration.choose import may_be_wide
@@ -13,18 +15,42 @@ from colmap_ihe.colmap.calibration.freedom import PERSPECTIVE
 from colmap_ihe.colmap.calibration.rebuild import Triangulation
 from colmap_ihe.colmap.native import pycolmap
 from colmap_ihe.colmap.part_databases import copy_with_cameras
-from colmap_ihe.machine.progress import Progress
+from colmap_ihe.errors import NativeError
+from colmap_ihe.machine.progress import SILENT, Progress
 
 Models = list[pycolmap.Reconstruction]
-Calibrations = list[Calibration | None]
 Outcomes = Sequence[Calibration | Apart | None]
-Groups = list[list[str]]
 MapAgain = Callable[[Path], Models]
 
 _LITTLE = 0.25
 """Share of matched features in a model below which mapping failed: 0.02 to 0.24 where it did, of simulated fisheyes,
 0.3 to 0.9 elsewhere (0.45 of strangers' photographs)."""
 _MORE = 1.5  # times the observations, for a model that began otherwise
+
+
+@dataclass(frozen=True)
+class Setting:
+    """Hold what models are calibrated with: the database, what is known of its cameras, COLMAP's options of points,
+    `map_again`, which maps by a copy of the database in `scratch` and returns models, that of most images first, and
+    what went wrong (`problems`), for the user."""
+
+    database: Path
+    known: Known
+    options: pycolmap.IncrementalPipelineOptions
+    map_again: MapAgain
+    scratch: Path
+    progress: Progress = SILENT
+    problems: list[str] = field(default_factory=list)
+
+
+@dataclass(frozen=True)
+class Calibrated:
+    """Hold models, what came of the calibration of each, and the images by name in groups of one camera each, where a
+    camera was only assumed to have taken them all and clearly had not."""
+
+    models: Models
+    calibrations: list[Calibration | None]
+    apart: list[list[str]]
 
 
 def known_of(database: Path, known: Known) -> Known:
@@ -38,67 +64,57 @@ def known_of(database: Path, known: Known) -> Known:
     )
 
 
-def calibrate_models(
-    models: Models,
-    database: Path,
-    known: Known,
-    settings: pycolmap.IncrementalPipelineOptions,
-    map_again: MapAgain,
-    scratch: Path,
-    progress: Progress,
-) -> tuple[Models, Calibrations, Groups]:
-    """Return the models with their cameras calibrated, what came of it, and the images by name in groups of one camera
-    each, where a camera was only assumed to have taken them all and clearly had not.
-
-    `settings` of COLMAP's mapper say how points are triangulated and filtered. Then, and where a lens is another than
-    COLMAP's model shows, `map_again` maps by a copy of the database in `scratch` with the cameras found, and returns
-    models, that of most images first. They count unless they have fewer images.
-    """
-    known = known_of(database, known)
-    models = _mapped_as_fisheye(models, database, known, settings, map_again, scratch)
-    groups: Groups = []
-    found: Outcomes = [_calibrated(model, database, known, settings, progress) for model in models]
+def calibrate_models(models: Models, given: Setting) -> Calibrated:
+    """Return the models with their cameras calibrated. Where a lens is another than COLMAP's model shows, or a camera
+    did not take all its images, they are mapped once more with the cameras found, which counts unless fewer images are
+    registered. What fails on the way is told as one of the problems, and the models are left as they were before."""
+    given = replace(given, known=known_of(given.database, given.known))
+    models = _mapped_as_fisheye(models, given)
+    groups: list[list[str]] = []
+    found: Outcomes = [_calibrated(model, given) for model in models]
     if isinstance(found[0], Apart):
-        groups, copy = found[0].groups, scratch / "cameras-apart.db"
-        copy_with_cameras(database, copy, groups)
-        again = map_again(copy)
-        if again and again[0].num_reg_images() >= models[0].num_reg_images():
-            models, database = again, copy
+        copy = given.scratch / "cameras-apart.db"
+        copy_with_cameras(given.database, copy, found[0].groups)
+        again = _mapped_again(models, given, copy, "a camera for each focal length found")
+        if again:
+            models, groups, given = again, found[0].groups, replace(given, database=copy)
             found = [found[0] for _ in models]  # none of these is calibrated
-        else:
-            groups = []
     if any(isinstance(one, Apart) for one in found):
-        known = known_of(database, replace(known, check_shared=False))
+        given = replace(given, known=known_of(given.database, replace(given.known, check_shared=False)))
         found = [
-            _calibrated(model, database, known, settings, progress) if isinstance(one, Apart) else one
+            _calibrated(model, given) if isinstance(one, Apart) else one
             for model, one in zip(models, found, strict=True)
         ]
     if isinstance(found[0], Calibration) and found[0].other_lens:
-        models, found = _mapped_again(models, found, database, known, settings, map_again, scratch, progress)
-    return models, [one if isinstance(one, Calibration) else None for one in found], groups
+        models, found = _by_the_lens_found(models, found, found[0], given)
+    return Calibrated(models, [one if isinstance(one, Calibration) else None for one in found], groups)
 
 
-def _mapped_again(
-    models: Models,
-    found: Outcomes,
-    database: Path,
-    known: Known,
-    settings: pycolmap.IncrementalPipelineOptions,
-    map_again: MapAgain,
-    scratch: Path,
-    progress: Progress,
+def _mapped_again(models: Models, given: Setting, copy: Path, cameras: str) -> Models:
+    """Return models by a copy of the database with other `cameras`, in words; none where these have fewer images, or
+    COLMAP fails, which is told."""
+    try:
+        again = given.map_again(copy)
+    except NativeError as error:
+        given.problems.append(
+            f"mapping once more with {cameras} failed, and the first model is kept: {error}"
+        )
+        return []
+    return again if again and again[0].num_reg_images() >= models[0].num_reg_images() else []
+
+
+def _by_the_lens_found(
+    models: Models, found: Outcomes, first: Calibration, given: Setting
 ) -> tuple[Models, Outcomes]:
     """Return the models mapped and calibrated by the cameras found, unless these have fewer images then."""
-    first = found[0]
-    assert isinstance(first, Calibration)
-    copy = scratch / "cameras-found.db"
-    shutil.copyfile(database, copy)
+    copy = given.scratch / "cameras-found.db"
+    shutil.copyfile(given.database, copy)
     _start_from(copy, models[0], first)
-    again = map_again(copy)
-    if not again or again[0].num_reg_images() < models[0].num_reg_images():
+    again = _mapped_again(models, given, copy, "the lens that was found")
+    if not again:
         return models, found
-    starts = replace(known, starts=first.freedoms, assumed=frozenset())
-    return again, [_calibrated(model, database, starts, settings, progress) for model in again]
+    starts = replace(given.known, starts=first.freedoms, assumed=frozenset())
+    return again, [_calibrated(model, replace(given, known=starts)) for model in again]
 
 
 def _start_from(database: Path, model: pycolmap.Reconstruction, found: Calibration) -> None:
@@ -110,22 +126,16 @@ def _start_from(database: Path, model: pycolmap.Reconstruction, found: Calibrati
             opened.update_camera(camera)
 
 
-def _mapped_as_fisheye(
-    models: Models,
-    database: Path,
-    known: Known,
-    settings: pycolmap.IncrementalPipelineOptions,
-    map_again: MapAgain,
-    scratch: Path,
-) -> Models:
+def _mapped_as_fisheye(models: Models, given: Setting) -> Models:
     """Return the models, or those that begin with a fisheye's cameras, where wide lenses have left little of a model
     and these hold clearly more."""
+    known = given.known
     plain = {i: camera for i, camera in known.cameras.items() if camera.model_name == PERSPECTIVE[0][0]}
     wide = [i for i, camera in plain.items() if i not in known.held and may_be_wide(camera)]
-    if known.given_model or not wide or _share_mapped(models[0], database, settings) > _LITTLE:
+    if known.given_model or not wide or _share_mapped(models[0], given) > _LITTLE:
         return models
-    copy = scratch / "fisheyes.db"
-    shutil.copyfile(database, copy)
+    copy = given.scratch / "fisheyes.db"
+    shutil.copyfile(given.database, copy)
     with pycolmap.Database.open(copy) as opened:
         for camera_id in wide:
             camera = opened.read_camera(camera_id)
@@ -133,42 +143,40 @@ def _mapped_as_fisheye(
             camera.model = pycolmap.CameraModelId.SIMPLE_RADIAL_FISHEYE
             camera.params = [*params[:3], 0.0]
             opened.update_camera(camera)
-    again = map_again(copy)
-    if not again or again[0].num_reg_images() < models[0].num_reg_images():
+    again = _mapped_again(models, given, copy, "the camera of a fisheye")
+    if not again:
         return models
     before, after = (each[0].compute_num_observations() for each in (models, again))
     return again if after > _MORE * before else models
 
 
-def _share_mapped(
-    model: pycolmap.Reconstruction, database: Path, settings: pycolmap.IncrementalPipelineOptions
-) -> float:
+def _share_mapped(model: pycolmap.Reconstruction, given: Setting) -> float:
     """Return the share of the features with verified matches that became observations of a model."""
-    graph = _triangulation(model, database, settings).graph
+    graph = _triangulation(model, given).graph
     ids = model.reg_image_ids()
     matched = sum(graph.num_observations_for_image(i) for i in ids)
     return float(sum(model.images[i].num_points3D for i in ids) / max(1, matched))
 
 
-def _calibrated(
-    model: pycolmap.Reconstruction,
-    database: Path,
-    known: Known,
-    settings: pycolmap.IncrementalPipelineOptions,
-    progress: Progress,
-) -> Calibration | Apart | None:
-    return calibrate(model, known, _triangulation(model, database, settings), progress)
+def _calibrated(model: pycolmap.Reconstruction, given: Setting) -> Calibration | Apart | None:
+    try:
+        return calibrate(model, given.known, _triangulation(model, given), given.progress)
+    except np.linalg.LinAlgError as error:
+        given.problems.append(
+            "cameras are left as COLMAP has them: the equations of their calibration have no solution"
+            f" ({error}). sparse.calibration=colmap does without, camera.calibration takes one that is known"
+        )
+        return None
 
 
-def _triangulation(
-    model: pycolmap.Reconstruction, database: Path, settings: pycolmap.IncrementalPipelineOptions
-) -> Triangulation:
+def _triangulation(model: pycolmap.Reconstruction, given: Setting) -> Triangulation:
+    settings = given.options
     options = pycolmap.DatabaseCacheOptions(
         min_num_matches=settings.min_num_matches,
         ignore_watermarks=settings.ignore_watermarks,
         image_names={str(model.images[i].name) for i in model.reg_image_ids()},
     )
-    with pycolmap.Database.open(database) as opened:
+    with pycolmap.Database.open(given.database) as opened:
         cache = pycolmap.DatabaseCache.create(opened, options)
     mapper = settings.get_mapper()
     return Triangulation(

@@ -82,6 +82,7 @@ def run(run: RunContext, progress: Progress) -> SparseRecord:
     warnings = [
         *(each.in_words() for each in tries),
         *warnings,
+        *mapped.problems,
         *camera_warnings.apart_warnings([[by_grey[name] for name in group] for group in mapped.apart]),
         *camera_warnings.doubtful_calibrations([camera.model_dump() for camera in cameras]),
         *camera_warnings.refused_calibrations(mapped.calibration.gain if mapped.calibration else None),

@@ -7,6 +7,7 @@ from collections.abc import Callable
 from contextlib import closing
 from pathlib import Path
 
+import numpy as np
 import pytest
 from wall_survey import camera, position_error, survey, write_database
 
@@ -15,9 +16,9 @@ from colmap_ihe.colmap.calibration import models as module
 from colmap_ihe.colmap.calibration.calibrate import Apart, Calibration, Known
 from colmap_ihe.colmap.calibration.freedom import Freedom
 from colmap_ihe.colmap.calibration.held_out import HeldOut
-from colmap_ihe.colmap.calibration.models import Models, calibrate_models, known_of
+from colmap_ihe.colmap.calibration.models import Models, Setting, calibrate_models, known_of
 from colmap_ihe.colmap.native import pycolmap, quiet
-from colmap_ihe.machine.progress import SILENT
+from colmap_ihe.errors import NativeError
 
 FISHEYE = camera("OPENCV_FISHEYE", (716, 716, 600, 450, 0.02, 0, 0, 0))
 START = camera(params=(730, 600, 450, 0), exif=True)
@@ -44,12 +45,19 @@ def never(_: Path) -> Models:
 
 
 def run(
-    models: Models, database: Path, map_again: Callable[[Path], Models], known: Known | None = None
+    models: Models,
+    database: Path,
+    map_again: Callable[[Path], Models],
+    known: Known | None = None,
+    problems: list[str] | None = None,
 ) -> tuple[Models, list[Calibration | None], list[list[str]]]:
     scratch = database.parent / "scratch"
     scratch.mkdir(exist_ok=True)
+    told: list[str] = [] if problems is None else problems
+    setting = Setting(database, known or Known(), SETTINGS, map_again, scratch, problems=told)
     with quiet():
-        return calibrate_models(models, database, known or Known(), SETTINGS, map_again, scratch, SILENT)
+        found = calibrate_models(models, setting)
+    return found.models, found.calibrations, found.apart
 
 
 @pytest.fixture
@@ -95,6 +103,40 @@ def test_models_of_fewer_images_do_not_count(fisheye: tuple[pycolmap.Reconstruct
         assert models is first
         assert calibration is not None
         assert models[0].cameras[1].model_name.endswith("FISHEYE")
+
+
+def test_where_mapping_again_fails_the_first_model_is_kept_and_it_is_told(
+    fisheye: tuple[pycolmap.Reconstruction, Path],
+) -> None:
+    def fail(_: Path) -> Models:
+        raise NativeError("RuntimeError: the mapper died")
+
+    _, database = fisheye
+    first, problems = mapped(database), []  # type: tuple[Models, list[str]]
+    models, (calibration,), _ = run(first, database, fail, problems=problems)
+    assert models is first
+    assert calibration is not None
+    assert models[0].cameras[1].model_name.endswith("FISHEYE")
+    (problem,) = problems
+    assert problem.startswith(
+        "mapping once more with the lens that was found failed, and the first model is kept"
+    )
+    assert "the mapper died" in problem
+
+
+def test_equations_without_a_solution_leave_colmaps_model_and_it_is_told(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fail(*_: object) -> None:
+        raise np.linalg.LinAlgError("Singular matrix")
+
+    models, database = two_models(tmp_path)
+    monkeypatch.setattr(module, "calibrate", fail)
+    problems: list[str] = []
+    assert run(models, database, never, problems=problems) == (models, [None, None], [])
+    assert len(problems) == 2
+    assert problems[0].startswith("cameras are left as COLMAP has them")
+    assert "Singular matrix" in problems[0]
 
 
 def test_a_lens_that_colmap_shows_is_mapped_once(tmp_path: Path) -> None:
