@@ -16,7 +16,7 @@ STEREO_BYTES_A_PIXEL = 200
 _CORE_SECONDS_A_MEGAPIXEL = 7.2
 """Of semi-global matching with fusion, on a server's core of 2 to 3 GHz: 5.3 beside little other work, and up
 to 13 beside other work."""
-_FILES_BYTES_A_PIXEL = 28  # grey, colour, depth and normals of a pixel, and its share of the cloud
+_FILES_BYTES_A_PIXEL = 31  # grey, colour, depth and normals of a pixel, and its share of the cloud
 
 
 def pixels_within(largest: int, images: int, pixels: float) -> float:

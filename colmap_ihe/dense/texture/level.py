@@ -18,7 +18,7 @@ from colmap_ihe.dense.texture.atlas import Patches
 
 _SMOOTH = 0.1  # weight of the difference between neighbours in a patch; of Waechter's lambda, the inverse
 _REST = 1e-4  # weight of an offset itself, which holds the mean
-_UNSEEN = 0.01  # weight of a seam at which one side or both have no photograph
+_HELD = 1e4  # the same, of a corner that is to stay
 _TOLERANCE, _ROUNDS = 3e-4, 600
 
 
@@ -26,27 +26,36 @@ def seam_offsets(patches: Patches, colours: Float64, seen: Bool) -> Float64:
     """Return (P, 3) float64: what to add to the colours of each corner of the cut mesh.
 
     `colours` (P, 3) are those of its photograph there; `seen` (P,) is False where no photograph shows it: such a corner
-    follows its neighbours, and hardly draws them.
+    follows its neighbours, and does not draw them.
     """
     if colours.shape != (len(patches.vertex), 3):
         raise ValueError(f"{colours.shape=}, expected ({len(patches.vertex)}, 3)")
     seams, edges = _seams(patches), _edges(patches)
     ends = np.concatenate((seams, edges)).astype(np.int64)
-    weight = np.full((len(ends), 1), _SMOOTH)
-    weight[: len(seams), 0] = np.where(seen[seams].all(axis=1), 1.0, _UNSEEN)
+    is_seam = np.arange(len(ends)) < len(seams)
     # The offset of the first end less that of the second: on seams as large as the difference of colours, else zero.
     difference = np.zeros((len(ends), 3))
     difference[: len(seams)] = colours[seams[:, 1]] - colours[seams[:, 0]]
-    start = _patch_offsets(patches, seams, weight[: len(seams)], difference[: len(seams)])
-    return _solve(ends, weight, difference, np.full((len(colours), 1), _REST), start)
+    both = np.asarray(seen[ends].all(axis=1))
+    offsets = _levelled(patches, ends, difference, is_seam, both, np.full((len(colours), 1), _REST))
+    left = difference - (offsets[ends[:, 0]] - offsets[ends[:, 1]])
+    held = np.where(seen, _HELD, _REST)[:, None]
+    followed = _levelled(patches, ends, left, is_seam, ~both, held)
+    return np.where(seen[:, None], offsets, offsets + followed)
 
 
-def _patch_offsets(patches: Patches, seams: Int64, weight: Float64, difference: Float64) -> Float64:
-    """Return (P, 3), the offsets where all corners of a patch have the same: a start from which few rounds lead on."""
+def _levelled(
+    patches: Patches, ends: Int64, difference: Float64, is_seam: Bool, taken: Bool, rest: Float64
+) -> Float64:
+    """Return (P, 3), the offsets by those of `ends` that are `taken`, from a start with which few rounds lead on: the
+    offsets where all corners of a patch have the same."""
     patch = np.zeros(len(patches.vertex), np.int64)
     patch[patches.faces] = patches.patch[:, None]
-    rest = np.asarray(_REST * np.bincount(patch)[:, None], np.float64)
-    return _solve(patch[seams], weight, difference, rest, np.zeros((len(rest), 3)))[patch]
+    weight = np.where(is_seam, 1.0, _SMOOTH)[:, None]
+    of_patch = np.asarray(np.bincount(patch, rest[:, 0])[:, None], np.float64)
+    seams, none = taken & is_seam, np.zeros((len(of_patch), 3))
+    start = _solve(patch[ends[seams]], weight[seams], difference[seams], of_patch, none)[patch]
+    return _solve(ends[taken], weight[taken], difference[taken], rest, start)
 
 
 def _solve(ends: Int64, weight: Float64, difference: Float64, rest: Float64, start: Float64) -> Float64:
