@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from colmap_ihe.colmap.array_features import U8, extract_arrays
 from colmap_ihe.colmap.extraction import extraction_options
 from colmap_ihe.colmap.matching_in_blocks import BlockMatching, match_in_processes
-from colmap_ihe.colmap.native import pycolmap
+from colmap_ihe.colmap.native import cuda_devices, pycolmap
 from colmap_ihe.colmap.part_databases import Pair, copy_features, write_images
 from colmap_ihe.machine.libraries import library_versions
 from colmap_ihe.machine.progress import Progress
@@ -104,8 +104,8 @@ def _matches(opened: pycolmap.Database, pair: Pair) -> PairMatches:
 
 def copy_tried(tried: TriedFeatures, database: Path, masks: Path | None, options: FeaturesOptions) -> None:
     """Copy to a database the features of grey images that were tried: those which are, to the pixel, what was looked at
-    with these options, and have no mask."""
-    if not tried.database.exists():
+    with these options, and have no mask. Where a GPU finds features, which are others, nothing is copied."""
+    if _on_gpu(options) or not tried.database.exists():
         return
     with pycolmap.Database.open(tried.database) as opened:
         known = {str(image.name): image.image_id for image in opened.read_all_images()}
@@ -120,6 +120,10 @@ def copy_tried(tried: TriedFeatures, database: Path, masks: Path | None, options
             if content in known:
                 ids[known[content]] = image_id
     copy_features(tried.database, database, ids)
+
+
+def _on_gpu(options: FeaturesOptions) -> bool:
+    return bool(cuda_devices() and extraction_options(options).use_gpu)
 
 
 def _camera(camera_id: int, grey: U8) -> pycolmap.Camera:

@@ -11,6 +11,7 @@ import pytest
 from numpy.typing import NDArray
 from oracle import blobs
 
+from colmap_ihe.colmap import tried_features
 from colmap_ihe.colmap.features import extract_features
 from colmap_ihe.colmap.native import pycolmap, quiet
 from colmap_ihe.colmap.tried_features import (
@@ -130,7 +131,9 @@ def test_what_was_tried_is_what_colmap_finds_again(tmp_path: Path, grey: Path) -
         assert np.array_equal(descriptors, copied_descriptors), name
 
 
-def test_only_the_very_picture_with_these_options_and_no_mask_is_copied(tmp_path: Path, grey: Path) -> None:
+def test_only_the_very_picture_with_these_options_and_no_mask_is_copied(
+    tmp_path: Path, grey: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     tried, capped = tmp_path / "tried.db", FeaturesOptions(colmap={"sift": {"peak_threshold": 0.02}})
     pictures = [(f"{n}.jpg", read_grey(grey / f"{n}.png")) for n in "ab"]
     with quiet():
@@ -145,6 +148,9 @@ def test_only_the_very_picture_with_these_options_and_no_mask_is_copied(tmp_path
     extracted(tmp_path / "masked.db", grey, tried, masks, capped)
     extracted(tmp_path / "other.db", grey, tried, options=FeaturesOptions(max_image_size=400))
     assert min(counts(tmp_path / "masked.db") + counts(tmp_path / "other.db")) > 300
+    monkeypatch.setattr(tried_features, "_on_gpu", lambda options: True)
+    extracted(tmp_path / "gpu.db", grey, tried, options=capped)
+    assert min(counts(tmp_path / "gpu.db")) > 300
 
 
 def counts(database: Path) -> list[int]:
