@@ -148,7 +148,7 @@ def test_only_the_very_picture_with_these_options_and_no_mask_is_copied(
     extracted(tmp_path / "masked.db", grey, tried, masks, capped)
     extracted(tmp_path / "other.db", grey, tried, options=FeaturesOptions(max_image_size=400))
     assert min(counts(tmp_path / "masked.db") + counts(tmp_path / "other.db")) > 300
-    monkeypatch.setattr(tried_features, "_on_gpu", lambda options: True)
+    monkeypatch.setattr(tried_features, "_on_gpu", lambda _options: True)
     extracted(tmp_path / "gpu.db", grey, tried, options=capped)
     assert min(counts(tmp_path / "gpu.db")) > 300
 
