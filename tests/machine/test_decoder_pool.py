@@ -107,6 +107,7 @@ def test_a_hang_ends_after_its_time(tmp_path: Path, monkeypatch: pytest.MonkeyPa
     assert read_photograph(jpeg(tmp_path)).rgb.shape == (96, 128, 3)
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("faulty")
 def test_memory_has_an_end(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(memory, "available", lambda: 1)
