@@ -58,7 +58,7 @@ def _as_features(keypoints: NDArray[np.float32], descriptors: NDArray[np.uint8])
 
 def match(first: Features, second: Features) -> Matches:
     """Return mutual nearest neighbours that are much nearer than the second nearest, both ways, as COLMAP's matcher
-    takes them by default, and in a twentieth of its time."""
+    takes them by default."""
     if not len(first) or not len(second):
         return np.zeros((0, 2), np.intp)
     a, b = (f.descriptors.astype(np.float32) / np.float32(_UNIT) for f in (first, second))

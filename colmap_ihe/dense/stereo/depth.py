@@ -32,9 +32,7 @@ _MOST_LEVELS, _MOST_CONTRAST = 6.0, 0.5
 # grey values vary by at least so much: a wall does, the sky does not.
 _MIN_VARIANCE = 1.0
 _SPECKLE_PX = 60  # smaller patches are dropped, in pixels of each size
-_COARSE_SPECKLE_PX = (
-    15  # at the coarsest size: of a thin thing pieces are found there, which the next size joins
-)
+_COARSE_SPECKLE_PX = 15  # at the coarsest, where pieces of a thin thing are found, which the next size joins
 _NORMAL_RADIUS_PX = 8  # half of the window of the normals
 
 
