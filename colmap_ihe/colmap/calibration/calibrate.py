@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from copy import copy
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -103,8 +104,12 @@ def calibrate(
         gain = held_out(chooser, base, best)
         other_lens = base.adjusted.sigma > _OTHER_LENS * best.adjusted.sigma
         best = base if gain.worse else best
-        final = _finish(model, image_ids, camera_ids, best, chooser, triangulation, progress)
-        deviations = deviations_of(final, chooser.known)
+        if as_colmap_has_them(model, camera_ids, best.lenses):
+            final, before = _as_it_is(model, image_ids, camera_ids, best.lenses)
+        else:
+            final = _finish(model, image_ids, camera_ids, best, chooser, triangulation, progress)
+            before = list(chooser.known)
+        deviations = deviations_of(final, before)
     progress.advance()
     by_id = {camera_ids[c]: lens.freedom for lens in final.lenses if lens.freedom for c in lens.cameras}
     return Calibration(
@@ -146,7 +151,35 @@ def _calibrated(chooser: Chooser, start: Fit, number: int, given_model: bool) ->
     start = chooser.turned(start, number)
     if given_model:  # the user's choice; its principal point is not
         return chooser.climb(start, number, steps=False)
-    return chooser.climb(chooser.begin(start, number), number)
+    return chooser.chosen(start, number)
+
+
+def as_colmap_has_them(
+    model: pycolmap.Reconstruction, camera_ids: Sequence[int], lenses: Sequence[Lens]
+) -> bool:
+    """Tell whether nothing of the lenses is free but what COLMAP frees of the cameras of a model: then they are as
+    good as after another adjustment of the same."""
+    return all(
+        lens.freedom is None
+        or (len(lens.cameras) == 1 and lens.freedom == plain(model.cameras[camera_ids[lens.cameras[0]]]))
+        for lens in lenses
+    )
+
+
+def _as_it_is(
+    model: pycolmap.Reconstruction,
+    image_ids: Sequence[int],
+    camera_ids: Sequence[int],
+    lenses: tuple[Lens, ...],
+) -> tuple[Fit, list[pycolmap.Camera]]:
+    """Return the fit of a model as it stands, and its cameras without a focal length from EXIF, which COLMAP does not
+    weigh."""
+    block, _ = block_of(model, image_ids, camera_ids)
+    block = block.of_points(thinned(block, _POINTS_AN_IMAGE * len(image_ids)))
+    cameras = [copy(model.cameras[i]) for i in camera_ids]
+    for camera in cameras:
+        camera.has_prior_focal_length = False
+    return Chooser(block, cameras).fit(block, lenses, cameras, most=0), cameras
 
 
 def _finish(

@@ -14,7 +14,7 @@ import numpy as np
 from colmap_ihe.colmap.calibration.adjust import MOST_STEPS, Adjusted, adjust, cleaned
 from colmap_ihe.colmap.calibration.block import Block
 from colmap_ihe.colmap.calibration.equations import solved, system_of, without_poses
-from colmap_ihe.colmap.calibration.freedom import FISHEYE, PERSPECTIVE, Freedom, Lens, freed
+from colmap_ihe.colmap.calibration.freedom import Freedom, Lens, freed, plain
 from colmap_ihe.colmap.calibration.lens import derivatives
 from colmap_ihe.colmap.native import pycolmap
 from colmap_ihe.machine.progress import SILENT, Progress
@@ -23,6 +23,7 @@ A_PARAMETER = 9.0
 """By how much each parameter that is free must lower the cost, in units of sigma squared."""
 ABOUT = 6.0
 """Of the cost: fits nearer to each other than this are as good, adjustments end that near to their minimum."""
+_MOST_ROUNDS = 6
 WIDE = 0.8
 """Half the diagonal in focal lengths, from which on a lens may be a fisheye: as of 27 mm for 36 x 24 mm."""
 
@@ -63,31 +64,6 @@ class Chooser:
         block, _ = cleaned(whole, fit.cameras, fit.adjusted.sigma)
         return self.fit(block, fit.lenses, fit.cameras)
 
-    def begin(self, start: Fit, number: int) -> Fit:
-        """Return the fit with the simplest model of fisheyes for the lens of this number, if that suits it better."""
-        lens = start.lenses[number]
-        step = (lens.freedom.model, lens.freedom.coefficients) if lens.freedom else ()
-        first = lens.cameras[0]
-        wide = may_be_wide(self.known[first]) or _is_wide(start.cameras[first])
-        if step != PERSPECTIVE[0] or not wide:
-            return start
-        perspective, fisheye = (
-            self.fit(
-                start.adjusted.block, _with(start.lenses, number, Freedom(*ladder[1], True)), start.cameras
-            )
-            for ladder in (PERSPECTIVE, FISHEYE)
-        )
-        sigma = min(perspective.adjusted.sigma, fisheye.adjusted.sigma)
-        # Either shows a lens of little distortion, and then chance would choose.
-        no_better = perspective.adjusted.cost(sigma) < fisheye.adjusted.cost(sigma) + ABOUT
-        if no_better or not _is_wide(fisheye.cameras[first]):
-            return start
-        return self.again(
-            self.fit(
-                fisheye.adjusted.block, _with(start.lenses, number, Freedom(*FISHEYE[0])), fisheye.cameras
-            )
-        )
-
     def turned(self, start: Fit, number: int) -> Fit:
         """Return the fit with the pictures of a lens's second camera turned to the other side, or with that camera as
         another lens, if either suits it better than the turn it has."""
@@ -105,24 +81,48 @@ class Chooser:
         lenses = ways[_simplest_fit(fits)]
         return self.again(self.fit(start.adjusted.block, lenses, start.cameras))
 
+    def chosen(self, start: Fit, number: int) -> Fit:
+        """Return the fit with the lens of this number as rich as its photographs determine; that of a wide lens in the
+        models of perspective lenses or of fisheyes, whichever suits it better."""
+        best = self.climb(start, number)
+        lens = best.lenses[number]
+        if lens.freedom is None or not _is_wide(best.cameras[lens.cameras[0]]):
+            return best
+        other = lens.freedom.other_kind()
+        if other is None:
+            return best
+        began = self.fit(best.adjusted.block, _with(best.lenses, number, other), best.cameras)
+        fits = [best, self.climb(self.again(began), number)]
+        if not _is_wide(fits[1].cameras[lens.cameras[0]]):
+            return best  # either shows a lens of little distortion, and then chance would choose
+        poses = best.adjusted.block
+        block = replace(self.block, rotations=poses.rotations, translations=poses.translations)
+        block, _ = cleaned(block, best.cameras, best.adjusted.sigma)
+        return fits[_simplest_fit([self.fit(block, fit.lenses, fit.cameras) for fit in fits])]
+
     def climb(self, start: Fit, number: int, steps: bool = True) -> Fit:
         """Return the fit with the lens of this number as rich as its photographs determine, in its own model without
-        `steps`."""
+        `steps`. What was freed and has come out as nothing is held again."""
         best = start
-        while (freedom := best.lenses[number].freedom) is not None:
-            tried = [freedom, *(one for one in freedom.richer() if steps or one.model == freedom.model)]
-            chosen = tried[
-                simplest([-gain for gain in self._gains(best, number, tried)], [one.price for one in tried])
-            ]
+        for _ in range(_MOST_ROUNDS):
+            freedom = best.lenses[number].freedom
+            if freedom is None:
+                break
+            least = plain(self.known[best.lenses[number].cameras[0]])
+            tried = [freedom, *freedom.richer(), *freedom.poorer(least)]
+            tried = [one for one in tried if steps or one.model == freedom.model]
+            costs = [-gain for gain in self._gains(best, number, tried)]
+            chosen = tried[simplest(costs, [one.price for one in tried])]
             if chosen == freedom:
                 break
-            richer = self.fit(best.adjusted.block, _with(best.lenses, number, chosen), best.cameras, most=4)
-            best = self.again(richer)
+            other = self.fit(best.adjusted.block, _with(best.lenses, number, chosen), best.cameras, most=4)
+            best = self.again(other)
         return best
 
     def _gains(self, fit: Fit, number: int, tried: Sequence[Freedom]) -> list[float]:
         """Return by how much the cost falls with a lens as free as each of `tried` is, to first order: one step from
-        the fit with all free, of which they are parts (Rao's score test)."""
+        the fit with all free, of which they are parts (Rao's score test); of what it has free beyond, the coefficients
+        go to 0 (Wald's test)."""
         lens = fit.lenses[number]
         assert lens.freedom is not None
         rich = lens.freedom.richest()
@@ -134,11 +134,17 @@ class Chooser:
         )
         before = sum(one.freedom.count for one in lenses[:number] if one.freedom)
         others = [k for k in range(len(gradient)) if not before <= k < before + rich.count]
+        coefficients = slice(before + 1, before + 1 + rich.coefficients)
         gains = []
         for one in tried:
             columns = [*others, *(before + column for column in one.columns_in(rich))]
-            part = gradient[columns]
-            gains.append(float(part @ solved(matrix[np.ix_(columns, columns)], part)))
+            to_none = np.zeros(len(gradient))
+            to_none[coefficients] = prior.mean[coefficients]
+            to_none[columns] = 0
+            pulled = gradient + matrix @ to_none
+            part = pulled[columns]
+            gain = part @ solved(matrix[np.ix_(columns, columns)], part) - to_none @ (gradient + pulled)
+            gains.append(float(gain))
         return gains
 
 

@@ -55,6 +55,21 @@ class Freedom:
             tried.append(Freedom(*squeezed, True, True))
         return [one for one in tried if one != self and (one.model in _TWO_FOCAL_LENGTHS or not one.aspect)]
 
+    def poorer(self, least: Freedom) -> list[Freedom]:
+        """Return the steps below, not below that of `least`: the same with fewer coefficients."""
+        step, lowest = (self.model, self.coefficients), (least.model, least.coefficients)
+        ladder = next((ladder for ladder in (PERSPECTIVE, FISHEYE) if step in ladder), (step,))
+        first = ladder.index(lowest) if lowest in ladder else 0
+        return [Freedom(*one, self.centre) for one in ladder[first : ladder.index(step)] if not self.aspect]
+
+    def other_kind(self) -> Freedom | None:
+        """Return what the lens of a fisheye begins with, of a perspective one, and the other way round."""
+        step = (self.model, self.coefficients)
+        for own, other in ((PERSPECTIVE, FISHEYE), (FISHEYE, PERSPECTIVE)):
+            if step in own:
+                return Freedom(*other[1], centre=True)
+        return None
+
     def richest(self) -> Freedom:
         """Return what a lens of this kind can have free at the most."""
         ladder = next(
@@ -71,9 +86,10 @@ class Freedom:
 
     @property
     def price(self) -> int:
-        """Return for how many parameters these count in a choice. Pixels are square but for rare pictures, so that two
-        focal lengths are more often what errors of features look like than true."""
-        return self.count + 9 * self.aspect
+        """Return for how many parameters these count in a choice. The principal point and the tangential coefficients,
+        of which lenses have little, count as one each: their priors hold them where photographs say nothing. Pixels are
+        square but for rare pictures, so that two focal lengths are more often what errors of features look like."""
+        return self.count - self.centre - (self.model in _TANGENTIAL) + 9 * self.aspect
 
     def columns_in(self, rich: Freedom) -> list[int]:
         """Return which parameters of a richer freedom these are."""

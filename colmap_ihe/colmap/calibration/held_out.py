@@ -6,13 +6,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from colmap_ihe.colmap.calibration.adjust import place, residuals_of
+from colmap_ihe.colmap.calibration.adjust import WRONG, place, residuals_of
 from colmap_ihe.colmap.calibration.block import Block, Float64
 from colmap_ihe.colmap.calibration.choose import Chooser, Fit
 from colmap_ihe.colmap.calibration.robust import robust_cost
 
 _EVERY = 4  # of the points one is held out
-_CLEARLY = 2.0  # standard errors
+_CLEARLY = 1.0  # standard errors
 
 
 @dataclass(frozen=True)
@@ -38,6 +38,9 @@ def held_out(chooser: Chooser, base: Fit, chosen: Fit) -> HeldOut:
         for out in (False, True)
     )
     sigma = min(base.adjusted.sigma, chosen.adjusted.sigma)
+    if chosen is base:
+        median, _ = _judged(replace(chooser, block=seen), held, base, sigma)
+        return HeldOut(median, median, 0.0)
     (first, first_cost), (second, second_cost) = (
         _judged(replace(chooser, block=seen), held, fit, sigma) for fit in (base, chosen)
     )
@@ -47,13 +50,15 @@ def held_out(chooser: Chooser, base: Fit, chosen: Fit) -> HeldOut:
 
 
 def _judged(chooser: Chooser, held: Block, fit: Fit, sigma: float) -> tuple[float, Float64]:
-    """Return the median error of the points held out, in pixels, and the cost of each point (n,)."""
+    """Return the median error of the points held out, in pixels, and the cost of each point (n,): wrong observations,
+    which the fits are without, all count the same, or the largest few would outweigh all others."""
     made = chooser.again(fit)
     poses = made.adjusted.block
     there = replace(held, rotations=poses.rotations, translations=poses.translations)
     there = place(there, made.cameras, sigma)
     residuals = residuals_of(there, made.cameras)
-    costs = np.add.reduceat(robust_cost(residuals, sigma), there.starts[:-1])
+    most = robust_cost(np.array([[WRONG * sigma, 0.0]]), sigma)
+    costs = np.add.reduceat(np.minimum(robust_cost(residuals, sigma), most), there.starts[:-1])
     errors = np.hypot(residuals[:, 0], residuals[:, 1])
     errors[np.isnan(errors)] = np.inf  # a point that is behind a camera
     return float(np.median(errors)), costs

@@ -34,7 +34,7 @@ def begun(
 
 def chosen(truth: pycolmap.Camera, start: pycolmap.Camera, **of_scene: Any) -> tuple[Freedom, Fit]:
     chooser, fit = begun([truth], [start], (Lens((0,), (0,), SIMPLE),), **of_scene)
-    best = chooser.climb(chooser.begin(fit, 0), 0)
+    best = chooser.chosen(fit, 0)
     assert best.lenses[0].freedom is not None
     return best.lenses[0].freedom, best
 
@@ -88,6 +88,14 @@ def test_a_wide_lens_that_is_no_fisheye_stays_perspective(seed: int) -> None:
     assert freedom == SIMPLE  # though a fisheye shows it as well, and by chance a little better
 
 
+def test_what_was_freed_and_comes_out_as_nothing_is_held_again() -> None:
+    truth = camera(params=(1000, 612, 447, -0.05))
+    chooser, fit = begun([truth], [START], (Lens((0,), (0,), Freedom("OPENCV", 4, True)),))
+    best = chooser.climb(fit, 0)
+    assert best.lenses[0].freedom == Freedom("SIMPLE_RADIAL", 1, True)
+    assert best.cameras[0].params == pytest.approx(truth.params, abs=3)
+
+
 def test_the_model_of_the_user_is_kept() -> None:
     truth = camera("RADIAL", (1000, 612, 447, -0.15, 0.08))
     chooser, fit = begun([truth], [START], (Lens((0,), (0,), SIMPLE),))
@@ -110,7 +118,7 @@ def test_of_two_lenses_each_is_chosen_by_itself_and_a_third_is_held() -> None:
     chooser, fit = begun(truth, start, lenses, count=9, points=900)
     best = fit
     for number in range(3):
-        best = chooser.climb(chooser.begin(chooser.turned(best, number), number), number)
+        best = chooser.chosen(chooser.turned(best, number), number)
     assert [lens.freedom for lens in best.lenses] == [
         Freedom("RADIAL", 2),
         Freedom("SIMPLE_RADIAL", 1, True),

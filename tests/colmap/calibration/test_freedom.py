@@ -25,6 +25,29 @@ def test_the_principal_point_and_one_and_two_steps_come_next() -> None:
     assert Freedom("DIVISION", 1).richer() == [Freedom("DIVISION", 1, True)]
 
 
+def test_steps_back_do_not_go_below_what_colmap_frees() -> None:
+    simple, full = Freedom("SIMPLE_RADIAL", 1), Freedom("FULL_OPENCV", 5, True)
+    assert full.poorer(simple) == [
+        Freedom("SIMPLE_RADIAL", 1, True),
+        Freedom("RADIAL", 2, True),
+        Freedom("OPENCV", 4, True),
+    ]
+    assert full.poorer(Freedom("OPENCV", 4)) == [Freedom("OPENCV", 4, True)]
+    assert simple.poorer(simple) == Freedom("FOV", 1).poorer(Freedom("FOV", 1)) == []
+
+
+def test_the_other_kind_of_a_wide_lens() -> None:
+    assert Freedom("OPENCV", 4, True).other_kind() == Freedom("RADIAL_FISHEYE", 2, True)
+    assert Freedom("OPENCV_FISHEYE", 4).other_kind() == Freedom("RADIAL", 2, True)
+    assert Freedom("FOV", 1).other_kind() is None
+
+
+def test_what_is_small_by_nature_counts_as_one_parameter() -> None:
+    assert [Freedom("RADIAL", 2, centre).price for centre in (False, True)] == [3, 4]
+    assert Freedom("OPENCV", 4, True).price == 5
+    assert Freedom("OPENCV", 4, True, True).price == 15
+
+
 @pytest.mark.parametrize("model", ["SIMPLE_RADIAL", "OPENCV", "FULL_OPENCV", "OPENCV_FISHEYE", "FOV"])
 def test_what_comes_next_is_a_part_of_the_richest(model: str) -> None:
     waiting = [plain(pycolmap.Camera.create_from_model_name(1, model, 900, 1200, 900))]

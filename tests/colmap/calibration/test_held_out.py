@@ -48,9 +48,23 @@ def test_the_same_fit_is_no_better() -> None:
     assert not gain.worse
 
 
+def test_one_standard_error_is_worse() -> None:
+    assert HeldOut(0.3, 0.31, -1.1).worse
+    assert not HeldOut(0.3, 0.31, -0.9).worse
+
+
 def test_a_lens_that_is_held_is_judged_too() -> None:
     chooser, (wrong, right) = fits(None, Freedom("SIMPLE_RADIAL", 1, True), start=(1040, 600, 450, 0))
     assert held_out(chooser, wrong, right).standard_errors > 5
+
+
+def test_a_few_wrong_points_do_not_outweigh_the_others() -> None:
+    chooser, (base, right) = fits(Freedom("SIMPLE_RADIAL", 1), Freedom("SIMPLE_RADIAL", 1, True))
+    pixels = chooser.block.pixels.copy()
+    held = np.flatnonzero(np.isin(chooser.block.point, np.arange(3, len(chooser.block.points), 40)))
+    pixels[held] += np.random.default_rng(0).normal(0, 5000, (len(held), 2))
+    moved = replace(chooser, block=replace(chooser.block, pixels=pixels))
+    assert held_out(moved, base, right).standard_errors > 5
 
 
 def test_points_that_are_not_seen_are_wrong() -> None:

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from wall_survey import camera, position_error, survey, write_database
+from wall_survey import camera, given_cameras, position_error, survey, write_database
 
 from colmap_ihe.colmap.calibration import calibrate as calibrate_module
 from colmap_ihe.colmap.calibration import models as module
@@ -172,7 +172,8 @@ def test_poses_are_adjusted_with_as_many_threads_as_the_run_has(
 
     monkeypatch.setattr(calibrate_module, "MOST_IMAGES", 6)
     monkeypatch.setattr(calibrate_module, "adjust_poses", adjusted)
-    truth = survey([camera()], 8, points=500, noise=0.3)
+    truth = survey([camera(params=(1000, 612, 447, -0.05))], 8, points=500, noise=0.3)
+    given_cameras(truth, [START])
     run([truth], write_database(truth, tmp_path / "database.db"), never)
     assert set(given) == {1}  # as SETTINGS says, which pipelines limit to those of a run
 
