@@ -95,7 +95,7 @@ def place(block: Block, cameras: Sequence[pycolmap.Camera], sigma: float, *, rou
     for _ in range(rounds):
         terms = derivatives(block, free, np.zeros(0))
         by_world, _, residuals = weighted(block, terms, sigma)
-        squares = sums(block, np.einsum("mki,mkj->mij", by_world, by_world))
+        squares = sums(block, by_world.transpose(0, 2, 1) @ by_world)
         right = sums(block, np.einsum("mki,mk->mi", by_world, residuals))
         squares[:, range(3), range(3)] += 1e-6 * np.trace(squares, axis1=1, axis2=2)[:, None] + 1e-12
         block = replace(block, points=block.points - np.linalg.solve(squares, right[..., None])[..., 0])
@@ -109,7 +109,8 @@ def cleaned(block: Block, cameras: Sequence[pycolmap.Camera], sigma: float) -> t
     residuals = residuals_of(block, cameras)
     freedom = 1 - 3 * len(block.points) / max(1, 2 * len(block.pixels))
     most = WRONG * deviation_of(residuals, freedom)
-    return block.of_observations(np.hypot(residuals[:, 0], residuals[:, 1]) < most)
+    kept, points = block.of_observations(np.hypot(residuals[:, 0], residuals[:, 1]) < most)
+    return place(kept, cameras, sigma, rounds=2), points  # no longer held off by wrong observations
 
 
 def residuals_of(block: Block, cameras: Sequence[pycolmap.Camera]) -> Float64:

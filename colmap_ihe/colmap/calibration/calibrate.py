@@ -28,7 +28,7 @@ MOST_IMAGES = 200
 """Images adjusted together here. In larger models COLMAP adjusts the poses to the cameras that these gave."""
 _MOST_LENSES = 8
 _POINTS_AN_IMAGE = 600  # that cameras and poses are adjusted by, those that most images see
-_TO_CHOOSE = 2_000  # points that the choice is made by
+_TO_CHOOSE = 1_500  # points that the choice is made by
 _CHANGED = 0.01  # of the observations, from which on what was triangulated anew counts
 _OTHER_LENS = 1.4  # times the error, where COLMAP's model could not show the lens
 
@@ -87,7 +87,8 @@ def calibrate(
     )
     progress.start(len(free) + 2, "calibration steps")
     with threads.limited(1):  # the matrices are small; and one thread gives the same to the bit
-        base = chooser.again(chooser.fit(chooser.block, lenses, [model.cameras[i] for i in camera_ids]))
+        as_mapped = [model.cameras[i] for i in camera_ids]
+        base = chooser.again(chooser.fit(chooser.block, lenses, as_mapped, most=0))
         progress.advance()
         if len(base.adjusted.block.points) < FEWEST_POINTS // 2:
             return None

@@ -70,13 +70,13 @@ def system_of(
     tail = slice(6 * len(block.rotations), len(gradient))
     matrix[tail, tail] += np.diag(prior.deviation**-2.0)
     gradient[tail] += (values - prior.mean) * prior.deviation**-2.0
-    squares = sums(block, np.einsum("mki,mkj->mij", by_world, by_world))
+    squares = sums(block, by_world.transpose(0, 2, 1) @ by_world)
     squares[:, range(3), range(3)] += (damping + 1e-9) * np.trace(squares, axis1=1, axis2=2)[:, None] + 1e-12
     factors = np.linalg.inv(np.linalg.cholesky(squares))
     right = sums(block, np.einsum("mki,mk->mi", by_world, residuals))
     own = np.einsum("pij,pj->pi", factors, right)
-    with_pose = factors[block.point] @ np.einsum("mki,mkj->mij", by_world, by_pose)
-    with_free = factors @ sums(block, np.einsum("mki,mkj->mij", by_world, by_free))
+    with_pose = (factors[block.point] @ by_world.transpose(0, 2, 1)) @ by_pose
+    with_free = factors @ sums(block, by_world.transpose(0, 2, 1) @ by_free)
     for first in range(0, len(block.points), _CHUNK):
         _eliminate(block, slice(first, first + _CHUNK), own, with_pose, with_free, matrix, gradient)
     scale = 1 / np.sqrt(np.maximum(np.diag(matrix), 1e-30))
@@ -200,7 +200,7 @@ def covariance(block: Block, system: System) -> Float64:
         return own
     by_pose = poses.reshape(-1, 6, count)
     along = np.einsum("mkj,mji->mki", system.by_pose, by_pose[block.image]) + system.by_free @ own
-    moved_points = sums(block, np.einsum("mki,mkj->mij", system.by_world, along))
+    moved_points = sums(block, system.by_world.transpose(0, 2, 1) @ along)
     moved_points = np.einsum("pji,pjk,pkl->pil", system.factors, system.factors, moved_points, optimize=True)
     along -= system.by_world @ moved_points[block.point]
     scores = np.einsum("mki,mk->mi", along, system.residuals)

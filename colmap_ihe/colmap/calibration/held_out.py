@@ -12,7 +12,8 @@ from colmap_ihe.colmap.calibration.choose import Chooser, Fit
 from colmap_ihe.colmap.calibration.robust import robust_cost
 
 _EVERY = 4  # of the points one is held out
-_CLEARLY = 1.0  # standard errors
+_WORSE = 1.0  # standard errors
+_CLEARLY = 2.0
 
 
 @dataclass(frozen=True)
@@ -26,7 +27,12 @@ class HeldOut:
 
     @property
     def worse(self) -> bool:
-        """Tell whether the choice is clearly worse."""
+        """Tell whether the choice is worse, perhaps by chance: then it is safer without."""
+        return self.standard_errors < -_WORSE
+
+    @property
+    def clearly_worse(self) -> bool:
+        """Tell whether it is worse by more than chance: then something is wrong with the photographs."""
         return self.standard_errors < -_CLEARLY
 
 
