@@ -21,8 +21,7 @@ from colmap_ihe.machine.progress import SILENT, Progress
 
 MOST_STEPS = 15
 """Of an adjustment, which takes four or five where the model is nearly right."""
-WRONG = 4.0
-"""Standard deviations from which on an observation is taken for a wrong one."""
+_WRONG = 4.0  # standard deviations from which on an observation is taken for a wrong one
 _CLOSE = 1.0  # of the cost, to its minimum, in units of sigma squared
 _OTHER = 0.03  # change of sigma from which on the cost is another
 
@@ -108,7 +107,7 @@ def cleaned(block: Block, cameras: Sequence[pycolmap.Camera], sigma: float) -> t
     block = place(block, cameras, sigma)
     residuals = residuals_of(block, cameras)
     freedom = 1 - 3 * len(block.points) / max(1, 2 * len(block.pixels))
-    most = WRONG * deviation_of(residuals, freedom)
+    most = _WRONG * deviation_of(residuals, freedom)
     kept, points = block.of_observations(np.hypot(residuals[:, 0], residuals[:, 1]) < most)
     return place(kept, cameras, sigma, rounds=2), points  # no longer held off by wrong observations
 

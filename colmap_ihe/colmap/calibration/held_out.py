@@ -6,14 +6,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from colmap_ihe.colmap.calibration.adjust import WRONG, place, residuals_of
+from colmap_ihe.colmap.calibration.adjust import place, residuals_of
 from colmap_ihe.colmap.calibration.block import Block, Float64
 from colmap_ihe.colmap.calibration.choose import Chooser, Fit
 from colmap_ihe.colmap.calibration.robust import robust_cost
 
 _EVERY = 4  # of the points one is held out
-_WORSE = 1.0  # standard errors
-_CLEARLY = 2.0
+_CLEARLY = 2.0  # standard errors
+_MOST = 10.0  # standard deviations from which on all observations cost the same
 
 
 @dataclass(frozen=True)
@@ -27,12 +27,7 @@ class HeldOut:
 
     @property
     def worse(self) -> bool:
-        """Tell whether the choice is worse, perhaps by chance: then it is safer without."""
-        return self.standard_errors < -_WORSE
-
-    @property
-    def clearly_worse(self) -> bool:
-        """Tell whether it is worse by more than chance: then something is wrong with the photographs."""
+        """Tell whether the choice is clearly worse."""
         return self.standard_errors < -_CLEARLY
 
 
@@ -63,7 +58,7 @@ def _judged(chooser: Chooser, held: Block, fit: Fit, sigma: float) -> tuple[floa
     there = replace(held, rotations=poses.rotations, translations=poses.translations)
     there = place(there, made.cameras, sigma)
     residuals = residuals_of(there, made.cameras)
-    most = robust_cost(np.array([[WRONG * sigma, 0.0]]), sigma)
+    most = robust_cost(np.array([[_MOST * sigma, 0.0]]), sigma)
     costs = np.add.reduceat(np.minimum(robust_cost(residuals, sigma), most), there.starts[:-1])
     errors = np.hypot(residuals[:, 0], residuals[:, 1])
     errors[np.isnan(errors)] = np.inf  # a point that is behind a camera

@@ -101,8 +101,8 @@ def _is_weak(name: str, value: Mapping[str, float], spread: Mapping[str, float],
 
 
 def refused_calibrations(gain: HeldOut | None) -> list[str]:
-    """Say that COLMAP's camera model was kept, since points held out clearly spoke against a richer one."""
-    if gain is None or not gain.clearly_worse:
+    """Say that COLMAP's camera model was kept, since points held out spoke against a richer one."""
+    if gain is None or not gain.worse:
         return []
     return [
         f"a richer camera model fits these photographs better, but not the points that it did not see"
