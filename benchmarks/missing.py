@@ -136,8 +136,8 @@ def _others(
 
 def _points(view: PinholeCamera, depth: Float32) -> Float32:
     """Return (N, 3) in the world: what every `STEP`th pixel shows at its depth."""
-    row, column = (index[::STEP, ::STEP].ravel() for index in np.indices(depth.shape))
-    depth = depth[::STEP, ::STEP]
+    depth, size = depth[::STEP, ::STEP], depth.shape
+    column, row = (m.ravel() for m in np.meshgrid(*(np.arange(0, side, STEP) for side in size[::-1])))
     pixels = np.stack([column + 0.5, row + 0.5, np.ones(depth.size)])
     rays = np.linalg.inv(view.K) @ pixels
     rotation, shift = view.cam_from_world[:, :3], view.cam_from_world[:, 3]
