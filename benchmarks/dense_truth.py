@@ -33,7 +33,7 @@ from colmap_ihe.dense.ply import read_ply
 from colmap_ihe.dense.undistort import undistort
 from colmap_ihe.evaluation.demo.scene import portico
 from colmap_ihe.evaluation.demo.shapes import Rect
-from colmap_ihe.evaluation.depth_errors import depth_errors, pooled
+from colmap_ihe.evaluation.depth_errors import depth_errors, pooled, true_pixels
 from colmap_ihe.evaluation.edge_errors import EdgeErrors, edge_errors, pooled_edges
 from colmap_ihe.evaluation.truth import Truth, key_of, pose_errors, read_truth
 from colmap_ihe.project.folder import Project
@@ -111,6 +111,8 @@ def _against_truth(dense: Path, truth: Truth) -> dict[str, str]:
         )
         for image in images
     )
+    in_sky = [_depth_and_sky(dense, image.name, model.cameras[image.camera_id], truth) for image in images]
+    with_depth, sky = np.sum(in_sky, axis=0)
     rows = read_ply(dense / "fused.ply")["vertex"]
     cloud = moved(np.stack([rows[axis] for axis in "xyz"], axis=1), similarity)
     true = np.concatenate([true_points(image, step=2) for image in truth.images.values()])
@@ -124,6 +126,7 @@ def _against_truth(dense: Path, truth: Truth) -> dict[str, str]:
     for where, judged in (("all pixels", depth.all), ("0 to 4 px from edges", depth.near_edges)):
         found[f"right, wrong depths: {where}"] = f"{judged.right_percent:.1f}, {judged.wrong_percent:.1f} %"
     found |= _at_edges(edges)
+    found["depths in the sky"] = f"{100 * sky / with_depth:.3f} %"
     for percent in WITHIN_PERCENT:
         within = percent / 100 * truth.extent_m
         a, c = (100 * float(np.mean(errors <= within)) for errors in (accuracy, completeness))
@@ -146,6 +149,14 @@ def _at_edges(edges: EdgeErrors) -> dict[str, str]:
         "normals 2 to 6 px from edges: off by over 10 degrees": f"{edges.normals_near_wrong_percent:.1f} %",
         "normals elsewhere, median": f"{edges.normals_elsewhere_median_deg:.2f} degrees",
     }
+
+
+def _depth_and_sky(dense: Path, name: str, camera: pycolmap.Camera, truth: Truth) -> tuple[int, int]:
+    """Return how many pixels of an image have a depth, and how many of them see the sky."""
+    held = read_planes(depth_file(dense, name))[0] > 0
+    true = truth.images[key_of(name)]
+    rows, columns, _ = true_pixels(held.shape, camera.calibration_matrix(), true)
+    return int(held.sum()), int((held & (true.depth_m()[rows, columns] <= 0)).sum())
 
 
 def _flat(cloud: Points, extent_m: float) -> Iterator[tuple[Rect, float]]:

@@ -20,6 +20,7 @@ from colmap_ihe.colmap.native import apply_options, called, pycolmap
 from colmap_ihe.colmap.process import ColmapProcesses
 from colmap_ihe.dense.camera import Float32, Int32, Int64, UInt8
 from colmap_ihe.dense.ply import COLOURS, Rows, columns, read_mesh, read_ply, write_mesh, write_rows
+from colmap_ihe.dense.see_through import without_seen_through
 from colmap_ihe.dense.texture.mesh import Mesh, without_small_parts
 from colmap_ihe.errors import MappingError, NativeError
 from colmap_ihe.machine.progress import SILENT, Progress
@@ -50,12 +51,17 @@ class Surface:
 
 
 def reconstruct_surface(
-    cloud: Path, mesh: Path, faces: int, options: Mapping[str, Any] | None = None, progress: Progress = SILENT
+    cloud: Path,
+    mesh: Path,
+    faces: int,
+    options: Mapping[str, Any] | None = None,
+    progress: Progress = SILENT,
+    dense_dir: Path | None = None,
 ) -> Surface:
     """Mesh the PLY file `cloud`, with normals and colours, to `mesh` with at most `faces` faces.
 
-    `options` goes to pycolmap.PoissonMeshingOptions, over the values chosen for the cloud. Raises `MappingError`
-    where the points give no surface, `NativeError`.
+    `options` goes to pycolmap.PoissonMeshingOptions, over the values chosen for the cloud. What the depth maps of a
+    workspace `dense_dir` see through is cut out. Raises `MappingError` where the points give no surface, `NativeError`.
     """
     progress.start(4, "parts of the surface")
     points = read_ply(cloud)["vertex"]
@@ -76,7 +82,7 @@ def reconstruct_surface(
         _poisson(parts[0], parts[1], native, progress)
         progress.advance()
         cell = 1 / _cells_per_unit(columns(thin, "xyz"), native.depth)
-        surface = _trimmed(parts[1], thin, cell)
+        surface = _trimmed(parts[1], thin, cell, dense_dir, progress)
         before = len(surface.faces)
         if before > faces:
             write_mesh(parts[1], surface)
@@ -170,13 +176,16 @@ def _depth(positions: Float32, faces: int) -> int:
     return depth
 
 
-def _trimmed(path: Path, points: Rows, cell: float) -> Mesh:
-    """Return Poisson's mesh without faces far from the cloud and floating parts. Raises `MappingError`."""
+def _trimmed(path: Path, points: Rows, cell: float, dense_dir: Path | None, progress: Progress) -> Mesh:
+    """Return Poisson's mesh without faces far from the cloud, what is seen through and floating parts. Raises
+    `MappingError`."""
     mesh = read_mesh(path) if path.is_file() else None
     if mesh is not None and len(mesh.faces):
         _, squared = _nearest(mesh.vertices, points, 1)
         near = squared[:, 0] <= (_CELLS_BEYOND * cell) ** 2
         mesh = mesh.with_faces(np.asarray(near[mesh.faces].all(axis=1)))
+        if dense_dir is not None:
+            mesh = without_seen_through(mesh, dense_dir, progress)
         mesh = without_small_parts(mesh, _SMALL_PART, _SMALL_CELLS * cell**2)
     if mesh is None or not len(mesh.faces):
         raise MappingError(

@@ -17,6 +17,7 @@ from colmap_ihe.colmap.native import pycolmap
 from colmap_ihe.dense.camera import Float32, Float64, Int64, UInt8
 from colmap_ihe.dense.depth_maps import camera_of
 from colmap_ihe.dense.ply import read_mesh
+from colmap_ihe.dense.texture.agree import centre_colours, doubted
 from colmap_ihe.dense.texture.atlas import Atlas, cut, pack
 from colmap_ihe.dense.texture.bake import bake, corner_colours
 from colmap_ihe.dense.texture.level import seam_offsets
@@ -59,15 +60,19 @@ def texture_mesh(
     views = [camera_of(model, image.image_id) for image in images]
     mesh = read_mesh(mesh_file)
 
-    def quality(number: int) -> Float32:
-        return quality_in(mesh, views[number], partial(read_mask, dense_dir, images[number].name))
+    def look(number: int) -> tuple[Float32, UInt8]:
+        quality = quality_in(mesh, views[number], partial(read_mask, dense_dir, images[number].name))
+        return quality, centre_colours(mesh, views[number], read_colour(paths[number]))
 
     progress.start(len(views), "photographs looked through")
     candidates = Candidates.none(len(mesh.faces))
     at_once = 3  # photographs, each with values for all faces
-    for number, values in enumerate(in_order(executor, quality, range(len(views)), at_once, progress)):
-        candidates.add(number, values)
+    for number, (quality, colour) in enumerate(
+        in_order(executor, look, range(len(views)), at_once, progress)
+    ):
+        candidates.add(number, quality, colour)
         progress.advance()
+    candidates.quality = doubted(candidates.quality, candidates.colour)
     progress.start(1, "atlases")
     pairs = neighbours(mesh.faces)
     labels, coloured = choose(candidates, mesh, pairs, len(views))

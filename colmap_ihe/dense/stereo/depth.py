@@ -15,6 +15,7 @@ from colmap_ihe.dense.stereo.merge import filled, merge, without_speckles
 from colmap_ihe.dense.stereo.normals import normals_from_inverse_depth
 from colmap_ihe.dense.stereo.rectify import PairLeftOutError, RectifiedPair, rectify
 from colmap_ihe.dense.stereo.refine import compare, prepared, refined
+from colmap_ihe.dense.stereo.rims import without_rims
 from colmap_ihe.dense.stereo.views import StereoView, sizes_coarse_to_fine
 
 # Measured with benchmarks/dense.py.
@@ -33,7 +34,7 @@ _MOST_LEVELS, _MOST_CONTRAST = 6.0, 0.5
 _MIN_VARIANCE = 1.0
 _SPECKLE_PX = 60  # smaller patches are dropped, in pixels of each size
 _COARSE_SPECKLE_PX = 15  # at the coarsest, where pieces of a thin thing are found, which the next size joins
-_NORMAL_RADIUS_PX = 8  # half of the window of the normals
+_NORMAL_RADIUS_PX = 10  # half of the window of the normals
 
 
 _Match = tuple[RectifiedPair, StereoView]
@@ -92,6 +93,7 @@ def depth_and_normals(
         if not inverse.any():
             inverse = np.zeros(reference.grey_u8.shape, np.float32)
             break
+    inverse = without_rims(reference, [sources[index] for index in pairs], inverse)
     held = inverse > 0
     depth = np.where(held, 1 / np.where(held, inverse, 1), 0).astype(np.float32)
     normals = normals_from_inverse_depth(inverse, reference.K, _NORMAL_RADIUS_PX)

@@ -9,11 +9,12 @@ from colmap_ihe.dense.camera import Float32, Float64
 
 # A window beside a pixel is taken where its misfit is so much less than that of the window around it: beside an edge
 # it is less by orders of magnitude, on a surface only by chance.
-_CLEARLY_LESS = 0.7
-_AWAY = 1.5  # how far such a window's middle is from the pixel, in half windows: depth right beside an edge is poor
-# Where the misfit is more than so many times the usual one, as between two edges, a window of 5 / 8 is taken if its
-# misfit is less than half.
-_UNUSUAL, _SMALLER, _HALF = 2.0, 5 / 8, 0.5
+_CLEARLY_LESS = 0.95
+_AWAY = 1.7  # how far such a window's middle is from the pixel, in half windows: depth right beside an edge is poor
+# Where the misfit is more than so many times the usual one, as between two edges, a window of half the size is taken if
+# its misfit is less than a seventh.
+_UNUSUAL, _SMALLER, _MUCH_LESS = 3.0, 1 / 2, 0.15
+_MEDIAN_PX = 5  # of the depth that planes are fitted to, since depth beside edges has outliers
 _Offset = tuple[int, int]
 
 
@@ -25,15 +26,25 @@ def normals_from_inverse_depth(inverse_depth: Float32, K: Float64, radius_px: in
     window of 2 `radius_px` + 1 pixels. Of the window around a pixel and eight beside it, the one whose plane, continued
     to the pixel, fits best is taken, so that windows do not reach across edges; between edges also smaller ones.
     """
-    slope_x, slope_y, misfit = best_slopes(inverse_depth, radius_px, round(_AWAY * radius_px))
+    smooth = _without_outliers(inverse_depth)
+    slope_x, slope_y, misfit = best_slopes(smooth, radius_px, round(_AWAY * radius_px))
     fitted = np.isfinite(misfit) & (inverse_depth > 0)
     if fitted.any():
         small = round(_SMALLER * radius_px)
-        small_x, small_y, small_misfit = best_slopes(inverse_depth, small, small)
+        small_x, small_y, small_misfit = best_slopes(smooth, small, small)
         unusual = misfit > _UNUSUAL * np.median(misfit[fitted])
-        better = unusual & (small_misfit < _HALF * misfit)
+        better = unusual & (small_misfit < _MUCH_LESS * misfit)
         slope_x, slope_y = np.where(better, small_x, slope_x), np.where(better, small_y, slope_y)
     return normals_from_slopes(inverse_depth, slope_x, slope_y, K)
+
+
+def _without_outliers(inverse_depth: Float32) -> Float32:
+    """Return the median of a small window, where all of it has a depth; elsewhere what is there."""
+    median = np.asarray(cv2.medianBlur(inverse_depth, _MEDIAN_PX), np.float32)
+    around = np.ones((_MEDIAN_PX, _MEDIAN_PX), np.uint8)
+    held = (inverse_depth > 0).astype(np.uint8)
+    whole = cv2.erode(held, around, borderType=cv2.BORDER_CONSTANT, borderValue=0) > 0
+    return np.where(whole, median, inverse_depth)
 
 
 def normals_from_slopes(inverse_depth: Float32, slope_x: Float32, slope_y: Float32, K: Float64) -> Float32:

@@ -16,10 +16,10 @@ import numpy as np
 from colmap_ihe.dense.camera import Bool, Float32, Float64, Int32, Int64
 from colmap_ihe.dense.texture.mesh import components
 
-_FIRST_EDGE, _EDGE = 0.4, 0.9  # price of an edge between labels, while faces settle and from then on
+_FIRST_EDGE, _EDGE = 0.4, 1.0  # price of an edge between labels, while faces settle and from then on
 _FACE_ROUNDS = 12
 _PATCH_ROUNDS = 60
-_SMALL = 15  # faces: patches below go to a neighbour that can take them, whatever that costs
+_SMALL = 18  # faces: patches below go to a neighbour that can take them, whatever that costs
 _LEAST_GAIN = 1e-6
 
 

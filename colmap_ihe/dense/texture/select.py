@@ -33,23 +33,28 @@ _SAMPLES = np.array(
 @dataclass
 class Candidates:
     """Hold the best views of each face so far: `view` (F, K) int32, `UNSEEN` where there is none, and `quality`
-    (F, K) float32, zero there, and negative where a view shows the face beside an edge (see `quality_in`)."""
+    (F, K) float32, zero there, and negative where a view shows the face beside an edge (see `quality_in`); `colour`
+    (F, K, 3) uint8, what it shows there."""
 
     view: Int32
     quality: Float32
+    colour: UInt8
 
     @classmethod
     def none(cls, faces: int) -> Candidates:
         """Return candidates of a mesh of which no view has been added."""
-        return cls(np.full((faces, _KEPT), UNSEEN, np.int32), np.zeros((faces, _KEPT), np.float32))
+        shape = (faces, _KEPT)
+        colour = np.zeros((*shape, 3), np.uint8)
+        return cls(np.full(shape, UNSEEN, np.int32), np.zeros(shape, np.float32), colour)
 
-    def add(self, number: int, quality: Float32) -> None:
-        """Add the view `number` with its `quality` (F,) as `quality_in` returns it."""
+    def add(self, number: int, quality: Float32, colour: UInt8) -> None:
+        """Add the view `number` with its `quality` (F,) as `quality_in` returns it and its colours (F, 3)."""
         values = worth(self.quality)
         worst = np.argmin(values, axis=1)
         rows = np.flatnonzero(worth(quality) > values[np.arange(len(worst)), worst])
         self.view[rows, worst[rows]] = number
         self.quality[rows, worst[rows]] = quality[rows]
+        self.colour[rows, worst[rows]] = colour[rows]
 
 
 def quality_in(mesh: Mesh, view: PinholeCamera, mask: Callable[[], UInt8 | None] = lambda: None) -> Float32:

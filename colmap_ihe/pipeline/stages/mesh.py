@@ -44,6 +44,7 @@ def run(run: RunContext, progress: Progress) -> MeshRecord:
             options.faces,
             options=options.colmap,
             progress=progress,
+            dense_dir=project.dense,
         )
     except MappingError as error:
         return MeshRecord(files=[], warnings=[f"no mesh was made: {error}"])

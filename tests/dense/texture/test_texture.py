@@ -74,7 +74,7 @@ def ramp(x: Any, y: Any) -> Any:
 def labelled(mesh: Mesh, views: list[PinholeCamera]) -> tuple[Any, Any]:
     candidates = Candidates.none(len(mesh.faces))
     for number, view in enumerate(views):
-        candidates.add(number, quality_in(mesh, view))
+        candidates.add(number, quality_in(mesh, view), mesh.colours[mesh.faces[:, 0]])
     pairs = neighbours(mesh.faces)
     labels, coloured = choose(candidates, mesh, pairs, len(views))
     return np.where(coloured, labels, UNSEEN), pairs
@@ -83,7 +83,7 @@ def labelled(mesh: Mesh, views: list[PinholeCamera]) -> tuple[Any, Any]:
 def patched(mesh: Mesh, views: list[PinholeCamera]) -> Patches:
     candidates = Candidates.none(len(mesh.faces))
     for number, view in enumerate(views):
-        candidates.add(number, quality_in(mesh, view))
+        candidates.add(number, quality_in(mesh, view), mesh.colours[mesh.faces[:, 0]])
     pairs = neighbours(mesh.faces)
     return cut(mesh, *choose(candidates, mesh, pairs, len(views)), views, pairs)
 
@@ -183,7 +183,11 @@ def test_the_nearer_photograph_is_taken_and_patches_are_whole() -> None:
     noisy = Candidates.none(len(mesh.faces))
     draw = np.random.default_rng(0)
     for number in range(3):
-        noisy.add(number, (1 + 0.1 * draw.random(len(mesh.faces))).astype(np.float32))
+        noisy.add(
+            number,
+            (1 + 0.1 * draw.random(len(mesh.faces))).astype(np.float32),
+            mesh.colours[mesh.faces[:, 0]],
+        )
     pairs = neighbours(mesh.faces)
     labels, _ = choose(noisy, mesh, pairs, 3)
     assert len(set(labels)) == 1  # a tenth of quality is not worth a seam
@@ -263,8 +267,8 @@ def test_a_small_patch_stays_where_no_neighbour_sees_it() -> None:
     only[100] = True
     for seen, expected in ((only, {0, 1}), (np.zeros_like(only), {0})):
         candidates = Candidates.none(len(mesh.faces))
-        candidates.add(0, np.where(seen, 0, 1).astype(np.float32))
-        candidates.add(1, np.where(only, 5, 0).astype(np.float32))
+        candidates.add(0, np.where(seen, 0, 1).astype(np.float32), mesh.colours[mesh.faces[:, 0]])
+        candidates.add(1, np.where(only, 5, 0).astype(np.float32), mesh.colours[mesh.faces[:, 0]])
         assert set(choose(candidates, mesh, pairs, 2)[0].tolist()) == expected
 
 
@@ -274,7 +278,7 @@ def test_a_face_that_is_seen_only_beside_an_edge_lies_in_the_patch_around_it() -
     quality = quality_in(mesh, view)
     quality[100] *= -1
     candidates = Candidates.none(len(mesh.faces))
-    candidates.add(0, quality)
+    candidates.add(0, quality, mesh.colours[mesh.faces[:, 0]])
     pairs = neighbours(mesh.faces)
     labels, coloured = choose(candidates, mesh, pairs, 1)
     assert (labels == 0).all()

@@ -1,0 +1,36 @@
+"""Find the views that show something else than the others where a face is, as a photograph that misses a thin thing."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+
+from colmap_ihe.dense.camera import Float32, PinholeCamera, UInt8
+from colmap_ihe.dense.texture.bake import sample
+from colmap_ihe.dense.texture.mesh import Mesh
+
+_BLUR_PX = 1.5
+_LEAST_VIEWS = 3  # of which two can agree against one
+_MOST_LEVELS, _MOST_SPREAD = 40.0, 4.0  # from the median colour: in levels, and in the median of that
+
+
+def centre_colours(mesh: Mesh, view: PinholeCamera, picture: UInt8) -> UInt8:
+    """Return (F, 3) uint8, the colours of a picture (H, W, 3) around the centre of each face, where it shows it."""
+    pixels, _ = view.project(mesh.corners().mean(axis=1))
+    blurred = np.asarray(cv2.GaussianBlur(picture, (0, 0), _BLUR_PX), np.uint8)
+    colours = sample(blurred, np.clip(np.nan_to_num(pixels), -1e6, 1e6))
+    return np.asarray(np.rint(colours), np.uint8)
+
+
+def doubted(quality: Float32, colour: UInt8) -> Float32:
+    """Return `quality` (F, K), made negative for the views whose `colour` (F, K, 3) is far from the median of those of
+    positive quality: what they show is in front of the face or behind it."""
+    clear = quality > 0
+    values = np.where(clear[..., None], colour.astype(np.float32), np.nan)
+    result = quality.copy()
+    rows = np.flatnonzero(clear.sum(axis=1) >= _LEAST_VIEWS)
+    median = np.nanmedian(values[rows], axis=1, keepdims=True)
+    away = np.abs(values[rows] - median).max(axis=2)
+    most = np.maximum(np.float32(_MOST_LEVELS), _MOST_SPREAD * np.nanmedian(away, axis=1, keepdims=True))
+    result[rows] = np.where(away > most, -quality[rows], quality[rows])
+    return result
