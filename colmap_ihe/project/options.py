@@ -250,6 +250,13 @@ class MeshOptions(_Section):
     """For pycolmap.PoissonMeshingOptions."""
 
 
+class ReportOptions(_Section):
+    """Say what the page is like, which affects no result."""
+
+    max_mb: Annotated[float, Field(ge=1, le=2000)] = 25.0
+    """The most megabytes of report/index.html; the mesh is drawn with fewer triangles where it needs more."""
+
+
 class ClusterOptions(_Section):
     """Say where work runs, which affects no result."""
 
@@ -278,6 +285,7 @@ class Options(_Section):
     sparse: SparseOptions = SparseOptions()
     dense: DenseOptions = DenseOptions()
     mesh: MeshOptions = MeshOptions()
+    report: ReportOptions = ReportOptions()
     cluster: ClusterOptions = ClusterOptions()
     machine: MachineOptions = MachineOptions()
 
