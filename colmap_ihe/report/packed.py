@@ -19,7 +19,8 @@ _LEVEL = 6  # of zlib: 9 takes four times as long for 2 % less
 
 def packed(values: NDArray[np.integer[Any]]) -> dict[str, Any]:
     """Return (N,) or (N, K) whole numbers below 2**30 for JSON: `data` in base64, `width` K, `bytes` of each."""
-    columns = np.asarray(values, np.int64).reshape(len(values), -1)
+    columns = np.asarray(values, np.int64)
+    columns = columns.reshape(len(values), columns.shape[1] if columns.ndim > 1 else 1)
     differences = np.diff(columns, axis=0, prepend=0)
     unsigned = np.where(differences < 0, -2 * differences - 1, 2 * differences).T
     size = max(1, (int(unsigned.max(initial=0)).bit_length() + 7) // 8)

@@ -3,7 +3,7 @@
 Vertices are drawn into a neighbour, cheapest first, by the quadric error of Garland and Heckbert (1997). The neighbour
 stays where it is and keeps its place on the texture, so the texture stays right. Vertices where patches of the texture
 meet, and those at open borders, stay too: no crack opens between patches. Many vertices go in one round, none beside
-another.
+another; which, is left to chance among the cheaper ones.
 """
 
 from __future__ import annotations
@@ -27,11 +27,12 @@ def fewer_faces(vertices: npt.NDArray[np.floating], faces: Int64, most: int) -> 
     places = places - places.mean(axis=0) if len(places) else places
     quadrics = _quadrics(places, faces)
     locked = _locked(places, faces)
+    chance = np.random.default_rng(0)
     for _ in range(_ROUNDS):
         excess = len(faces) - most
         if excess <= 0:
             break
-        target = _one_round(places, faces, quadrics, locked, excess // 2 + 1)
+        target = _one_round(places, faces, quadrics, locked, excess // 2 + 1, chance)
         moved = target != np.arange(len(places))
         np.add.at(quadrics, target[moved], quadrics[moved])
         after = target[faces]
@@ -42,7 +43,9 @@ def fewer_faces(vertices: npt.NDArray[np.floating], faces: Int64, most: int) -> 
     return faces
 
 
-def _one_round(places: Float64, faces: Int64, quadrics: Float64, locked: Bool, most: int) -> Int64:
+def _one_round(
+    places: Float64, faces: Int64, quadrics: Float64, locked: Bool, most: int, chance: np.random.Generator
+) -> Int64:
     """Return (V,), the vertex that each is drawn into: itself, but for at most `most` of them. Locks those that would
     fold a triangle over."""
     start, end = faces.ravel(), np.roll(faces, -1, axis=1).ravel()
@@ -55,24 +58,21 @@ def _one_round(places: Float64, faces: Int64, quadrics: Float64, locked: Bool, m
     target = np.arange(len(places))
     target[start[is_best]] = end[is_best]
     limit = np.quantile(best[np.isfinite(best)], _SHARE) if len(cost) else 0.0
-    rank = np.full(len(places), len(places))
-    order = np.argsort(best, kind="stable")
-    rank[order] = np.arange(len(places))
-    rank[~(best <= limit)] = len(places)
-    chosen = _apart(faces, rank, len(places)) & (rank < len(places))
+    chosen = best <= limit
+    chosen &= _apart(faces, np.where(chosen, chance.permutation(len(places)), len(places)))
     folded = _folded(places, faces, target, chosen)
     locked |= folded
     chosen &= ~folded
-    chosen[order[np.flatnonzero(chosen[order])[most:]]] = False
+    by_cost = np.flatnonzero(chosen)[np.argsort(best[chosen], kind="stable")]
+    chosen[by_cost[most:]] = False
     return np.where(chosen, target, np.arange(len(places)))
 
 
-def _apart(faces: Int64, rank: Int64, count: int) -> Bool:
+def _apart(faces: Int64, rank: Int64) -> Bool:
     """Return (V,): the vertices of lower rank than all of their neighbours."""
     ranks = rank[faces]
-    lowest = ranks.min(axis=1, keepdims=True)
-    beaten = np.zeros(count, bool)
-    beaten[faces[ranks > lowest]] = True
+    beaten = np.zeros(len(rank), bool)
+    beaten[faces[ranks > ranks.min(axis=1, keepdims=True)]] = True
     return np.asarray(~beaten)
 
 
