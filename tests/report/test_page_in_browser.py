@@ -175,7 +175,7 @@ def test_what_is_measured_is_right_and_is_saved(page: Page) -> None:
     page.locator("[data-tool=distance]").click()
     picked(page, (0.35, 0.5), (0.6, 0.5))
     page.locator("[data-tool=point]").click()
-    picked(page, (0.5, 0.5))
+    page.keyboard.press("Enter")  # what is at the cross, in the middle
     page.locator("[data-tool=note]").click()
     picked(page, (0.55, 0.5))
     page.locator("[data-part=notes] textarea").fill("<b>loose</b> stone")
@@ -299,7 +299,7 @@ def test_vertex_colours_are_drawn_as_they_are(browser: Browser, tmp_path: Path) 
 
 
 def test_the_mesh_looks_like_the_photograph_from_its_camera(page: Page) -> None:
-    """Mean difference of colour, where the mesh is. Half a percent of the picture aside makes it 15."""
+    """Mean difference of colour, where the mesh is; half a percent of the picture aside more than doubles it."""
     canvas = page.locator("canvas")
     page.locator("[data-part=from]").select_option("3")
     page.locator("[data-part=fade]").fill("1")
@@ -313,9 +313,7 @@ def test_the_mesh_looks_like_the_photograph_from_its_camera(page: Page) -> None:
     covered = np.abs(pixels(canvas).astype(int)[60:-80] - mesh).max(axis=2) > 8
     covered &= np.abs(photograph - mesh).max(axis=2) > 0
     assert covered.mean() > 0.25
-    assert np.abs(photograph - mesh)[covered].mean() < 12
-    aside = np.roll(photograph, 5, axis=1)  # half a percent
-    print(np.abs(aside - mesh)[covered].mean())
+    assert np.abs(photograph - mesh)[covered].mean() < 6
 
 
 def test_before_and_after_by_keys_and_by_pointer(page: Page) -> None:
@@ -408,6 +406,14 @@ def test_fingers_turn_and_pinch(browser: Browser, address: str) -> None:
         page.wait_for_timeout(500)
         seen.append(pixels(canvas))
         assert (np.abs(seen[-1].astype(int) - seen[-2]).max(axis=2) > 20).mean() > 0.01
+    page.locator("[data-mode=clay]").tap()
+    page.locator(".tools summary").first.tap()
+    page.locator("[data-tool=point]").tap()
+    page.locator("[data-part=cameras]").tap()
+    page.locator("[data-side=front]").tap()
+    page.wait_for_timeout(900)
+    canvas.tap(position={"x": box["width"] / 2, "y": 0.45 * box["height"]})
+    assert page.locator("[data-part=measured] li").inner_text().startswith("Point: ")
     context.close()
 
 
