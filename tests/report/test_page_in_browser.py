@@ -43,7 +43,9 @@ class Opened:
     """A page and what went on in it."""
 
     def __init__(self, browser: Browser, address: str, width: int = 1100, height: int = 800) -> None:
-        self.page: Page = browser.new_page(viewport={"width": width, "height": height})
+        self.page: Page = browser.new_page(
+            viewport={"width": width, "height": height}, reduced_motion="reduce"
+        )
         self.page.set_default_timeout(20_000)
         self.errors: list[str] = []
         self.requests: list[str] = []
@@ -115,7 +117,7 @@ def test_keys_and_choices_change_the_picture(page: Page) -> None:
     }
     for name, act in acts.items():
         act()
-        page.wait_for_timeout(900 if name in ("home", "front", "top", "photograph") else 400)
+        page.wait_for_timeout(400)
         before, seen[name] = list(seen.values())[-1], pixels(canvas)
         assert (seen[name] != before).any(), name
     inside = {name: picture[100:280, 400:600].astype(int) for name, picture in seen.items()}
@@ -154,7 +156,7 @@ def picked(page: Page, *places: tuple[float, float]) -> None:
 def open_tools(page: Page) -> None:
     page.locator("[data-part=cameras]").uncheck()
     page.locator("[data-side=front]").click()
-    page.wait_for_timeout(900)
+    page.wait_for_timeout(450)
     for summary in page.locator(".tools summary").all():
         summary.click()
 
@@ -243,11 +245,11 @@ def test_the_section_box_cuts_the_model_and_what_is_picked(page: Page) -> None:
 def test_a_click_on_a_camera_flies_there(page: Page) -> None:
     """In the front view photographs stand below the facade; the mesh does not hide them."""
     page.locator("[data-side=front]").click()
-    page.wait_for_timeout(900)
+    page.wait_for_timeout(450)
     picked(page, (0.45, 0.7))
     assert page.locator("[data-part=from]").input_value()
     assert page.locator("[data-part=fade-field]").is_visible()
-    page.wait_for_timeout(900)
+    page.wait_for_timeout(450)
     page.keyboard.press("ArrowLeft")
     assert not page.locator("[data-part=from]").input_value()
     assert not page.locator("[data-part=fade-field]").is_visible()
@@ -291,7 +293,7 @@ def test_vertex_colours_are_drawn_as_they_are(browser: Browser, tmp_path: Path) 
     (tmp_path / "page.html").write_text(render_page(contents), encoding="utf-8")
     it = Opened(browser, (tmp_path / "page.html").as_uri())
     it.page.locator("[data-side=front]").click()
-    it.page.wait_for_timeout(1200)
+    it.page.wait_for_timeout(500)
     drawn = pixels(it.page.locator("canvas")).astype(int)[250:350, 400:600]
     assert np.abs(drawn - [200, 60, 20]).max() <= 3
     assert not it.errors
@@ -303,7 +305,7 @@ def test_the_mesh_looks_like_the_photograph_from_its_camera(page: Page) -> None:
     canvas = page.locator("canvas")
     page.locator("[data-part=from]").select_option("3")
     page.locator("[data-part=fade]").fill("1")
-    page.wait_for_timeout(1200)
+    page.wait_for_timeout(500)
     photograph = pixels(canvas).astype(int)[60:-80]
     page.locator("[data-part=fade]").fill("0")
     page.wait_for_timeout(500)
@@ -381,7 +383,9 @@ def test_nothing_stands_in_the_way_of_anyone(page: Page, scheme: str) -> None:
 
 
 def test_fingers_turn_and_pinch(browser: Browser, address: str) -> None:
-    context = browser.new_context(viewport={"width": 360, "height": 740}, has_touch=True, is_mobile=True)
+    context = browser.new_context(
+        viewport={"width": 360, "height": 740}, has_touch=True, is_mobile=True, reduced_motion="reduce"
+    )
     page = context.new_page()
     page.goto(address)
     page.wait_for_timeout(700)
@@ -411,7 +415,7 @@ def test_fingers_turn_and_pinch(browser: Browser, address: str) -> None:
     page.locator("[data-tool=point]").tap()
     page.locator("[data-part=cameras]").tap()
     page.locator("[data-side=front]").tap()
-    page.wait_for_timeout(900)
+    page.wait_for_timeout(450)
     canvas.tap(position={"x": box["width"] / 2, "y": 0.45 * box["height"]})
     assert page.locator("[data-part=measured] li").inner_text().startswith("Point: ")
     context.close()
