@@ -1,19 +1,27 @@
-"""Measure the size of a page, the time until it opens and the frames a second of its cloud, in a Chromium that draws in
-software.
+"""Measure the size of a page, the time until its model is drawn, the frames a second as it turns, and how much it looks
+like its photographs, in a Chromium that draws in software.
 
-    python benchmarks/page.py [--points 200000]
+    python benchmarks/page.py [--points 200000] [--page church/report/index.html]
 
-Frames are counted while a key turns the cloud at every frame for five seconds; each is read back, so that it is
-counted when it is drawn and not when it was asked for. A second count is without reading back.
+Frames are counted while a key turns the model at every frame for five seconds; each is read back, so that it is counted
+when it is drawn and not when it was asked for. The difference of colour is the mean, over the pixels that the mesh
+covers, between a photograph laid over the model and the model, in levels of 255; the second figure is after the mean
+brightness of the two is made equal, since photographs differ in exposure and a texture has one.
 """
 
 from __future__ import annotations
 
 import argparse
+import io
 import sys
 import tempfile
 import time
 from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests/scenes"))
 
@@ -23,62 +31,107 @@ from synthetic import synthetic_contents
 from colmap_ihe.commandline.bars import print_table
 from colmap_ihe.report.page import render_page
 
-_TURN = """([seconds, back]) => new Promise((done) => {
+if TYPE_CHECKING:
+    from playwright.sync_api import Page
+
+Rows = list[tuple[str, str]]
+
+_TURN = """(seconds) => new Promise((done) => {
   const canvas = document.querySelector("canvas");
   const gl = canvas.getContext("webgl2");
-  const points = [];
+  const drawn = [];
   const pixel = new Uint8Array(4);
   canvas.addEventListener("drawn", (e) => {
-    points.push(e.detail.points);
-    if (back) gl.readPixels(0, 0, 1, 1, gl.RGBA, gl.UNSIGNED_BYTE, pixel);
+    drawn.push(e.detail);
+    gl.readPixels(0, 0, 1, 1, gl.RGBA, gl.UNSIGNED_BYTE, pixel);
   });
   const start = performance.now();
   const step = () => {
     canvas.dispatchEvent(new KeyboardEvent("keydown", { key: "ArrowLeft" }));
     if (performance.now() - start < 1000 * seconds) requestAnimationFrame(step);
-    else done([points.length / (performance.now() - start) * 1000, points.at(-1)]);
+    else done([drawn.length / (performance.now() - start) * 1000, drawn.at(-1).points, drawn.at(-1).faces]);
   };
   step();
 })"""
 _LOADED = "() => performance.getEntriesByType('navigation')[0].loadEventEnd"
-_WATCH = "addEventListener('drawn', (e) => { window.all ??= e.detail.points >= %d ? performance.now() : null }, true)"
+_WATCH = """addEventListener('drawn', (e) => {
+  const gl = e.target.getContext("webgl2");
+  gl.readPixels(0, 0, 1, 1, gl.RGBA, gl.UNSIGNED_BYTE, new Uint8Array(4));
+  window.first ??= performance.now();
+  if (e.detail.whole) window.whole ??= performance.now();
+}, true)"""
+_BARS = 60  # pixels at the top and at the bottom of the canvas, where buttons stand
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("--points", type=int, default=200_000)
+    parser.add_argument("--points", type=int, default=200_000, help="of a made-up facade (default 200,000)")
+    parser.add_argument("--page", type=Path, help="measure this page instead")
     parser.add_argument("--seconds", type=float, default=5.0, help="of turning (default 5)")
     given = parser.parse_args()
-    # a tenth of the points of the made-up facade stand in the sky and are dropped
-    contents = synthetic_contents(round(given.points / 0.88))
-    assert contents.cloud is not None
     with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / "page.html"
-        began = time.perf_counter()
-        path.write_text(render_page(contents), encoding="utf-8")
-        rendered = time.perf_counter() - began
+        path, rows = given.page, []
+        if path is None:
+            path = Path(folder) / "page.html"
+            rows = _made_up(path, given.points)
+        print_table("page", rows + _measured(path.resolve(), given.seconds))
+
+
+def _made_up(path: Path, points: int) -> Rows:
+    # a tenth of the points of the made-up facade stand in the sky and are dropped
+    contents = synthetic_contents(round(points / 0.88))
+    began = time.perf_counter()
+    path.write_text(render_page(contents), encoding="utf-8")
+    return [("rendered in", f"{time.perf_counter() - began:.2f} s")]
+
+
+def _measured(path: Path, seconds: float) -> Rows:
+    with headless() as browser:
+        page = browser.new_page(viewport={"width": 1280, "height": 900})
+        page.add_init_script(_WATCH)
+        page.goto(path.as_uri())
+        while not page.evaluate("window.whole"):
+            page.wait_for_timeout(50)
         rows = [
-            ("points", f"{len(contents.cloud.positions):,}"),
             ("page", f"{path.stat().st_size / 1e6:.1f} MB"),
-            ("rendered in", f"{rendered:.2f} s"),
+            ("loaded after", f"{page.evaluate(_LOADED) / 1000:.2f} s"),
+            ("first picture after", f"{page.evaluate('window.first') / 1000:.2f} s"),
+            ("all of it drawn after", f"{page.evaluate('window.whole') / 1000:.2f} s"),
         ]
-        with headless() as browser:
-            page = browser.new_page(viewport={"width": 1280, "height": 900})
-            page.add_init_script(_WATCH % len(contents.cloud.positions))
-            page.goto(path.as_uri())
-            page.wait_for_function("window.all")
-            rows += [
-                ("loaded after", f"{page.evaluate(_LOADED) / 1000:.2f} s"),
-                ("all points drawn after", f"{page.evaluate('window.all') / 1000:.2f} s"),
-            ]
-            page.wait_for_timeout(1000)
-            for name, back in (("read back", True), ("not read back", False)):
-                frames, points = page.evaluate(_TURN, [given.seconds, back])
-                rows.append((f"turning, {name}", f"{frames:.0f} frames/s of {points:,} points"))
+        for mode in ("texture", "points"):
+            if page.locator(f"[data-mode={mode}]").count():
+                page.locator(f"[data-mode={mode}]").check()
                 page.wait_for_timeout(1000)
-    print_table("page", rows)
+                frames, points, faces = page.evaluate(_TURN, seconds)
+                drawn = f"{faces:,.0f} triangles" if faces else f"{points:,} points"
+                rows.append((f"turning, {mode}", f"{frames:.0f} frames/s of {drawn}"))
+        return rows + (_likeness(page) if page.locator("[data-mode=texture]").count() else [])
+
+
+def _likeness(page: Page) -> Rows:
+    rows = []
+    for view in range(page.locator("[data-part=from] option").count() - 1)[:3]:
+        page.locator("[data-mode=texture]").check()
+        page.locator("[data-part=from]").select_option(str(view))
+        photograph = _seen(page, "1", 1500)
+        mesh = _seen(page, "0", 800)
+        page.locator("[data-mode=clay]").check()
+        covered = np.abs(_seen(page, "0", 800) - mesh).max(axis=2) > 8
+        covered &= np.abs(photograph - mesh).max(axis=2) > 0
+        one, other = photograph[covered], mesh[covered]
+        raw, levelled = np.abs(one - other).mean(), np.abs(one - other * (one.mean() / other.mean())).mean()
+        rows.append((f"difference from photograph {view + 1}", f"{raw:.1f} levels, {levelled:.1f} levelled"))
+    return rows
+
+
+def _seen(page: Page, opacity: str, wait_ms: int) -> NDArray[np.int64]:
+    """(H, W, 3): the canvas with the photograph over the model, between the buttons."""
+    page.locator("[data-part=fade]").fill(opacity)
+    page.wait_for_timeout(wait_ms)
+    picture = Image.open(io.BytesIO(page.locator("canvas").screenshot())).convert("RGB")
+    return np.asarray(picture)[_BARS:-_BARS].astype(np.int64)
 
 
 if __name__ == "__main__":

@@ -22,7 +22,7 @@ THROUGH_OTHERS = {
     "evaluation/demo/run", "evaluation/page",
     "machine/cluster/executor", "machine/cluster/task", "photographs/decoder_main",
     "photographs/raw/calibration_masters", "photographs/raw/undecoded", "pipeline/doctor",
-    "pipeline/run_stages", "pipeline/stages/convert", "pipeline/stages/features",
+    "pipeline/page_pairs", "pipeline/run_stages", "pipeline/stages/convert", "pipeline/stages/features",
     "pipeline/stages/matches", "pipeline/stages/sparse",
 }  # fmt: skip
 

@@ -32,7 +32,8 @@ from colmap_ihe.pipeline.reconstruct import EndedEarlyError, Reconstruction, rec
 from colmap_ihe.pipeline.repeat import read_run
 from colmap_ihe.pipeline.status import status
 from colmap_ihe.pipeline.summary import report
-from colmap_ihe.project.options import ClusterOptions, ConvertOptions, FitOptions
+from colmap_ihe.project.option_sections import ClusterOptions
+from colmap_ihe.project.options import ConvertOptions, FitOptions
 from colmap_ihe.project.options_file import load_options, project_options
 from colmap_ihe.report.tables import weights_in_words
 

@@ -50,7 +50,8 @@ from colmap_ihe.pipeline.reconstruct import Reconstruction, reconstruct
 from colmap_ihe.pipeline.records import read_record
 from colmap_ihe.pipeline.stages.sparse import are_too_few
 from colmap_ihe.project.folder import Project
-from colmap_ihe.project.options import ClusterOptions, Options
+from colmap_ihe.project.option_sections import ClusterOptions
+from colmap_ihe.project.options import Options
 
 _Row = dict[str, Any]
 _CALIBRATION = "camera-calibration.yaml"

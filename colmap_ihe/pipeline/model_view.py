@@ -21,6 +21,7 @@ _F64 = NDArray[np.float64]
 
 _RGB = ("red", "green", "blue")
 _CELLS = 10  # a side, of the grid in which points cover a photograph
+_GRID = 9  # places a side, between which a photograph is as good as undistorted
 _FRUSTUM = 0.05  # of the size of the scene: how deep cameras are drawn
 
 
@@ -42,6 +43,21 @@ class ImageCoverage:
     coverage: float
 
 
+@dataclass(frozen=True)
+class CameraView:
+    """Place a picture before its camera: `centre` (3,), `corners` (4, 3) from the top left clockwise.
+
+    `box` (4,): left, top, right, bottom of the part between the corners, in shares of the picture. `grid` (G, G, 2):
+    where a lattice of its pixels lies, in steps of the edges from the top left corner to the right and down; with a
+    lens that does not distort (0, 0) to (1, 1) evenly.
+    """
+
+    centre: _F32
+    corners: _F32
+    box: _F64
+    grid: _F64
+
+
 class ModelView:
     """Read a sparse model and turn it upright, y up as the photographs were held, its middle to the origin. Raises
     what pycolmap raises where there is none."""
@@ -57,12 +73,22 @@ class ModelView:
             low, high = np.percentile(self._xyz, (5, 95), axis=0)
             self._middle, self._size = np.median(self._xyz, axis=0), float(np.linalg.norm(high - low)) or 1.0
 
-    def _moved(self, points: NDArray[np.floating]) -> _F32:
+    @property
+    def frame(self) -> tuple[_F64, _F64]:
+        """Return rotation (3, 3) and middle (3,): a point of the model lies at rotation @ (point - middle) here."""
+        return np.asarray(self._rotation, np.float64), np.asarray(self._middle, np.float64)
+
+    def turned(self, directions: NDArray[np.floating]) -> _F32:
+        """Return (N, 3) directions of the model, in this frame."""
+        return np.asarray(directions @ self._rotation.T, np.float32)
+
+    def moved(self, points: NDArray[np.floating]) -> _F32:
+        """Return (N, 3) points of the model, in this frame."""
         return np.asarray((points - self._middle) @ self._rotation.T, np.float32)
 
     def _shuffled(self, points: NDArray[np.floating], colours: _U8, most: int, in_all: int) -> Points:
         order = np.random.default_rng(0).permutation(len(points))[:most]
-        return Points(self._moved(points)[order], colours[order], in_all)
+        return Points(self.moved(points)[order], colours[order], in_all)
 
     def points(self, most: int) -> Points:
         """Return points of the model itself."""
@@ -76,20 +102,27 @@ class ModelView:
         points, colours = (np.stack([some[name] for name in names], axis=1) for names in ("xyz", _RGB))
         return self._shuffled(points, colours, most, len(rows))
 
-    def camera(self, name: str) -> tuple[_F32, _F32]:
-        """Return centre (3,) and corners (4, 3) of the picture before it, from the top left clockwise, each on the ray
-        of its pixel. Of a picture that is too wide to be flat they are those of its middle."""
+    def camera(self, name: str) -> CameraView:
+        """Return where the picture of a photograph lies before its camera, each pixel on its ray. Of a picture that is
+        too wide to be flat it is its middle."""
         image = self._model.images[self._by_name[name]]
         camera = self._model.cameras[image.camera_id]
         left, top, right, bottom = certain_box(camera)
         if camera.is_spherical():  # whose corners are all straight above and below
             left, top, right, bottom = np.array([3, 3, 5, 5]) / 8 * np.tile([camera.width, camera.height], 2)
-        corners = np.array([(left, top), (right, top), (right, bottom), (left, bottom)], np.float64)
-        rays = np.asarray(camera.cam_ray_from_img(corners))
-        rays = rays / rays[:, 2:]
-        depth = _FRUSTUM * self._size / max(1.0, float(np.abs(rays[:, 0]).max()))
+        x, y = np.meshgrid(np.linspace(left, right, _GRID), np.linspace(top, bottom, _GRID))
+        rays = np.asarray(camera.cam_ray_from_img(np.stack([x.ravel(), y.ravel()], axis=1)))
+        flat = (rays / rays[:, 2:]).reshape(_GRID, _GRID, 3)
+        corners = flat[(0, 0, -1, -1), (0, -1, -1, 0)]
+        depth = _FRUSTUM * self._size / max(1.0, float(np.abs(corners[:, 0]).max()))
         world_from_cam = image.cam_from_world().inverse()
-        return self._moved(world_from_cam.translation), self._moved(world_from_cam * (rays * depth))
+        box = np.array([left, top, right, bottom]) / np.tile([camera.width, camera.height], 2)
+        return CameraView(
+            self.moved(world_from_cam.translation),
+            self.moved(world_from_cam * (corners * depth)),
+            box,
+            _between_corners(flat, corners),
+        )
 
     def seen(self, name: str) -> ImageCoverage:
         image = self._model.images[self._by_name[name]]
@@ -107,6 +140,12 @@ class ModelView:
     def points_by_images(self) -> Mapping[int, int]:
         """Count the points by the number of images that see them."""
         return dict(sorted(Counter(map(images_seeing, self._model.points3D.values())).items()))
+
+
+def _between_corners(flat: _F64, corners: _F64) -> _F64:
+    """Return (G, G, 2): places (G, G, 3) of the plane of the corners, in steps of their top and left edges."""
+    sides = np.stack([corners[1] - corners[0], corners[3] - corners[0]], axis=1)[:2]
+    return np.asarray((flat - corners[0])[..., :2] @ np.linalg.inv(sides).T)
 
 
 def cloud_as_seen(cloud: Path, model: Path, name: str, longest: int) -> _U8:

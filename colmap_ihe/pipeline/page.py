@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -12,8 +12,6 @@ import numpy as np
 import yaml
 from numpy.typing import NDArray
 
-from colmap_ihe.colmap.native import quiet
-from colmap_ihe.colmap.two_views import features_of, match, verified
 from colmap_ihe.dense.undistort import read_colour, read_grey
 from colmap_ihe.errors import KnownError
 from colmap_ihe.grey.weights import FIXED
@@ -22,21 +20,22 @@ from colmap_ihe.machine.files import read_json, write_bytes
 from colmap_ihe.machine.libraries import library_versions
 from colmap_ihe.machine.progress import Progress, RunProgress
 from colmap_ihe.pipeline import model_view
+from colmap_ihe.pipeline.page_pairs import drawn_pairs
+from colmap_ihe.pipeline.page_size import page_within
 from colmap_ihe.pipeline.second_grey import lost_colour
 from colmap_ihe.pipeline.stage import RunContext
+from colmap_ihe.pipeline.surface_view import surface_of
 from colmap_ihe.project.folder import Project
 from colmap_ihe.project.options import Options
 from colmap_ihe.report import contents, pictures
 from colmap_ihe.report.camera_words import gain_in_words
 from colmap_ihe.report.contents import Contents, PhotographEntry
 from colmap_ihe.report.methods_sentence import citation, is_default, methods_sentence
-from colmap_ihe.report.page import render_page
 from colmap_ihe.report.tables import summary_rows, weights_in_words
 
 _POINTS = 200_000  # of the cloud; a page is to be sent by mail
-_THUMBNAIL, _SLIDER, _PAIR, _TILE = 240, 1000, 1000, 96  # pixels
-_MATCHED = 1600  # pixels of the longer side, at which pairs are matched again
-_SLIDERS, _PAIRS, _TILES, _PICTURED = 4, 3, 144, 400  # photographs; a larger set is shown in part
+_THUMBNAIL, _SLIDER, _TILE, _OVER = 240, 1000, 96, 1000  # pixels
+_SLIDERS, _TILES, _PICTURED = 4, 144, 400  # photographs; a larger set is shown in part
 _Records = Mapping[str, Mapping[str, Any]]
 _U8 = NDArray[np.uint8]
 
@@ -47,6 +46,7 @@ class _Look:
 
     name: str
     thumbnail: contents.Picture
+    larger: contents.Picture | None
     colour: _U8
     grey: _U8
     tones_chosen: NDArray[np.int64]
@@ -59,7 +59,7 @@ def page_of(run: RunContext, summary: Mapping[str, Any], progress: RunProgress) 
     began = time.monotonic()
     try:
         with progress.stage("page") as stage_progress:
-            write_page(run, summary, stage_progress)
+            write_page(run, summary, stage_progress, progress.warn)
     except KnownError as error:
         progress.warn(f"no page was written: {error}")
         return None
@@ -72,9 +72,12 @@ def seconds_in(summary_file: Path) -> float | None:
     return float(seconds) if isinstance(seconds, int | float) and not isinstance(seconds, bool) else None
 
 
-def write_page(run: RunContext, summary: Mapping[str, Any], progress: Progress) -> Path:
+def write_page(
+    run: RunContext, summary: Mapping[str, Any], progress: Progress, warn: Callable[[str], None]
+) -> Path:
     """Write report/index.html of a project that is converted at least, and return it. Raises `KnownError`s."""
-    write_bytes(run.project.page_file, render_page(gather(run, summary, progress)).encode())
+    gathered = gather(run, summary, progress)
+    write_bytes(run.project.page_file, page_within(gathered, run.options.report.max_mb, warn))
     return run.project.page_file
 
 
@@ -83,10 +86,13 @@ def gather(run: RunContext, summary: Mapping[str, Any], progress: Progress) -> C
     began, project, records, options = time.monotonic(), run.project, run.records, run.options
     grey_of: Mapping[str, str] = records["convert"]["grey"]
     some = _spread(sorted(grey_of), _PICTURED)
+    side = _larger_side(len(grey_of))
     progress.start(len(some), "photographs looked at")
     looks: dict[str, _Look] = {}
     with threads_of(run.executor) as pool:  # pictures are what comes of it
-        for look in in_order(pool, lambda name: _look(project, name, grey_of[name]), some, progress=progress):
+        for look in in_order(
+            pool, lambda name: _look(project, name, grey_of[name], side), some, progress=progress
+        ):
             looks[look.name] = look
             progress.advance()
     model = model_view.ModelView(project.sparse / "0") if "sparse" in records else None
@@ -94,7 +100,7 @@ def gather(run: RunContext, summary: Mapping[str, Any], progress: Progress) -> C
     greys = [grey_of.get(p.name, "") for p in photographs]
     compared = not is_default(summary)  # else the grey would be compared with itself
     matched = model_view.verified_matches(project.database, greys) if "matches" in records else None
-    pairs = _pairs(project, summary, grey_of, matched, photographs, compared, progress)
+    pairs = drawn_pairs(project, summary, grey_of, matched, photographs, compared, progress)
     cloud = _cloud(project, records, model) if model else None
     took = round(time.monotonic() - began, 2)  # all but the writing
     return Contents(
@@ -104,7 +110,9 @@ def gather(run: RunContext, summary: Mapping[str, Any], progress: Progress) -> C
         grey=_grey(summary, options, list(looks.values()), compared),
         photographs=photographs,
         cloud=cloud,
-        cameras=_cameras(grey_of, model) if model else (),
+        surface=surface_of(project, records.get("mesh", {}), model) if model else None,
+        frame=_frame(records, summary, model) if model else None,
+        cameras=_cameras(grey_of, model, looks) if model else (),
         lenses=summary["cameras"] or (),
         calibration=gain_in_words(summary),
         sliders=[
@@ -133,13 +141,20 @@ def _result(summary: Mapping[str, Any]) -> str:
     return f"{', '.join(parts)}; {error}."
 
 
-def _look(project: Project, name: str, grey_name: str) -> _Look:
+def _larger_side(photographs: int) -> int:
+    """Return the longer side in pixels of the photographs that lie over the model: some 4 MB of them in all."""
+    return int(min(_OVER, 4 * _OVER / max(photographs, 1) ** 0.5))
+
+
+def _look(project: Project, name: str, grey_name: str, larger_side: int) -> _Look:
     colour, grey = read_colour(project.colour / grey_name), read_grey(project.grey / grey_name)
     small = pictures.shrunk(colour, _THUMBNAIL)
     thumbnail = pictures.picture(small, f"photograph {name}", _THUMBNAIL)
-    both = (grey, pictures.rec709(colour))
-    tones = [np.bincount(values[::2, ::2].ravel(), minlength=256) for values in both]
-    return _Look(name, thumbnail, small, pictures.shrunk(grey, _THUMBNAIL), *tones)
+    larger = pictures.picture(colour, thumbnail.alt, larger_side) if larger_side > _THUMBNAIL else None
+    tones = [
+        np.bincount(v.ravel(), minlength=256) for v in (grey[::2, ::2], pictures.rec709(colour[::2, ::2]))
+    ]
+    return _Look(name, thumbnail, larger, small, pictures.shrunk(grey, _THUMBNAIL), *tones)
 
 
 def _grey(
@@ -190,14 +205,30 @@ def _cloud(project: Project, records: _Records, model: model_view.ModelView) -> 
     kind = "dense" if records.get("dense", {}).get("points") else "sparse"
     dense_file = project.dense / "fused.ply"
     points = model.dense_points(dense_file, _POINTS) if kind == "dense" else model.points(_POINTS)
-    weights = next(iter(records["fit"]["weights"].values()))["weights"]
-    grey = np.rint(points.colours @ np.array(weights or FIXED["rec709"])).astype(np.uint8)
+    grey = np.rint(points.colours @ np.array(_grey_weights(records))).astype(np.uint8)
     return contents.Cloud(points.positions, points.colours, grey, kind, points.in_all)
 
 
-def _cameras(grey_of: Mapping[str, str], model: model_view.ModelView) -> list[contents.CameraPose]:
-    poses = ((name, grey) for name, grey in sorted(grey_of.items()) if grey in model.names)
-    return [contents.CameraPose(name, *model.camera(grey)) for name, grey in poses]
+def _grey_weights(records: _Records) -> tuple[float, float, float]:
+    """Return R, G, B of the grey of the set; of a conversion without weights, of Rec.709."""
+    weights = next(iter(records["fit"]["weights"].values()))["weights"] or FIXED["rec709"]
+    return (float(weights[0]), float(weights[1]), float(weights[2]))
+
+
+def _frame(records: _Records, summary: Mapping[str, Any], model: model_view.ModelView) -> contents.ModelFrame:
+    return contents.ModelFrame(*model.frame, summary.get("metric") is True, _grey_weights(records))
+
+
+def _cameras(
+    grey_of: Mapping[str, str], model: model_view.ModelView, looks: Mapping[str, _Look]
+) -> list[contents.CameraPose]:
+    poses = []
+    for name, grey in sorted(grey_of.items()):
+        if grey in model.names:
+            picture = looks[name].larger if name in looks else None
+            view = model.camera(grey)
+            poses.append(contents.CameraPose(name, view.centre, view.corners, view.box, view.grid, picture))
+    return poses
 
 
 def _slider(project: Project, name: str, grey_name: str) -> contents.Slider:
@@ -211,60 +242,6 @@ def _slider(project: Project, name: str, grey_name: str) -> contents.Slider:
         f"{name}: chosen grey less Rec.709, middle grey is none": pictures.difference(chosen, default),
     }
     return contents.Slider(name, *(pictures.picture(look, alt, _SLIDER) for alt, look in looks.items()))
-
-
-def _pairs(
-    project: Project,
-    summary: Mapping[str, Any],
-    grey_of: Mapping[str, str],
-    matched: NDArray[np.int64] | None,
-    photographs: Sequence[PhotographEntry],
-    compared: bool,
-    progress: Progress,
-) -> list[contents.Pair]:
-    """Draw the pairs on which the grey was measured, else those with most matches, matched again in the chosen grey,
-    and if `compared` in COLMAP's default."""
-    pairs = [tuple(pair) for pair in (summary["tried"] or {}).get("pairs", ())]
-    names = [p.name for p in photographs]
-    if not pairs and matched is not None and matched.any():
-        best = np.argsort(np.triu(matched), axis=None)[::-1][: 4 * _PAIRS]
-        rows = [np.unravel_index(n, matched.shape) for n in best if matched.flat[n]]
-        taken: set[int] = set()
-        for row in rows:  # each photograph once, so that the pairs are of several places
-            if not taken & {int(n) for n in row}:
-                taken |= {int(n) for n in row}
-                pairs.append((names[row[0]], names[row[1]]))
-    pairs = [pair for pair in pairs if all(name in grey_of for name in pair)][:_PAIRS]
-    progress.start(len(pairs), "pairs drawn")
-    found = []
-    for first, second in pairs:
-        found.append(_pair(project, (first, second), (grey_of[first], grey_of[second]), compared, progress))
-        progress.advance()
-    return found
-
-
-def _pair(
-    project: Project, names: tuple[str, str], greys: tuple[str, str], compared: bool, progress: Progress
-) -> contents.Pair:
-    """Draw the matches. They are not counted: `Grey.benefit` is the one measurement, on more of the pixels."""
-    chosen = [pictures.shrunk(read_grey(project.grey / grey), _MATCHED) for grey in greys]
-    alt = f"verified matches of {names[0]} and {names[1]}"
-    drawn = _matches_drawn(chosen, f"{alt} in the chosen grey", progress)
-    if not compared:
-        return contents.Pair(*names, drawn)
-    colours = [pictures.shrunk(read_colour(project.colour / grey), _MATCHED) for grey in greys]
-    default = _matches_drawn([pictures.rec709(colour) for colour in colours], f"{alt} in Rec.709", progress)
-    return contents.Pair(*names, drawn, default)
-
-
-def _matches_drawn(greys: Sequence[_U8], alt: str, progress: Progress) -> contents.Picture:
-    one, other = greys
-    with quiet():
-        first, second = features_of([one, other], progress, first_octave=0)
-    pairs = match(first, second)
-    ones, others = first.places[pairs[:, 0]], second.places[pairs[:, 1]]
-    kept = verified(ones, others, (one.shape[1], one.shape[0]), (other.shape[1], other.shape[0]))
-    return pictures.picture(pictures.matches_drawn(one, other, ones[kept], others[kept]), alt, _PAIR)
 
 
 def _spread(names: Sequence[str], most: int) -> list[str]:

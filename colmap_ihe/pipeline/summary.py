@@ -141,4 +141,4 @@ def report(
         summary["truth"] = truth
     with folder.locked(), local_executor() as executor, progress.stage("page") as stage_progress:
         run = RunContext(folder, options, find_photographs(folder.images), executor, records=records)
-        return write_page(run, summary, stage_progress)
+        return write_page(run, summary, stage_progress, progress.warn)

@@ -10,7 +10,6 @@ from __future__ import annotations
 from typing import Annotated, Any, Literal
 
 from pydantic import (
-    BaseModel,
     ConfigDict,
     Field,
     RootModel,
@@ -22,22 +21,19 @@ from pydantic import (
 from colmap_ihe.errors import WeightsError
 from colmap_ihe.grey.conversions import CONVERSIONS
 from colmap_ihe.grey.weights import FIXED, triplets
+from colmap_ihe.project.option_sections import ClusterOptions, MachineOptions, ReportOptions, Section
 from colmap_ihe.project.recipe import Demosaic
 
 ColmapOptions = dict[str, Any]
 _Millimetres = Annotated[float, Field(gt=0, le=10_000, allow_inf_nan=False)]
 
 
-class _Section(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True, strict=True)
-
-
-class CapturesOptions(_Section):
+class CapturesOptions(Section):
     strict: bool = False
     """Stop at the first photograph that cannot be used, instead of leaving it out and saying so."""
 
 
-class DevelopOptions(_Section):
+class DevelopOptions(Section):
     demosaic: Demosaic = "linear"
     """LibRaw's algorithm. `linear` is bilinear, and gives most correct matches."""
     green_equilibrium: bool = True
@@ -52,7 +48,7 @@ class DevelopOptions(_Section):
     """Strength, in standard deviations of the noise; 0 is none."""
 
 
-class KnownCamera(_Section):
+class KnownCamera(Section):
     """Hold what is known of a camera whose photographs do not say it."""
 
     make: Annotated[str, Field(min_length=1)] | None = None
@@ -92,7 +88,7 @@ class CamerasOptions(RootModel[dict[str, KnownCamera]]):
         return [(pattern, known.model_dump(exclude_none=True)) for pattern, known in self.root.items()]
 
 
-class FitOptions(_Section):
+class FitOptions(Section):
     method: str = "ihe"
     """A name of docs/conversions.md: `ihe`, a fixed triplet, or one of the conversions of other papers."""
     guard: Literal["noise", "none"] = "noise"
@@ -146,7 +142,7 @@ class FitOptions(_Section):
         return step
 
 
-class ConvertOptions(_Section):
+class ConvertOptions(Section):
     tone: Literal["sqrt", "linear", "equalise"] = "sqrt"
     """How linear grey (RAW) becomes 8 bit; gamma-coded photographs keep the tones they have."""
     wallis: bool = False
@@ -154,7 +150,7 @@ class ConvertOptions(_Section):
     format: Literal["png", "tiff", "jpeg"] = "png"
 
 
-class CameraOptions(_Section):
+class CameraOptions(Section):
     mode: Literal["auto", "single", "per_folder", "per_image"] = "auto"
     """`auto`: one camera per make, model, focal length and size in EXIF, as COLMAP groups, and one per size and what
     there is where EXIF lacks some of them, of which COLMAP would give each photograph a camera."""
@@ -194,14 +190,14 @@ class CameraOptions(_Section):
         return self
 
 
-class FeaturesOptions(_Section):
+class FeaturesOptions(Section):
     max_image_size: Annotated[int, Field(ge=64, le=100_000)] | None = None
     """Longer side in pixels above which features are found on a smaller copy; None is COLMAP's default."""
     colmap: ColmapOptions = Field(default_factory=dict)
     """For pycolmap.FeatureExtractionOptions."""
 
 
-class MatchesOptions(_Section):
+class MatchesOptions(Section):
     strategy: Literal["auto", "exhaustive", "sequential", "vocabtree", "spatial"] = "auto"
     """`auto`: exhaustive up to 200 photographs; above, spatial with GPS, else a vocabulary tree of the set."""
     colmap: ColmapOptions = Field(default_factory=dict)
@@ -212,7 +208,7 @@ class MatchesOptions(_Section):
     """For pycolmap.TwoViewGeometryOptions."""
 
 
-class SparseOptions(_Section):
+class SparseOptions(Section):
     mapper: Literal["incremental", "global", "hierarchical"] = "incremental"
     calibration: Literal["auto", "colmap"] = "auto"
     """`auto`: after mapping, the camera model and the principal point as the photographs determine them; `colmap`
@@ -225,7 +221,7 @@ class SparseOptions(_Section):
     """For the pipeline options of the mapper in pycolmap, as pycolmap.IncrementalPipelineOptions."""
 
 
-class DenseOptions(_Section):
+class DenseOptions(Section):
     enabled: bool = True
     backend: Literal["auto", "patchmatch", "sgm"] = "auto"
     """`auto`: PatchMatch where pycolmap finds a CUDA device, else semi-global matching on the CPU."""
@@ -237,7 +233,7 @@ class DenseOptions(_Section):
     """For pycolmap.PatchMatchOptions."""
 
 
-class MeshOptions(_Section):
+class MeshOptions(Section):
     enabled: bool = True
     """Of no account where `dense.enabled` is false: the mesh is made of the dense cloud."""
     faces: Annotated[int, Field(ge=100, le=50_000_000)] = 300_000
@@ -250,21 +246,7 @@ class MeshOptions(_Section):
     """For pycolmap.PoissonMeshingOptions."""
 
 
-class ClusterOptions(_Section):
-    """Say where work runs, which affects no result."""
-
-    address: Annotated[str, Field(min_length=1)] | None = None
-    """Of a Dask scheduler, as tcp://login1:8786, or its scheduler file; `local:N` starts N workers here."""
-    patience: Annotated[float, Field(gt=0, le=1_000_000)] = 600.0
-    """Seconds without any worker, or without the scheduler, after which a run gives up."""
-
-
-class MachineOptions(_Section):
-    threads: Annotated[int, Field(ge=1, le=1024)] | None = None
-    """The most threads that compute at a time; None is one a core. With 1 the same run gives the same model."""
-
-
-class Options(_Section):
+class Options(Section):
     """Hold every option of a project; `Options()` has the defaults."""
 
     captures: CapturesOptions = CapturesOptions()
@@ -278,6 +260,7 @@ class Options(_Section):
     sparse: SparseOptions = SparseOptions()
     dense: DenseOptions = DenseOptions()
     mesh: MeshOptions = MeshOptions()
+    report: ReportOptions = ReportOptions()
     cluster: ClusterOptions = ClusterOptions()
     machine: MachineOptions = MachineOptions()
 

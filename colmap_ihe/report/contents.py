@@ -32,7 +32,6 @@ class Cloud:
 
     `positions` (N, 3) float32; `colours` (N, 3) uint8 sRGB; `grey` (N,) uint8, the grey that the weights make of the
     colours. Points are shuffled, so that any first part of them is a thinner cloud. `kind`: "dense" or "sparse".
-    `metres_per_unit`: None where the scale is not known.
     """
 
     positions: NDArray[np.float32]
@@ -40,17 +39,55 @@ class Cloud:
     grey: NDArray[np.uint8]
     kind: str
     points_in_all: int
-    metres_per_unit: float | None = None
+
+
+@dataclass(frozen=True)
+class Surface:
+    """Hold a mesh for the viewer, in the frame of the cloud.
+
+    `positions` and `normals` (V, 3) float32; `faces` (F, 3) int64, and `coarse_faces` on the same vertices, which are
+    drawn where there is no time for all. With a `texture`, `uv` (V, 2) float32 from its top
+    left; without, `colours` (V, 3) uint8 sRGB. `faces_in_all`: of the mesh that it was cut from.
+    """
+
+    positions: NDArray[np.float32]
+    normals: NDArray[np.float32]
+    faces: NDArray[np.int64]
+    coarse_faces: NDArray[np.int64]
+    faces_in_all: int
+    texture: Picture | None = None
+    uv: NDArray[np.float32] | None = None
+    colours: NDArray[np.uint8] | None = None
+
+
+@dataclass(frozen=True)
+class ModelFrame:
+    """Say how the viewer's frame lies in the model's: model = `rotation`.T @ viewer + `middle`, (3, 3) and (3,).
+
+    `metric`: the model's unit is the metre. `grey_weights`: R, G, B of the set's grey."""
+
+    rotation: NDArray[np.float64]
+    middle: NDArray[np.float64]
+    metric: bool = False
+    grey_weights: tuple[float, float, float] = (0.2126, 0.7152, 0.0722)
 
 
 @dataclass(frozen=True)
 class CameraPose:
     """Place a registered photograph in the frame of the cloud: `centre` (3,), `corners` (4, 3) of its picture at a good
-    depth, from the top left clockwise."""
+    depth, from the top left clockwise.
+
+    `box` (4,): left, top, right, bottom of the part between the corners, in shares of the picture. `grid` (G, G, 2):
+    where a lattice of its pixels lies, in steps of the edges from the top left corner to the right and down; None where
+    the lens does not distort. `picture`: the photograph, larger than its thumbnail.
+    """
 
     name: str
     centre: NDArray[np.float32]
     corners: NDArray[np.float32]
+    box: NDArray[np.float64] | Sequence[float] = (0.0, 0.0, 1.0, 1.0)
+    grid: NDArray[np.float64] | None = None
+    picture: Picture | None = None
 
 
 @dataclass(frozen=True)
@@ -183,6 +220,8 @@ class Contents:
     grey: Grey | None
     photographs: Sequence[PhotographEntry]
     cloud: Cloud | None = None
+    surface: Surface | None = None
+    frame: ModelFrame | None = None
     cameras: Sequence[CameraPose] = ()
     lenses: Sequence[Mapping[str, Any]] = ()
     calibration: str = ""

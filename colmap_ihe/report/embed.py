@@ -5,16 +5,22 @@ from __future__ import annotations
 import base64
 import json
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from markupsafe import Markup
 from numpy.typing import NDArray
 
-from colmap_ihe.report.contents import CameraPose, Cloud, Picture
+from colmap_ihe.grey.weights import FIXED
+from colmap_ihe.report.contents import CameraPose, Cloud, ModelFrame, Picture, Surface
+from colmap_ihe.report.packed import packed
+
+_Rows = NDArray[np.int64]
 
 _FAR_OUT = 30
 """Times the median distance from the middle: beyond are stray points, which would coarsen all others."""
 _STEPS = 65535
+_UV_STEPS = 16383  # of a side of the texture, which has at most as many pixels
 
 
 def data_uri(picture: Picture) -> str:
@@ -22,8 +28,8 @@ def data_uri(picture: Picture) -> str:
     return f"data:image/jpeg;base64,{as_base64(picture.jpeg)}"
 
 
-def cloud_data(cloud: Cloud, cameras: Sequence[CameraPose]) -> Markup:
-    """Return what the viewer reads, as JSON that may stand in a script element.
+def cloud_data(cloud: Cloud) -> Markup:
+    """Return the points that the viewer reads, as JSON that may stand in a script element.
 
     `positions`: little-endian uint16 (N, 3), 0 at `low` and 65535 at `low` + `extent`, so within 1/131070 of the
     extent; `tints`: uint8 (N, 4), the colours and the grey; both in base64. Points that are not finite or lie far
@@ -34,10 +40,7 @@ def cloud_data(cloud: Cloud, cameras: Sequence[CameraPose]) -> Markup:
             f"a cloud of {len(cloud.positions)} positions, {len(cloud.colours)} colours and {len(cloud.grey)} greys"
         )
     kept = _near(cloud.positions)
-    positions = np.asarray(cloud.positions, np.float64)[kept]
-    low = positions.min(axis=0) if len(positions) else np.zeros(3)
-    extent = np.ptp(positions, axis=0) if len(positions) else np.zeros(3)
-    steps = np.round((positions - low) / np.where(extent > 0, extent, 1) * _STEPS)
+    steps, low, extent = _in_steps(np.asarray(cloud.positions, np.float64)[kept])
     tints = np.concatenate([cloud.colours[kept], cloud.grey[kept][:, None]], axis=1)
     return script_json(
         {
@@ -45,14 +48,82 @@ def cloud_data(cloud: Cloud, cameras: Sequence[CameraPose]) -> Markup:
             "tints": as_base64(tints.astype(np.uint8).tobytes()),
             "low": low.tolist(),
             "extent": extent.tolist(),
-            "metres_per_unit": cloud.metres_per_unit,
-            "cameras": [
-                {"name": c.name, "centre": _numbers(c.centre), "corners": [_numbers(k) for k in c.corners]}
-                for c in cameras
-                if np.isfinite(c.centre).all() and np.isfinite(c.corners).all()
-            ],
         }
     )
+
+
+def surface_data(surface: Surface) -> Markup:
+    """Return the mesh that the viewer reads, as JSON that may stand in a script element.
+
+    Each array is `packed`: positions in 65,536 steps of the extent, normals in 127 of their length, places on the
+    texture in 16,384 of its sides. Vertices stand in the order in which the triangles need them: it compresses best.
+    """
+    order, faces, coarse = _in_order_of_use(surface.faces, surface.coarse_faces)
+    steps, low, extent = _in_steps(surface.positions[order].astype(np.float64))
+    data: dict[str, Any] = {
+        "positions": packed(steps),
+        "normals": packed(np.rint(127 * surface.normals[order].astype(np.float64)).astype(np.int64)),
+        "faces": packed(faces.ravel()),
+        "coarse": packed(coarse.ravel()),
+        "low": low.tolist(),
+        "extent": extent.tolist(),
+    }
+    if surface.texture is not None and surface.uv is not None:
+        data["uv"] = packed(np.rint(_UV_STEPS * surface.uv[order].astype(np.float64)).astype(np.int64))
+        data["texture"] = data_uri(surface.texture)
+    elif surface.colours is not None:
+        data["colours"] = packed(surface.colours[order])
+    return script_json(data)
+
+
+def scene_data(frame: ModelFrame | None, cameras: Sequence[CameraPose]) -> Markup:
+    """Return what the viewer must know beside cloud and mesh, as JSON that may stand in a script element."""
+    grids: dict[str, int] = {}
+    shown = [c for c in cameras if np.isfinite(c.centre).all() and np.isfinite(c.corners).all()]
+    return script_json(
+        {
+            "rotation": frame.rotation.tolist() if frame else np.eye(3).tolist(),
+            "middle": frame.middle.tolist() if frame else [0.0, 0.0, 0.0],
+            "metric": bool(frame and frame.metric),
+            "weights": list(frame.grey_weights) if frame else FIXED["rec709"],
+            "cameras": [_camera(c, grids) for c in shown],
+            "grids": [json.loads(text) for text in grids],
+        }
+    )
+
+
+def _camera(camera: CameraPose, grids: dict[str, int]) -> dict[str, Any]:
+    """Return a camera as JSON holds it; adds its lattice to those of other lenses, by number."""
+    grid = camera.grid if camera.grid is not None else np.indices((2, 2))[::-1].transpose(1, 2, 0)
+    text = json.dumps([_numbers(row.ravel()) for row in grid])
+    return {
+        "name": camera.name,
+        "centre": _numbers(camera.centre),
+        "corners": [_numbers(k) for k in camera.corners],
+        "box": [float(v) for v in camera.box],
+        "grid": grids.setdefault(text, len(grids)),
+        "picture": data_uri(camera.picture) if camera.picture else None,
+    }
+
+
+def _in_steps(
+    positions: NDArray[np.float64],
+) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64]]:
+    """Return (N, 3) whole numbers from 0 to 65535 in the box of the positions, and its lowest corner and extent."""
+    low = positions.min(axis=0) if len(positions) else np.zeros(3)
+    extent = np.ptp(positions, axis=0) if len(positions) else np.zeros(3)
+    steps = np.rint((positions - low) / np.where(extent > 0, extent, 1) * _STEPS)
+    return steps.astype(np.int64), low, extent
+
+
+def _in_order_of_use(faces: _Rows, coarse: _Rows) -> tuple[_Rows, _Rows, _Rows]:
+    """Return the vertices (V,) that faces (F, 3) use, in the order of their first use, and both lists of faces with the
+    vertices counted in that order. `coarse` uses no others."""
+    used, first = np.unique(faces.ravel(), return_index=True)
+    order = used[np.argsort(first)]
+    rank = np.zeros(int(used.max(initial=0)) + 1, np.int64)
+    rank[order] = np.arange(len(order))
+    return order, rank[faces], rank[coarse]
 
 
 def script_json(value: object) -> Markup:
@@ -79,5 +150,5 @@ def as_base64(data: bytes) -> str:
     return base64.b64encode(data).decode("ascii")
 
 
-def _numbers(values: NDArray[np.float32]) -> list[float]:
+def _numbers(values: NDArray[np.floating[Any]]) -> list[float]:
     return [float(f"{v:.6g}") for v in values]

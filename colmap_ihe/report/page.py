@@ -13,7 +13,7 @@ from markupsafe import Markup
 
 from colmap_ihe.report import cameras, charts
 from colmap_ihe.report.contents import BatchContents, Comparison, Contents
-from colmap_ihe.report.embed import cloud_data, data_uri
+from colmap_ihe.report.embed import cloud_data, data_uri, scene_data, surface_data
 
 _PACKAGE = "colmap_ihe.report"
 
@@ -29,7 +29,9 @@ def render_page(contents: Contents) -> str:
         contents,
         [_asset("page.js"), *([_asset("viewer.js")] if cloud is not None else [])],
         cloud=cloud,
-        cloud_data=cloud_data(cloud, contents.cameras) if cloud is not None else None,
+        cloud_data=cloud_data(cloud) if cloud is not None else None,
+        surface_data=surface_data(contents.surface) if cloud is not None and contents.surface else None,
+        scene_data=scene_data(contents.frame, contents.cameras) if cloud is not None else None,
         numbers={photograph.name: n for n, photograph in enumerate(contents.photographs, start=1)},
         registered=[p for p in contents.photographs if not p.left_out],
         left_out=[p for p in contents.photographs if p.left_out],

@@ -67,10 +67,11 @@ def test_corners_of_a_picture_are_on_the_rays_of_its_pixels(tmp_path: Path) -> N
     view = ModelView(tmp_path)
     cameras = {name: view.camera(name) for name in POSES}
     shown = align_similarity(
-        np.array([POSES[name].centre for name in POSES]), np.array([cameras[name][0] for name in POSES])
+        np.array([POSES[name].centre for name in POSES]), np.array([cameras[name].centre for name in POSES])
     )
     width, height = SIZE
-    for name, (centre, corners) in cameras.items():
+    for name, camera in cameras.items():
+        centre, corners, box = camera.centre, camera.corners, camera.box
         directions = (corners - centre).astype(float) @ shown.rotation @ POSES[name].rotation.T
         rays = directions / directions[:, 2:]
         pixels = np.array([(0, 0), (width, 0), (width, height), (0, height)], float)
@@ -78,8 +79,14 @@ def test_corners_of_a_picture_are_on_the_rays_of_its_pixels(tmp_path: Path) -> N
             assert np.degrees(np.arctan(np.linalg.norm(rays[:, :2], axis=1))).max() == pytest.approx(
                 79, abs=1.1
             )
+            assert 0 < box[0] < box[2] < 1 and 0 < box[1] < box[3] < 1  # its middle alone is shown
             continue
+        assert box == pytest.approx([0, 0, 1, 1])
         assert rays == pytest.approx(lens[name].rays(pixels), abs=2e-4), name
+        across, down = corners[1] - corners[0], corners[3] - corners[0]
+        middle = corners[0] + camera.grid[4, 4] @ np.array([across, down]) - centre
+        ray = middle.astype(float) @ shown.rotation @ POSES[name].rotation.T
+        assert ray / ray[2] == pytest.approx(lens[name].rays(pixels[2:3] / 2)[0], abs=2e-4), name
         assert directions[:, 2] == pytest.approx(directions[0, 2], rel=1e-3)  # a flat picture
 
 
@@ -88,7 +95,8 @@ def test_a_panorama_is_drawn_too(tmp_path: Path) -> None:
     camera = model.cameras[1]
     camera.model, camera.params = pycolmap.CameraModelId.EQUIRECTANGULAR, [100, 80]
     model.write(tmp_path)
-    centre, corners = ModelView(tmp_path).camera("1.png")
+    view = ModelView(tmp_path).camera("1.png")
+    centre, corners = view.centre, view.corners
     assert np.isfinite(corners).all()
     sides = np.linalg.norm(corners - np.roll(corners, 1, axis=0), axis=1)
     assert sides.min() > np.linalg.norm(corners - centre, axis=1).max() / 2  # a pyramid, not a line

@@ -36,7 +36,7 @@ def test_title_alone_is_a_page() -> None:
 
 def test_names_reach_the_viewer_unchanged() -> None:
     scripts = Elements(render_page(synthetic_contents(500, hostile=HOSTILE))).scripts
-    (data,) = [json.loads(text) for kind, text in scripts if kind == "application/json"]
+    data = next(json.loads(text) for kind, text in scripts if kind == "application/json")
     assert data["cameras"][0]["name"] == f"{HOSTILE}DSC_4100.NEF"
 
 
@@ -51,7 +51,8 @@ def test_name_that_is_not_utf8_can_be_written() -> None:
     [
         ({"grey": None}, "The grey that the set was matched in"), ({"pairs": ()}, "Matches, side by side"),
         ({"sliders": ()}, "Before and after"), ({"warnings": ()}, "Warnings"), ({"versions": {}}, "Versions"),
-        ({"points_by_images": {}}, "How many photographs see a point"), ({"cloud": None}, "The dense cloud"),
+        ({"points_by_images": {}}, "How many photographs see a point"), ({"cloud": None}, "The model"),
+        ({"surface": None}, "The model"),
         ({"lenses": ()}, "Cameras"), ({"matches": None}, "Which photographs match"), ({"options": ""}, "All options"),
     ],
 )  # fmt: skip
@@ -72,7 +73,7 @@ def test_headings_are_in_order_and_pictures_have_words(whole: str) -> None:
 
 def test_positions_come_back_within_half_a_step() -> None:
     cloud = facade_cloud(3000)
-    data = json.loads(cloud_data(cloud, []))
+    data = json.loads(cloud_data(cloud))
     steps = np.frombuffer(base64.b64decode(data["positions"]), "<u2").reshape(-1, 3)
     back = np.array(data["low"]) + steps / 65535 * np.array(data["extent"])
     assert np.abs(back - cloud.positions).max() <= 0.51 * max(data["extent"]) / 65535
@@ -84,7 +85,7 @@ def test_stray_points_are_left_out() -> None:
     cloud = facade_cloud(1000)
     positions = cloud.positions.copy()
     positions[0], positions[1] = 1e6, np.nan
-    data = json.loads(cloud_data(dataclasses.replace(cloud, positions=positions), []))
+    data = json.loads(cloud_data(dataclasses.replace(cloud, positions=positions)))
     assert max(data["extent"]) < 20
     assert len(base64.b64decode(data["positions"])) == 6 * (len(positions) - 2)
 

@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+import dataclasses
 import io
-from collections.abc import Iterator
+import json
+from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 from PIL import Image
-from synthetic import synthetic_contents
+from synthetic import facade_surface, synthetic_contents
 
 from colmap_ihe.report.page import render_page
 
@@ -40,7 +43,9 @@ class Opened:
     """A page and what went on in it."""
 
     def __init__(self, browser: Browser, address: str, width: int = 1100, height: int = 800) -> None:
-        self.page: Page = browser.new_page(viewport={"width": width, "height": height})
+        self.page: Page = browser.new_page(
+            viewport={"width": width, "height": height}, reduced_motion="reduce"
+        )
         self.page.set_default_timeout(20_000)
         self.errors: list[str] = []
         self.requests: list[str] = []
@@ -75,15 +80,18 @@ def test_nothing_is_loaded_and_nothing_of_a_name_runs(browser: Browser, address:
         assert len(loads) == 1 and loads[0].startswith("file:")
         assert not it.errors
         assert it.page.evaluate("window.ran") is None
-        assert it.page.locator("script").count() == 3
+        assert it.page.locator("script").count() == 5
         it.page.close()
 
 
 @pytest.mark.parametrize("scheme", ["light", "dark"])
-def test_the_cloud_is_drawn(page: Page, scheme: str) -> None:
+@pytest.mark.parametrize("mode", ["texture", "points"])
+def test_the_model_is_drawn(page: Page, scheme: str, mode: str) -> None:
     page.emulate_media(color_scheme="dark" if scheme == "dark" else "light")
+    page.locator(f"[data-mode={mode}]").check()
+    page.wait_for_timeout(500)
     drawn = pixels(page.locator("canvas"))
-    background = drawn[4, 4]
+    background = drawn[200, 4]
     assert (np.abs(drawn.astype(int) - background).max(axis=2) > 20).mean() > 0.03
     assert (background > 128).all() == (scheme == "light")
 
@@ -91,22 +99,31 @@ def test_the_cloud_is_drawn(page: Page, scheme: str) -> None:
 def test_keys_and_choices_change_the_picture(page: Page) -> None:
     canvas = page.locator("canvas")
     canvas.focus()
-    seen = [pixels(canvas)]
-    for act in (
-        lambda: page.keyboard.press("ArrowLeft"),
-        lambda: page.keyboard.press("+"),
-        lambda: page.locator("[data-part=mode]").select_option("grey"),
-        lambda: page.locator("[data-part=mode]").select_option("height"),
-        lambda: page.locator("[data-part=cameras]").uncheck(),
-        lambda: page.locator("[data-part=size]").fill("8"),
-        lambda: page.locator("[data-part=from]").select_option("3"),
-    ):
+    seen = {"": pixels(canvas)}
+    acts: dict[str, Callable[[], object]] = {
+        "left": lambda: page.keyboard.press("ArrowLeft"),
+        "nearer": lambda: page.keyboard.press("+"),
+        "front": lambda: page.locator("[data-side=front]").click(),
+        **{
+            m: partial(page.locator(f"[data-mode={m}]").check)
+            for m in ("clay", "normals", "height", "grey", "points")
+        },
+        "larger": lambda: page.locator("[data-part=size]").fill("8"),
+        "home": lambda: page.locator("[data-side=home]").click(),
+        "flat": lambda: page.locator("[data-part=flat]").check(),
+        "top": lambda: page.locator("[data-side=top]").click(),
+        "photograph": lambda: page.locator("[data-part=from]").select_option("3"),
+        "faded": lambda: page.locator("[data-part=fade]").fill("0"),
+    }
+    for name, act in acts.items():
         act()
         page.wait_for_timeout(400)
-        seen.append(pixels(canvas))
-        assert (seen[-1] != seen[-2]).any()
-    grey = seen[3].astype(int)[50:-50, 50:-50]
-    assert np.ptp(grey[grey.min(axis=2) < 150], axis=1).mean() < np.ptp(seen[2].astype(int), axis=2).max() / 2
+        before, seen[name] = list(seen.values())[-1], pixels(canvas)
+        assert (seen[name] != before).any(), name
+    inside = {name: picture[100:280, 400:600].astype(int) for name, picture in seen.items()}
+    assert np.ptp(inside["grey"], axis=2).max() == 0 and np.ptp(inside["front"], axis=2).max() > 40
+    # a plane that faces the viewer has one normal: turned to +z it is (0.5, 0.5, 1)
+    assert np.abs(inside["normals"] - [127, 127, 255]).max() <= 2
 
 
 def test_home_comes_back(page: Page) -> None:
@@ -127,16 +144,178 @@ def test_nothing_is_drawn_while_nothing_changes(page: Page) -> None:
     assert page.evaluate("window.drawn") == 0
 
 
-def test_a_distance_is_read(page: Page) -> None:
-    page.locator("[data-part=measure]").click()
+def picked(page: Page, *places: tuple[float, float]) -> None:
+    """Click places of the canvas, in shares of it."""
     canvas = page.locator("canvas")
-    drawn = pixels(canvas).astype(int)
-    rows, columns = np.nonzero(np.abs(drawn - drawn[4, 4]).max(axis=2) > 60)
-    for which in (len(rows) // 4, 3 * len(rows) // 4):
-        canvas.click(position={"x": float(columns[which]), "y": float(rows[which])})
-    reading = page.locator("[data-part=reading]").inner_text()
-    assert reading.startswith("Distance: ") and reading.endswith(" model units")
-    assert 0 < float(reading.split()[1]) < 20
+    box = canvas.bounding_box()
+    assert box is not None
+    for x, y in places:
+        canvas.click(position={"x": x * box["width"], "y": y * box["height"]})
+
+
+def open_tools(page: Page) -> None:
+    page.locator("[data-part=cameras]").uncheck()
+    page.locator("[data-side=front]").click()
+    page.wait_for_timeout(450)
+    for summary in page.locator(".tools summary").all():
+        summary.click()
+
+
+def saved(page: Page) -> dict[str, Any]:
+    with page.expect_download() as download:
+        page.locator("[data-part=export]").click()
+    content: dict[str, Any] = json.loads(Path(download.value.path()).read_text())
+    return content
+
+
+def test_what_is_measured_is_right_and_is_saved(page: Page) -> None:
+    """The mesh is the plane z = 0 of the viewer, which is z = 30 of the model, turned half about x."""
+    open_tools(page)
+    page.locator("[data-tool=area]").click()
+    picked(page, (0.4, 0.3), (0.6, 0.3), (0.6, 0.5), (0.4, 0.5))
+    page.locator("[data-part=finish]").click()
+    page.locator("[data-tool=distance]").click()
+    picked(page, (0.35, 0.5), (0.6, 0.5))
+    page.locator("[data-tool=point]").click()
+    page.keyboard.press("Enter")  # what is at the cross, in the middle
+    page.locator("[data-tool=note]").click()
+    picked(page, (0.55, 0.5))
+    page.locator("[data-part=notes] textarea").fill("<b>loose</b> stone")
+    assert page.locator(".pin").inner_text() == "1"
+    area, distance, point, note = saved(page)["items"]
+    assert [item["kind"] for item in (area, distance, point, note)] == ["area", "distance", "point", "note"]
+    assert note["text"] == "<b>loose</b> stone"
+    places = np.array(area["points"])
+    assert places[:, 2] == pytest.approx(30, abs=1e-3) and (np.abs(places[:, 0] - 10) < 6).all()
+    x, y = (places[:, :2] - places[0, :2]).T
+    shoelace = abs(x @ np.roll(y, -1) - y @ np.roll(x, -1)) / 2
+    assert float(area["in_words"].split()[1]) == pytest.approx(shoelace, rel=1e-3)
+    length = np.linalg.norm(np.diff(distance["points"], axis=0))
+    assert distance["in_words"].startswith("Distance: ") and 1 < length < 12
+    assert float(distance["in_words"].split()[1]) == pytest.approx(length, rel=1e-3)
+    assert point["in_words"].startswith(f"Point: X {point['points'][0][0]:.4g}"[:11])
+
+
+def test_a_known_distance_gives_the_scale_and_the_address_keeps_it(page: Page) -> None:
+    open_tools(page)
+    page.locator("[data-tool=distance]").click()
+    picked(page, (0.35, 0.5), (0.6, 0.5))
+    assert page.locator("[data-part=measured] li").inner_text().endswith("model units")
+    units = np.linalg.norm(np.diff(saved(page)["items"][0]["points"], axis=0))
+    page.locator("[data-part=known-length]").fill("2,5")
+    page.locator("[data-part=known-set]").click()
+    assert page.locator("[data-part=measured] li").inner_text().startswith("Distance: 2.500 m")
+    assert page.locator("[data-part=known-line]").inner_text() == "A,B,2.5"
+    page.locator("nav a").first.click()
+    page.reload()
+    page.wait_for_timeout(700)
+    assert "metres_per_unit=" in page.url
+    open_tools(page)
+    page.locator("[data-tool=distance]").click()
+    picked(page, (0.35, 0.5), (0.6, 0.5))
+    assert float(page.locator("[data-part=measured] li").inner_text().split()[1]) == pytest.approx(
+        2.5, rel=0.01
+    )
+    assert saved(page)["metres_per_unit"] == pytest.approx(2.5 / units, rel=1e-4)
+
+
+def test_the_section_box_cuts_the_model_and_what_is_picked(page: Page) -> None:
+    canvas = page.locator("canvas")
+    open_tools(page)
+    before = pixels(canvas).astype(int)
+
+    def changed() -> NDArray[np.bool_]:
+        page.wait_for_timeout(500)
+        return np.asarray(np.abs(pixels(canvas).astype(int) - before).max(axis=2) > 25)[60:350]
+
+    page.locator("[data-part=cut-right]").fill("500")
+    cut = changed()
+    middle = cut.shape[1] // 2
+    assert cut[:, middle + 20 :].mean() > 0.25 > 0.05 > cut[:, : middle - 20].mean()
+    page.locator("[data-part=section-reset]").click()
+    assert changed().mean() < 0.01
+    page.locator("[data-part=cut-right]").fill("500")
+    page.locator("[data-tool=point]").click()
+    picked(page, (0.7, 0.4))
+    assert page.locator("[data-part=reading]").inner_text().startswith("Nothing there")
+    picked(page, (0.4, 0.4))
+    assert page.locator("[data-part=reading]").inner_text().startswith("Point: ")
+
+
+def test_a_click_on_a_camera_flies_there(page: Page) -> None:
+    """In the front view photographs stand below the facade; the mesh does not hide them."""
+    page.locator("[data-side=front]").click()
+    page.wait_for_timeout(450)
+    picked(page, (0.45, 0.7))
+    assert page.locator("[data-part=from]").input_value()
+    assert page.locator("[data-part=fade-field]").is_visible()
+    page.wait_for_timeout(450)
+    page.keyboard.press("ArrowLeft")
+    assert not page.locator("[data-part=from]").input_value()
+    assert not page.locator("[data-part=fade-field]").is_visible()
+
+
+def test_a_picture_is_saved_and_the_screen_is_filled(page: Page) -> None:
+    with page.expect_download() as download:
+        page.locator("[data-part=picture]").click()
+    picture = np.asarray(Image.open(download.value.path()).convert("RGB"))
+    assert picture.shape[0] > 300 and picture.std() > 20
+    page.locator("[data-part=screen]").click()
+    page.wait_for_timeout(600)
+    box = page.locator("canvas").bounding_box()
+    assert (
+        box is not None and box["width"] > 1000 and page.evaluate("document.fullscreenElement.id") == "viewer"
+    )
+    assert page.locator("[data-part=screen]").get_attribute("aria-pressed") == "true"
+
+
+def test_without_a_mesh_points_are_drawn(browser: Browser, tmp_path: Path) -> None:
+    contents = dataclasses.replace(synthetic_contents(6000, 4), surface=None)
+    (tmp_path / "page.html").write_text(render_page(contents), encoding="utf-8")
+    it = Opened(browser, (tmp_path / "page.html").as_uri())
+    it.still()
+    assert it.page.locator("[data-mode]").count() == 3
+    drawn = pixels(it.page.locator("canvas")).astype(int)
+    assert (np.abs(drawn - drawn[200, 4]).max(axis=2) > 60).mean() > 0.1
+    open_tools(it.page)
+    it.page.locator("[data-tool=point]").click()
+    picked(it.page, (0.5, 0.5))
+    assert it.page.locator("[data-part=reading]").inner_text().startswith("Point: ")
+    assert not it.errors
+    it.page.close()
+
+
+def test_vertex_colours_are_drawn_as_they_are(browser: Browser, tmp_path: Path) -> None:
+    surface = facade_surface()
+    colours = np.full(surface.positions.shape, (200, 60, 20), np.uint8)
+    coloured = dataclasses.replace(surface, texture=None, uv=None, colours=colours)
+    contents = dataclasses.replace(synthetic_contents(6000, 4), surface=coloured)
+    (tmp_path / "page.html").write_text(render_page(contents), encoding="utf-8")
+    it = Opened(browser, (tmp_path / "page.html").as_uri())
+    it.page.locator("[data-side=front]").click()
+    it.page.wait_for_timeout(500)
+    drawn = pixels(it.page.locator("canvas")).astype(int)[250:350, 400:600]
+    assert np.abs(drawn - [200, 60, 20]).max() <= 3
+    assert not it.errors
+    it.page.close()
+
+
+def test_the_mesh_looks_like_the_photograph_from_its_camera(page: Page) -> None:
+    """Mean difference of colour, where the mesh is; half a percent of the picture aside more than doubles it."""
+    canvas = page.locator("canvas")
+    page.locator("[data-part=from]").select_option("3")
+    page.locator("[data-part=fade]").fill("1")
+    page.wait_for_timeout(500)
+    photograph = pixels(canvas).astype(int)[60:-80]
+    page.locator("[data-part=fade]").fill("0")
+    page.wait_for_timeout(500)
+    mesh = pixels(canvas).astype(int)[60:-80]
+    page.locator("[data-mode=clay]").check()
+    page.wait_for_timeout(500)
+    covered = np.abs(pixels(canvas).astype(int)[60:-80] - mesh).max(axis=2) > 8
+    covered &= np.abs(photograph - mesh).max(axis=2) > 0
+    assert covered.mean() > 0.25
+    assert np.abs(photograph - mesh)[covered].mean() < 6
 
 
 def test_before_and_after_by_keys_and_by_pointer(page: Page) -> None:
@@ -196,13 +375,17 @@ def test_nothing_stands_in_the_way_of_anyone(page: Page, scheme: str) -> None:
     axe = pytest.importorskip("axe_playwright_python.sync_playwright", reason="axe is not installed")
     page.emulate_media(color_scheme="dark" if scheme == "dark" else "light")
     page.evaluate("document.querySelectorAll('details').forEach((d) => { d.open = true })")
-    found = axe.Axe().run(page)
-    assert found.violations_count == 0, found.generate_report()
-    assert len(found.response["passes"]) > 20
+    for width in (390, 1024, 1440):
+        page.set_viewport_size({"width": width, "height": 900})
+        found = axe.Axe().run(page)
+        assert found.violations_count == 0, found.generate_report()
+        assert len(found.response["passes"]) > 20
 
 
 def test_fingers_turn_and_pinch(browser: Browser, address: str) -> None:
-    context = browser.new_context(viewport={"width": 360, "height": 740}, has_touch=True, is_mobile=True)
+    context = browser.new_context(
+        viewport={"width": 360, "height": 740}, has_touch=True, is_mobile=True, reduced_motion="reduce"
+    )
     page = context.new_page()
     page.goto(address)
     page.wait_for_timeout(700)
@@ -227,6 +410,14 @@ def test_fingers_turn_and_pinch(browser: Browser, address: str) -> None:
         page.wait_for_timeout(500)
         seen.append(pixels(canvas))
         assert (np.abs(seen[-1].astype(int) - seen[-2]).max(axis=2) > 20).mean() > 0.01
+    page.locator("[data-mode=clay]").tap()
+    page.locator(".tools summary").first.tap()
+    page.locator("[data-tool=point]").tap()
+    page.locator("[data-part=cameras]").tap()
+    page.locator("[data-side=front]").tap()
+    page.wait_for_timeout(450)
+    canvas.tap(position={"x": box["width"] / 2, "y": 0.45 * box["height"]})
+    assert page.locator("[data-part=measured] li").inner_text().startswith("Point: ")
     context.close()
 
 

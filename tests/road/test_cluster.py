@@ -352,7 +352,7 @@ def test_without_dask(new_project: Make, quick_options: MakeOptions, monkeypatch
 def test_errors_reach_the_caller_as_they_were(tmp_path: Path) -> None:
     from colmap_ihe.machine.cluster.connect import connected
     from colmap_ihe.machine.progress import SILENT
-    from colmap_ihe.project.options import ClusterOptions
+    from colmap_ihe.project.option_sections import ClusterOptions
 
     with connected(ClusterOptions(address="local:1"), tmp_path / "records", (), SILENT) as executor:
         assert executor.width == 1

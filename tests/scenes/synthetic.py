@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from functools import partial
+from functools import cache, partial
 from typing import Any
 
 import numpy as np
@@ -14,16 +14,19 @@ from colmap_ihe.report.contents import (
     Cloud,
     Contents,
     Grey,
+    ModelFrame,
     Pair,
     PhotographEntry,
     Picture,
     Slider,
+    Surface,
 )
 
 _WEIGHTS = (0.61, 0.34, 0.05)
 coded = partial(pictures.picture, longest=960)
 
 
+@cache
 def facade_picture(width: int, height: int, shift: float = 0.0) -> NDArray[np.uint8]:
     """(H, W, 3) uint8 sRGB: ashlar with windows under a sky, moved by `shift` of its width."""
     rows, columns = np.mgrid[0:height, 0:width].astype(np.float32)
@@ -72,6 +75,33 @@ def facade_cloud(points: int) -> Cloud:
     return Cloud(positions, colours, grey_of(colours, _WEIGHTS), "dense", 4 * points)
 
 
+def facade_surface(across: int = 60) -> Surface:
+    """The facade as a flat mesh 12 by 8 units at z = 0, textured; its coarse triangles are four times as large."""
+    down = 2 * across // 3
+    rows, columns = np.mgrid[0 : down + 1, 0 : across + 1]
+    u, v = columns.ravel() / across, rows.ravel() / down
+    positions = np.stack([12 * u - 6, 4 - 8 * v, np.zeros_like(u)], axis=1).astype(np.float32)
+    normals = np.tile(np.array([0, 0, 1], np.float32), (len(u), 1))
+    number = np.arange(len(u)).reshape(rows.shape)
+    return Surface(
+        positions,
+        normals,
+        _squares(number),
+        _squares(number[::2, ::2]),
+        4 * across * down,
+        texture=coded(facade_picture(1200, 800), "texture"),
+        uv=np.stack([u, v], axis=1).astype(np.float32),
+    )
+
+
+def _squares(number: NDArray[np.int64]) -> NDArray[np.int64]:
+    """(F, 3): two triangles for each square of a grid of vertices, seen from +z."""
+    a, b, c, d = number[:-1, :-1], number[:-1, 1:], number[1:, :-1], number[1:, 1:]
+    return np.concatenate([np.stack(t, axis=-1).reshape(-1, 3) for t in ((a, c, b), (b, c, d))]).astype(
+        np.int64
+    )
+
+
 def facade_cameras(names: list[str]) -> list[CameraPose]:
     cameras = []
     for i, name in enumerate(names):
@@ -80,8 +110,19 @@ def facade_cameras(names: list[str]) -> list[CameraPose]:
         corners = centre + np.array(
             [[-0.6, 0.4, -1], [0.6, 0.4, -1], [0.6, -0.4, -1], [-0.6, -0.4, -1]], np.float32
         )
-        cameras.append(CameraPose(name, centre, corners))
+        cameras.append(CameraPose(name, centre, corners, picture=_facade_from(centre)))
     return cameras
+
+
+def _facade_from(centre: NDArray[np.float32]) -> Picture:
+    """What such a camera sees of the plane of the facade, grey beside it."""
+    picture = facade_picture(1200, 800)
+    x, y = centre[0] + 5.4 * np.linspace(-1, 1, 480), centre[1] + 3.6 * np.linspace(1, -1, 320)
+    u, v = (x + 6) / 12, (4 - y) / 8
+    inside = ((u >= 0) & (u <= 1))[None, :] & ((v >= 0) & (v <= 1))[:, None]
+    columns, rows = (np.clip(u, 0, 1) * 1199).astype(int), (np.clip(v, 0, 1) * 799).astype(int)
+    seen = np.where(inside[..., None], picture[rows[:, None], columns[None, :]], 128)
+    return coded(as_bytes(seen), "a photograph")
 
 
 def facade_lens(hostile: str, by: str) -> dict[str, Any]:
@@ -155,6 +196,8 @@ def synthetic_contents(points: int = 20_000, photographs: int = 24, hostile: str
         ),
         photographs=set_of,
         cloud=facade_cloud(points),
+        surface=facade_surface(),
+        frame=ModelFrame(np.diag([1.0, -1.0, -1.0]), np.array([10.0, 20.0, 30.0])),
         cameras=facade_cameras(names),
         lenses=[facade_lens(hostile, by) for by in ("calibration", "calibration", "colmap")],
         calibration=f"{hostile}Points that the calibration did not see are off by 0.38 px in the median.",

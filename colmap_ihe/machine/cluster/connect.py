@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
     from colmap_ihe.machine.cluster.executor import ClusterExecutor
     from colmap_ihe.project.folder import Project
-    from colmap_ihe.project.options import ClusterOptions
+    from colmap_ihe.project.option_sections import ClusterOptions
 
 _CONNECT_SECONDS = 30.0
 _POLL_SECONDS = 0.2

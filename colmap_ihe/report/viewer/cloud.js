@@ -1,36 +1,33 @@
-// A cloud and its cameras, from the data of the page to what three.js draws.
+// The cloud of points: round discs, drawn as many as there is time for.
 
-import {
-  BufferAttribute, BufferGeometry, LineBasicMaterial, LineSegments, Points, ShaderMaterial, Vector3,
-} from "three";
-
-const RAMP = [[68, 1, 84], [59, 82, 139], [33, 145, 140], [94, 201, 98], [253, 231, 37]]; // heights, from the lowest
+import { BufferAttribute, BufferGeometry, Points, ShaderMaterial, Vector3 } from "three";
+import { bytes } from "./data.js";
+import { RAMP, SECTION, rampAt } from "./shading.js";
 
 // Little work a point: drawing in software is bound by it.
 const VERTEX = `
 attribute vec4 tint;
 uniform float size, reference;
-varying vec3 shade;
+varying vec3 shade, place;
 void main() {
-  gl_Position = projectionMatrix * (modelViewMatrix * vec4(position, 1.0));
+  vec4 world = modelMatrix * vec4(position, 1.0);
+  place = world.xyz;
+  gl_Position = projectionMatrix * (viewMatrix * world);
   gl_PointSize = clamp(size * reference / gl_Position.w, 1.0, 32.0);
   shade = tint.rgb;
 }`;
 
 const FRAGMENT = `
-varying vec3 shade;
-void main() { gl_FragColor = vec4(shade, 1.0); }`;
+varying vec3 shade, place;
+${SECTION}
+void main() {
+  vec2 off = gl_PointCoord - 0.5;
+  if (dot(off, off) > 0.25 || cut(place)) discard;
+  gl_FragColor = vec4(shade, 1.0);
+}`;
 
-function bytes(base64) {
-  const text = atob(base64);
-  const out = new Uint8Array(text.length);
-  for (let i = 0; i < text.length; i++) out[i] = text.charCodeAt(i);
-  return out;
-}
-
-// The cloud in the script element `id`, with its positions in units of the model.
-export function decode(id) {
-  const data = JSON.parse(document.getElementById(id).textContent);
+// The cloud with its positions in units of the model.
+export function decode(data) {
   const quantised = new Uint16Array(bytes(data.positions).buffer);
   const positions = new Float32Array(quantised.length);
   for (let i = 0; i < quantised.length; i++) {
@@ -55,47 +52,39 @@ export function frameOf(cloud) {
 }
 
 // (N, 4) bytes to draw points in, of which the last is not used.
-export function tintsIn(mode, cloud, frame) {
-  if (mode === "colour") return cloud.tints;
+function tintsIn(mode, cloud, frame) {
+  if (mode === "points") return cloud.tints;
   const tints = new Uint8Array(cloud.tints.length);
   const [low, high] = frame.heights;
   for (let i = 0; i < cloud.count; i++) {
-    if (mode === "grey") {
-      tints.fill(cloud.tints[4 * i + 3], 4 * i, 4 * i + 3);
-      continue;
-    }
-    const at = (RAMP.length - 1) * Math.min(1, Math.max(0, (cloud.positions[3 * i + 1] - low) / (high - low)));
-    const step = Math.min(RAMP.length - 2, Math.floor(at));
-    for (let k = 0; k < 3; k++) tints[4 * i + k] = RAMP[step][k] + (at - step) * (RAMP[step + 1][k] - RAMP[step][k]);
+    if (mode === "grey") tints.fill(cloud.tints[4 * i + 3], 4 * i, 4 * i + 3);
+    else tints.set(rampAt(RAMP, (cloud.positions[3 * i + 1] - low) / (high - low)), 4 * i);
   }
   return tints;
 }
 
-export function pointsOf(cloud) {
+export function pointsOf(cloud, frame, section) {
   const geometry = new BufferGeometry();
   geometry.setAttribute("position", new BufferAttribute(cloud.quantised, 3, true));
   geometry.setAttribute("tint", new BufferAttribute(cloud.tints.slice(), 4, true));
-  const uniforms = { size: { value: 2 }, reference: { value: 1 } };
-  const material = new ShaderMaterial({ uniforms, vertexShader: VERTEX, fragmentShader: FRAGMENT });
-  const points = new Points(geometry, material);
-  points.position.set(...cloud.low);
-  points.scale.set(...cloud.extent);
-  points.frustumCulled = false;
-  return points;
-}
+  const uniforms = { size: { value: 2 }, reference: { value: 1 }, ...section };
+  const object = new Points(geometry, new ShaderMaterial({ uniforms, vertexShader: VERTEX, fragmentShader: FRAGMENT }));
+  object.position.set(...cloud.low);
+  object.scale.set(...cloud.extent);
+  object.frustumCulled = false;
 
-export function frustaOf(cameras) {
-  const ends = [];
-  for (const { centre, corners } of cameras) {
-    corners.forEach((corner, i) => ends.push(...centre, ...corner, ...corner, ...corners[(i + 1) % 4]));
+  function colour(mode) {
+    const tint = geometry.getAttribute("tint");
+    tint.array.set(tintsIn(mode, cloud, frame));
+    tint.needsUpdate = true;
   }
-  return lines(new Float32Array(ends), 0xb4552d);
-}
-
-function lines(ends, color) {
-  const geometry = new BufferGeometry();
-  geometry.setAttribute("position", new BufferAttribute(ends, 3));
-  const drawn = new LineSegments(geometry, new LineBasicMaterial({ color }));
-  drawn.frustumCulled = false;
-  return drawn;
+  // As many as `effort`, a share, and the larger for it; how many those are.
+  function thin(effort, size, reference) {
+    const drawn = Math.max(Math.min(cloud.count, 5000), Math.round(effort * cloud.count));
+    geometry.setDrawRange(0, drawn);
+    uniforms.size.value = size * Math.min(2, Math.sqrt(cloud.count / Math.max(drawn, 1)));
+    uniforms.reference.value = reference;
+    return drawn;
+  }
+  return { object, colour, thin };
 }

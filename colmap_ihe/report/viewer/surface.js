@@ -1,0 +1,127 @@
+// The mesh: textured, or in one of the looks that show its shape.
+
+import {
+  BufferAttribute, BufferGeometry, DoubleSide, LinearFilter, LinearMipmapLinearFilter, Mesh, ShaderMaterial, Texture,
+  Vector2, Vector3,
+} from "three";
+import { read, unpacked } from "./data.js";
+import { RAMP, SECTION } from "./shading.js";
+
+const LOOKS = { texture: 0, clay: 1, normals: 2, height: 3, grey: 4 };
+const UV_STEPS = 16383;
+
+const VERTEX = `
+#ifdef COLOURED
+attribute vec3 tint;
+varying vec3 shade;
+#endif
+varying vec3 place, facing, turned;
+varying vec2 at;
+void main() {
+  vec4 world = modelMatrix * vec4(position, 1.0);
+  place = world.xyz;
+  turned = normal;
+  facing = mat3(viewMatrix) * normal;
+  at = uv;
+  #ifdef COLOURED
+  shade = tint;
+  #endif
+  gl_Position = projectionMatrix * (viewMatrix * world);
+}`;
+
+const FRAGMENT = `
+uniform int look;
+uniform sampler2D picture;
+uniform vec3 weights, ramp[5];
+uniform vec2 heights;
+#ifdef COLOURED
+varying vec3 shade;
+#endif
+varying vec3 place, facing, turned;
+varying vec2 at;
+${SECTION}
+vec3 photographed() {
+  #ifdef COLOURED
+  return shade;
+  #else
+  return texture2D(picture, at).rgb;
+  #endif
+}
+void main() {
+  if (cut(place)) discard;
+  vec3 n = normalize(facing);
+  n = n.z < 0.0 ? -n : n;
+  float lit = 0.35 + 0.5 * max(dot(n, vec3(-0.4, 0.55, 0.733)), 0.0) + 0.15 * n.z + 0.1 * n.y;
+  vec3 colour;
+  if (look == 1) colour = vec3(0.86, 0.82, 0.76) * lit;
+  else if (look == 2) colour = 0.5 + 0.5 * normalize(turned);
+  else if (look == 3) {
+    float share = 4.0 * clamp((place.y - heights.x) / (heights.y - heights.x), 0.0, 1.0);
+    int step = int(min(share, 3.0));
+    colour = mix(ramp[step], ramp[step + 1], share - float(step)) * (0.45 + 0.6 * lit);
+  } else {
+    colour = photographed() * (0.94 + 0.06 * n.z);  // the photographs hold their light already
+    if (look == 4) colour = vec3(dot(colour, weights));
+  }
+  gl_FragColor = vec4(colour, 1.0);
+}`;
+
+async function pictureOf(address) {
+  const image = new Image();
+  image.src = address;
+  await image.decode();
+  const texture = new Texture(image);
+  texture.flipY = false;
+  texture.minFilter = LinearMipmapLinearFilter;
+  texture.magFilter = LinearFilter;
+  texture.needsUpdate = true;
+  return texture;
+}
+
+async function geometryOf(data) {
+  const geometry = new BufferGeometry();
+  const [positions, normals] = await Promise.all([data.positions, data.normals].map(unpacked));
+  const quantised = Uint16Array.from(positions);
+  geometry.setAttribute("position", new BufferAttribute(quantised, 3, true));
+  geometry.setAttribute("normal", new BufferAttribute(Int8Array.from(normals), 3, true));
+  if (data.uv) {
+    const uv = Float32Array.from(await unpacked(data.uv), (step) => step / UV_STEPS);
+    geometry.setAttribute("uv", new BufferAttribute(uv, 2));
+  } else {
+    geometry.setAttribute("tint", new BufferAttribute(Uint8Array.from(await unpacked(data.colours)), 3, true));
+  }
+  return geometry;
+}
+
+// The surface of the page, null where it has none.
+export async function surfaceOf(id, frame, weights, section) {
+  const data = read(id);
+  if (!data) return null;
+  const [all, few] = await Promise.all([data.faces, data.coarse].map(async (faces) => {
+    return new BufferAttribute(Uint32Array.from(await unpacked(faces)), 1);
+  }));
+  const [geometry, picture] = await Promise.all([geometryOf(data), data.texture ? pictureOf(data.texture) : null]);
+  const uniforms = {
+    look: { value: 0 }, picture: { value: picture }, weights: { value: new Vector3(...weights) },
+    heights: { value: new Vector2(...frame.heights) },
+    ramp: { value: RAMP.map((rgb) => new Vector3(...rgb).divideScalar(255)) }, ...section,
+  };
+  const material = new ShaderMaterial({
+    uniforms, vertexShader: VERTEX, fragmentShader: FRAGMENT, side: DoubleSide, defines: picture ? {} : { COLOURED: 1 },
+  });
+  const object = new Mesh(geometry, material);
+  object.position.set(...data.low);
+  object.scale.set(...data.extent);
+  object.frustumCulled = false;
+  const shape = { positions: geometry.getAttribute("position").array, faces: all.array };
+  geometry.setIndex(few);
+  // All triangles, or fewer where the effort, a share, does not reach; how many those are.
+  function thin(effort) {
+    geometry.setIndex(effort < 1 && few.count < all.count ? few : all);
+    return geometry.index.count / 3;
+  }
+  return {
+    object, thin, ...shape, low: data.low, extent: data.extent, textured: Boolean(picture),
+    colour: (mode) => { uniforms.look.value = LOOKS[mode]; },
+  };
+}
