@@ -34,7 +34,7 @@ def test_a_square_is_measured_from_corners_that_are_off() -> None:
     np.testing.assert_allclose(square.corners_px, CORNERS + 0.5, atol=0.06)
     np.testing.assert_allclose(square.centre_px, crossing(CORNERS) + 0.5, atol=0.03)
     sides = np.linalg.norm(np.roll(CORNERS, -1, axis=0) - CORNERS, axis=1)
-    assert square.side_px == pytest.approx(sides.mean(), abs=0.03)
+    assert square.side_px == pytest.approx(sides.mean(), abs=0.1)  # drawn with 16 steps a pixel
     assert square.off_px < 0.05
 
 
