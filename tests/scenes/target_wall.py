@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Iterable
 from pathlib import Path
 
 import cv2
@@ -14,12 +14,13 @@ from PIL import Image
 from colmap_ihe.survey.targets import dictionary_of
 
 SIZE = (480, 320)
-_FINER = 2
+_FINER = 3
 _WALL_M = 3.0  # from the origin, along z
 _SIDE_M = 0.25
 _TEXELS = 400  # a metre
 _CENTRES = {"a.png": -0.9, "b.png": -0.3, "c.png": 0.3, "north side/d.png": 0.9}
 
+Targets = Iterable[tuple[int, tuple[float, float]]]
 TARGETS = {3: (-0.6, -0.4), 8: (0.5, -0.3), 21: (0.0, 0.45)}
 """x and y in metres of the centre of each, by number."""
 
@@ -43,21 +44,17 @@ def wall_model() -> pycolmap.Reconstruction:
     return model
 
 
-def write_photographs(
-    folder: Path, extra: Mapping[str, Mapping[int, tuple[float, float]]] | None = None
-) -> None:
-    """Grey pictures of all views; `extra` adds or moves targets in some, by name."""
-    for name, x in _CENTRES.items():
-        targets = {**TARGETS, **(extra or {}).get(name, {})}
-        file = folder / name
-        file.parent.mkdir(parents=True, exist_ok=True)
-        Image.fromarray(_photograph(_wall(targets.items()), x)).save(file)
+def write_photographs(folder: Path) -> None:
+    """Grey pictures of all views."""
+    for name in _CENTRES:
+        write_photograph(folder, name, TARGETS.items())
 
 
-def write_doubled(folder: Path, name: str, number: int, place: tuple[float, float]) -> None:
-    """One photograph again, in which a target is there a second time."""
-    both = [*TARGETS.items(), (number, place)]
-    Image.fromarray(_photograph(_wall(both), _CENTRES[name])).save(folder / name)
+def write_photograph(folder: Path, name: str, targets: Targets) -> None:
+    """The grey picture of one view; a target may be there twice."""
+    file = folder / name
+    file.parent.mkdir(parents=True, exist_ok=True)
+    Image.fromarray(_photograph(_wall(targets), _CENTRES[name])).save(file)
 
 
 def _pose(x: float) -> NDArray[np.float64]:
@@ -66,7 +63,7 @@ def _pose(x: float) -> NDArray[np.float64]:
     return np.column_stack((turn, -turn @ (x, 0, 0)))
 
 
-def _wall(targets: Collection[tuple[int, tuple[float, float]]]) -> NDArray[np.uint8]:
+def _wall(targets: Targets) -> NDArray[np.uint8]:
     """Square texture of 4 m around the axis."""
     wall = np.full((4 * _TEXELS, 4 * _TEXELS), 110, np.uint8)
     for number, (x, y) in targets:

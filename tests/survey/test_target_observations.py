@@ -4,13 +4,15 @@ from __future__ import annotations
 
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+from shutil import copytree
 
 import numpy as np
 import pytest
-from target_wall import SIZE, TARGETS, true_point, wall_model, write_doubled, write_photographs
+from target_wall import SIZE, TARGETS, true_point, wall_model, write_photograph, write_photographs
 
 from colmap_ihe.errors import Cancelled, ProjectError
 from colmap_ihe.machine.progress import Silent
+from colmap_ihe.survey.observations import Observation
 from colmap_ihe.survey.target_observations import SetTargets, left_out_in_words, targets_of_set
 from colmap_ihe.survey.triangulate import triangulation
 
@@ -42,10 +44,13 @@ def test_targets_of_a_set_have_their_places_in_the_model(greys: Path) -> None:
     assert left_out_in_words(found, triangulated) == []
 
 
-def test_a_target_seen_twice_or_elsewhere_is_told_and_left_out_there(tmp_path: Path) -> None:
-    write_photographs(tmp_path, extra={"b.png": {8: (0.55, 0.35)}})  # it has been moved
-    write_doubled(tmp_path, "c.png", 3, (0.6, 0.4))
-    found = found_in(tmp_path)
+def test_a_target_seen_twice_or_elsewhere_is_told_and_left_out_there(greys: Path, tmp_path: Path) -> None:
+    folder = copytree(greys, tmp_path / "greys")
+    write_photograph(
+        folder, "b.png", [(3, TARGETS[3]), (8, (0.55, 0.35)), (21, TARGETS[21])]
+    )  # it has been moved
+    write_photograph(folder, "c.png", [*TARGETS.items(), (3, (0.6, 0.4))])
+    found = found_in(folder)
     assert found.twice == {"c.png": ("T3",)}
     assert ("c.png", "T3") not in {(one.image, one.name) for one in found.observations}
     triangulated = triangulation(wall_model(), found.observations)
@@ -61,11 +66,9 @@ def test_a_target_seen_twice_or_elsewhere_is_told_and_left_out_there(tmp_path: P
     assert elsewhere.endswith(" px is the limit) and is left out there")
 
 
-def test_a_target_that_one_photograph_shows_has_no_place(tmp_path: Path) -> None:
-    write_photographs(tmp_path, extra={"a.png": {40: (-0.5, 0.4)}})
-    found = found_in(tmp_path)
-    triangulated = triangulation(wall_model(), found.observations)
-    assert left_out_in_words(found, triangulated) == [
+def test_a_target_that_one_photograph_shows_has_no_place() -> None:
+    found = SetTargets((Observation("a.png", "T40", 100, 200, 0.1),), {})
+    assert left_out_in_words(found, triangulation(wall_model(), found.observations)) == [
         "target T40 has no place in the model: only a.png sees it; a point needs two photographs"
     ]
 
