@@ -38,5 +38,7 @@ class LocatedPoint:
     xyz: F64
     covariance: F64
     residuals_px: Mapping[str, tuple[float, float]]
+    pixels: Mapping[str, tuple[float, float]]
+    accuracies: Mapping[str, float]
     used: tuple[str, ...]
     left_out: Mapping[str, str]

@@ -251,6 +251,8 @@ def _located(trial: _Trial, scale: float) -> LocatedPoint:
         xyz=trial.xyz,
         covariance=np.asarray(np.linalg.inv(matrix) * scale**2),
         residuals_px={image: (float(dx), float(dy)) for image, (dx, dy) in residuals.items()},
+        pixels={view.image: (float(view.seen_px[0]), float(view.seen_px[1])) for view in trial.usable},
+        accuracies={view.image: view.accuracy_px for view in trial.usable},
         used=tuple(view.image for view in trial.used),
         left_out=trial.unusable | trial.off,
     )
