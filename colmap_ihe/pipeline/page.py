@@ -23,7 +23,7 @@ from colmap_ihe.machine.libraries import library_versions
 from colmap_ihe.machine.progress import Progress, RunProgress
 from colmap_ihe.pipeline import model_view
 from colmap_ihe.pipeline.second_grey import lost_colour
-from colmap_ihe.pipeline.stage import RunContext
+from colmap_ihe.pipeline.stage import RunContext, is_metric
 from colmap_ihe.project.folder import Project
 from colmap_ihe.project.options import Options
 from colmap_ihe.report import contents, pictures
@@ -89,7 +89,7 @@ def gather(run: RunContext, summary: Mapping[str, Any], progress: Progress) -> C
         for look in in_order(pool, lambda name: _look(project, name, grey_of[name]), some, progress=progress):
             looks[look.name] = look
             progress.advance()
-    model = model_view.ModelView(project.sparse / "0") if "sparse" in records else None
+    model = model_view.ModelView(run.model_folder, run.is_metric) if "sparse" in records else None
     photographs = _photographs(summary, grey_of, looks, model)
     greys = [grey_of.get(p.name, "") for p in photographs]
     compared = not is_default(summary)  # else the grey would be compared with itself
@@ -192,7 +192,8 @@ def _cloud(project: Project, records: _Records, model: model_view.ModelView) -> 
     points = model.dense_points(dense_file, _POINTS) if kind == "dense" else model.points(_POINTS)
     weights = next(iter(records["fit"]["weights"].values()))["weights"]
     grey = np.rint(points.colours @ np.array(weights or FIXED["rec709"])).astype(np.uint8)
-    return contents.Cloud(points.positions, points.colours, grey, kind, points.in_all)
+    metres = 1.0 if is_metric(records) else None
+    return contents.Cloud(points.positions, points.colours, grey, kind, points.in_all, metres)
 
 
 def _cameras(grey_of: Mapping[str, str], model: model_view.ModelView) -> list[contents.CameraPose]:

@@ -225,6 +225,19 @@ class SparseOptions(_Section):
     """For the pipeline options of the mapper in pycolmap, as pycolmap.IncrementalPipelineOptions."""
 
 
+class SurveyOptions(_Section):
+    crs: str = ""
+    """The coordinate system of what control/ holds: an EPSG code, as EPSG:25832, or WKT; empty for a local system in
+    metres."""
+    align: Literal["auto", "control_points", "scale_bars", "positions", "gps", "none"] = "auto"
+    """By what the model becomes metric. `auto`: the first of these for which there is enough; `none`: nothing."""
+    targets: str = "auto"
+    """`auto`: AprilTag 36h11, looked for where control/ names some; `none`; or a dictionary of OpenCV's, whose targets
+    are then looked for in any case."""
+    gps_accuracy_m: Annotated[float, Field(gt=0, le=1000, allow_inf_nan=False)] = 5.0
+    """Standard deviation of GPS in EXIF, which moves the model as a whole, and does not bend it."""
+
+
 class DenseOptions(_Section):
     enabled: bool = True
     backend: Literal["auto", "patchmatch", "sgm"] = "auto"
@@ -276,6 +289,7 @@ class Options(_Section):
     features: FeaturesOptions = FeaturesOptions()
     matches: MatchesOptions = MatchesOptions()
     sparse: SparseOptions = SparseOptions()
+    survey: SurveyOptions = SurveyOptions()
     dense: DenseOptions = DenseOptions()
     mesh: MeshOptions = MeshOptions()
     cluster: ClusterOptions = ClusterOptions()

@@ -10,7 +10,6 @@ import numpy as np
 
 from colmap_ihe.colmap.measures import upright
 from colmap_ihe.colmap.native import pycolmap
-from colmap_ihe.machine.words import listed
 from colmap_ihe.survey.control import CameraPosition, ScaleBar, SurveyedPoint
 from colmap_ihe.survey.frames import GPS, Frame, frame_of
 from colmap_ihe.survey.observations import F64, LocatedPoint
@@ -51,7 +50,9 @@ class Aligned:
 
 def align(model: pycolmap.Reconstruction, survey: Survey, method: str) -> Aligned:
     """Return how the model lies in the frame of the survey by one method. Raises what `frame_of` raises."""
-    find = {POINTS: _by_points, BARS: _by_bars, POSITIONS: _by_positions, FIXES: _by_fixes}[method]
+    if method == POINTS:
+        return _by_points(survey)
+    find = {BARS: _by_bars, POSITIONS: _by_positions, FIXES: _by_fixes}[method]
     return find(model, survey)
 
 
@@ -67,7 +68,7 @@ def _frame(survey: Survey) -> Frame:
     )
 
 
-def _by_points(model: pycolmap.Reconstruction, survey: Survey) -> Aligned:
+def _by_points(survey: Survey) -> Aligned:
     names = sorted(n for n, p in survey.points.items() if p.role == "control" and n in survey.located)
     frame = _frame(survey)
     if not names:
@@ -210,8 +211,3 @@ def left_out_in_words(aligned: Aligned) -> list[str]:
     """Return a sentence for what does not fit."""
     what = IN_WORDS[aligned.method]
     return [f"{what}: {name} is left out, {reason}" for name, reason in aligned.left_out.items()]
-
-
-def none_is_used(names: Sequence[str]) -> str:
-    """Return the sentence that nothing placed the model."""
-    return f"the model has no scale: {listed(list(names), 3)}" if names else ""

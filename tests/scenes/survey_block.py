@@ -54,14 +54,17 @@ def _spread(count: int) -> dict[str, F64]:
     draw = np.random.default_rng(99)
     columns = np.linspace(-8.5, 8.5, (count + 1) // 2)
     return {
-        f"T{n}": np.array((columns[n // 2], draw.uniform(-0.7, 0.7), 1.0 if n % 2 else 7.0)) for n in range(count)
+        f"T{n}": np.array((columns[n // 2], draw.uniform(-0.7, 0.7), 1.0 if n % 2 else 7.0))
+        for n in range(count)
     }
 
 
 def _pose(number: int, count: int) -> F64:
     """Return `cam_from_world` (3, 4) of a camera that looks at the façade, a little to one side."""
     column, row = number // 2, number % 2
-    centre = np.array((-9 + 18 * column / max(1, (count - 1) // 2), -7.0 - 2.5 * (number % 3), 1.7 + 3.5 * row))
+    centre = np.array(
+        (-9 + 18 * column / max(1, (count - 1) // 2), -7.0 - 2.5 * (number % 3), 1.7 + 3.5 * row)
+    )
     turn, tilt = np.radians(((number * 37) % 41) - 20), np.radians(6 - 10 * row)
     forward = np.array((np.sin(turn) * np.cos(tilt), np.cos(turn) * np.cos(tilt), np.sin(tilt)))
     right = np.cross(forward, (0, 0, 1))
