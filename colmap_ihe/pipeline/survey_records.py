@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Annotated, Any
 
-from pydantic import Strict
+from pydantic import Field, Strict
 
 from colmap_ihe.pipeline.stage import Count, StageRecord, StrictModel
 from colmap_ihe.survey.accuracy import PointAccuracy, point_rms, rms
@@ -63,10 +63,10 @@ class SurveyRecord(StageRecord):
     frame: FrameRecord | None = None
     similarity: list[list[float]] | None = None
     adjusted: bool = False
-    points: list[PointRecord] = []
-    bars: list[BarRecord] = []
-    positions: list[PositionRecord] = []
-    camera_params: dict[str, list[float]] = {}
+    points: list[PointRecord] = Field(default_factory=list)
+    bars: list[BarRecord] = Field(default_factory=list)
+    positions: list[PositionRecord] = Field(default_factory=list)
+    camera_params: dict[str, list[float]] = Field(default_factory=dict)
     targets: Count = 0
 
 
