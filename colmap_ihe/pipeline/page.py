@@ -31,6 +31,7 @@ from colmap_ihe.report.camera_words import gain_in_words
 from colmap_ihe.report.contents import Contents, PhotographEntry
 from colmap_ihe.report.methods_sentence import citation, is_default, methods_sentence
 from colmap_ihe.report.page import render_page
+from colmap_ihe.report.survey_words import survey_in_words
 from colmap_ihe.report.tables import summary_rows, weights_in_words
 
 _POINTS = 200_000  # of the cloud; a page is to be sent by mail
@@ -120,6 +121,8 @@ def gather(run: RunContext, summary: Mapping[str, Any], progress: Progress) -> C
         methods_sentence=methods_sentence(summary, options, library_versions("pycolmap")["pycolmap"]),
         citation=citation(summary, options),
         lost_colour=lost_colour(project, records, summary),
+        survey_line=survey_in_words(summary),
+        survey=records["survey"] if is_metric(records) else None,
     )
 
 
