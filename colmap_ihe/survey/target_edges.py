@@ -26,7 +26,7 @@ _STEP_PX = 0.25  # across an edge
 _WIDEST_PX, _NARROWEST_PX = 6.0, 1.25  # to each side of an edge
 _REACH_CELLS = 0.8  # no farther, for there the next edge begins
 _WINDOW = 0.5  # of the reach: standard deviation of the weights across an edge
-_ROUNDS = 5
+_ROUNDS, _FITS = 5, 4
 _HALF_PIXEL = 0.5
 _LEAST_RISE = 8.0  # levels from dark to bright, together
 _LEAST_DEVIATION_PX = 0.01
@@ -144,23 +144,32 @@ def _sampled(grey: U8, places: F64) -> F64 | None:
 
 
 def _lines(points: F64, weights: F64) -> F64:
-    """Return (4, 3): a line through the points of each edge, as (nx, ny, -distance) with a normal of length 1."""
-    return np.array([_line(own, weight) for own, weight in zip(points, weights, strict=True)])
+    """Return (4, 3): a line through the points (4, N, 2) of each edge, as (nx, ny, -distance) with a normal of length
+    1. Points far from their line count less."""
+    own, lines = weights, np.zeros((len(points), 3))
+    for _ in range(_FITS):
+        total = own.sum(axis=1)
+        middle = (points * own[..., None]).sum(axis=1) / total[:, None]
+        x, y = np.moveaxis(points - middle[:, None], 2, 0)
+        xx, xy, yy = ((one * other * own).sum(axis=1) for one, other in ((x, x), (x, y), (y, y)))
+        angle = 0.5 * np.arctan2(2 * xy, xx - yy)  # of the direction in which the points spread most
+        normal = np.stack((-np.sin(angle), np.cos(angle)), axis=1)
+        lines = np.column_stack((normal, -(normal * middle).sum(axis=1)))
+        limit = 2 * np.maximum(_usual(_distances(points, lines), weights), 1e-6)
+        own = weights / np.maximum(1, _distances(points, lines) / limit[:, None]) ** 2
+    return lines
 
 
-def _line(points: F64, weights: F64) -> F64:
-    """Fit a line to points (N, 2), of which some are off: those far from it count less."""
-    own = weights
-    line = np.zeros(3)
-    for _ in range(4):
-        middle = np.average(points, axis=0, weights=own)
-        spread = (points - middle).T @ ((points - middle) * own[:, None])
-        normal = np.linalg.eigh(spread)[1][:, 0]
-        line = np.append(normal, -normal @ middle)
-        off = np.abs(points @ normal + line[2])
-        usual = max(1.4826 * float(np.median(off[weights > 0])), 1e-6)
-        own = weights / np.maximum(1, off / (2 * usual)) ** 2
-    return line
+def _distances(points: F64, lines: F64) -> F64:
+    """Return (4, N): how far points are from the lines of their edges."""
+    return np.asarray(np.abs((points * lines[:, None, :2]).sum(axis=2) + lines[:, 2:]))
+
+
+def _usual(distances: F64, weights: F64) -> F64:
+    """Return (4,): the standard deviation of the distances on each edge, robustly, of points that have a weight."""
+    counted = weights > 0
+    ordered = np.sort(np.where(counted, distances, np.inf), axis=1)
+    return np.asarray(1.4826 * ordered[np.arange(len(ordered)), counted.sum(axis=1) // 2])
 
 
 def _corners(lines: F64) -> F64:
@@ -203,8 +212,7 @@ def _square(edges: _Edges, flatten: Bend, bend: Bend) -> Square | None:
     pixels = bend(np.vstack((corners, crossing(corners))))
     if not np.isfinite(pixels).all():
         return None
-    off = np.abs((flat * lines[:, None, :2]).sum(axis=2) + lines[:, 2:])
-    usual = 1.4826 * np.array([np.median(o[w > 0]) for o, w in zip(off, edges.weights, strict=True)])
+    usual = _usual(_distances(flat, lines), edges.weights)
     counts = (edges.weights > 0).sum(axis=1)
     noise = _NOISE * float(np.sqrt((usual**2 / counts).mean()))
     beside = _BESIDE * edges.blur_px**3 / edges.cell_px**2

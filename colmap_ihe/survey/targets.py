@@ -37,6 +37,7 @@ _CORRECTED = (
 )
 _CELL_PX = 8  # of a cell in the picture that is read
 _LEAST_CONTRAST = 12
+_ALONG, _MOST_PLACES = np.array((0.2, 0.35, 0.5, 0.65, 0.8)), 0.75  # of an edge; of the places along all four
 
 
 @dataclass(frozen=True)
@@ -104,7 +105,6 @@ def _read(grey: U8, dictionary: cv2.aruco.Dictionary, cells: int) -> Iterator[tu
 def _detector(dictionary: cv2.aruco.Dictionary, longest: int) -> cv2.aruco.ArucoDetector:
     parameters = cv2.aruco.DetectorParameters()
     parameters.minMarkerPerimeterRate = 4 * SMALLEST_PX / longest
-    parameters.adaptiveThreshWinSizeStep = 4
     parameters.minMarkerDistanceRate = (
         0.02  # a small target and the white margin around it are two quadrangles
     )
@@ -134,15 +134,15 @@ def _read_again(
 
 
 def _is_dark_within(grey: U8, corners: F64) -> bool:
-    """Tell whether a quadrangle is darker just within its edges than just outside, on three sides at least: the corners
-    of small targets are off by a pixel."""
+    """Tell whether a quadrangle is darker just within its edges than just outside, at most places: the corners of small
+    targets are off by a pixel."""
     middle = corners.mean(axis=0)
-    edges = (corners + np.roll(corners, -1, axis=0)) / 2
+    edges = corners[:, None] + _ALONG[:, None] * (np.roll(corners, -1, axis=0) - corners)[:, None]
     inside, outside = middle + 0.9 * (edges - middle), middle + 1.15 * (edges - middle)
     last = (grey.shape[1] - 1, grey.shape[0] - 1)
     places = np.rint(np.clip((inside, outside), 0, last)).astype(int)
     dark, bright = grey[places[..., 1], places[..., 0]].astype(int)
-    return int((bright - dark > _LEAST_CONTRAST).sum()) >= 3
+    return bool((bright - dark > _LEAST_CONTRAST).mean() >= _MOST_PLACES)
 
 
 def _bits(grey: U8, corners: F64, cells: int) -> U8 | None:
