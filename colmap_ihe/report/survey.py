@@ -50,7 +50,7 @@ def survey_tables(record: Record) -> list[Table]:
 def _points(points: Sequence[Mapping[str, Any]]) -> Table:
     columns = ("point", "role", "dX mm", "dY mm", "dZ mm", "expected ± mm", "photographs", "px RMS", "note")
     rows = []
-    for p in points:
+    for p in sorted(points, key=lambda p: _natural(p["name"])):
         expected = f"{1000 * float(np.linalg.norm(p['deviation_m'])):.1f}" if p["deviation_m"] else ""
         pixels = "" if p["error_px"] is None else f"{p['error_px']:.2f}"
         rows.append(
@@ -84,6 +84,12 @@ def _positions(positions: Sequence[Mapping[str, Any]]) -> Table:
     rows = [(p["image"], *_millimetres(p["delta_m"]), p["reason"]) for p in positions]
     columns = ("photograph", "dX mm", "dY mm", "dZ mm", "note")
     return Table("positions", "Camera positions: the model's less the measured", columns, rows)
+
+
+def _natural(name: str) -> tuple[str, int, str]:
+    """Return what sorts T2 before T10."""
+    letters = name.rstrip("0123456789")
+    return letters, int(name[len(letters) :] or 0), name
 
 
 def _millimetres(delta: Sequence[float] | None) -> tuple[str, str, str]:
