@@ -42,6 +42,10 @@ class CalibrationFileError(KnownError):
     """Report a calibration file that cannot be used."""
 
 
+class ControlFileError(KnownError):
+    """Report a file of surveyed points, positions or scale bars that cannot be used."""
+
+
 class DiskFullError(KnownError):
     """Report a disk without room for what is to be written."""
 

@@ -106,10 +106,12 @@ def joined_by_matches(database: Path, least: int, names: Container[str] | None =
     return max(map(len, group_of.values()), default=0)
 
 
-def upright(cam_from_world: Sequence[NDArray[np.float64]]) -> NDArray[np.float64]:
-    """Return the rotation, (3, 3) float64, that turns the mean upward direction of photographs, (3, 4) each, to +y;
-    what they look at is then towards -z."""
-    up = -np.mean([pose[1, :3] for pose in cam_from_world], axis=0)
+def upright(
+    cam_from_world: Sequence[NDArray[np.float64]], up: NDArray[np.float64] | None = None
+) -> NDArray[np.float64]:
+    """Return the rotation, (3, 3) float64, that turns `up`, the mean upward direction of photographs, (3, 4) each, if
+    None, to +y; what they look at is then towards -z."""
+    up = -np.mean([pose[1, :3] for pose in cam_from_world], axis=0) if up is None else up
     back = -np.mean([pose[2, :3] for pose in cam_from_world], axis=0)
     right = np.cross(up, back)
     if np.linalg.norm(up) < 1e-6 or np.linalg.norm(right) < 1e-6:

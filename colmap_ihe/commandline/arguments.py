@@ -15,6 +15,7 @@ from colmap_ihe.grey.convert import TONES
 from colmap_ihe.machine.libraries import __version__
 from colmap_ihe.photographs.encode import SUFFIXES
 from colmap_ihe.pipeline.stages import STAGE_NAMES
+from colmap_ihe.survey.targets import DEFAULT_DICTIONARY
 
 CommandFunction = Callable[[argparse.Namespace, Display], None]
 
@@ -53,6 +54,7 @@ def parser_of(functions: Mapping[str, CommandFunction]) -> argparse.ArgumentPars
     shared.add_project(status)
     shared.add_camera(status)
     _add_compare(command)
+    _add_targets(command)
     report = command("report", "Write the page of a project again: PROJECT/report/index.html, one file.")
     shared.add_project(report)
     doctor = command(
@@ -132,6 +134,20 @@ def _add_compare(command: Command) -> None:
     add(parser, "--seeds N", text, type=int, default=3)
     add_switch(parser, "--no-dense", "without dense clouds")
     add(parser, "--pairs FILE", "measure matching in these pairs instead of all: two photographs a line")
+
+
+def _add_targets(command: Command) -> None:
+    parser = command(
+        "targets",
+        "Write sheets of coded targets as PDF, in A4 and at true size, with rulers to check the printer by. They are"
+        " found in photographs by their names, T0, T1 and so on; see docs/targets.md.",
+    )
+    add(parser, "--sheet FILE", "the PDF to write", required=True)
+    add(parser, "--dictionary NAME", "of OpenCV's aruco", default=DEFAULT_DICTIONARY)
+    text = "from edge to edge of the black square, in millimetres"
+    add(parser, "--size MM", text, type=float, default=60.0)
+    add(parser, "--count N", "how many", type=shared.count, default=12)
+    add(parser, "--first K", "number of the first", type=int, default=0)
 
 
 def _add_fit(command: Command) -> None:

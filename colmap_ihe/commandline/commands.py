@@ -36,6 +36,8 @@ from colmap_ihe.project.option_sections import ClusterOptions
 from colmap_ihe.project.options import ConvertOptions, FitOptions
 from colmap_ihe.project.options_file import load_options, project_options
 from colmap_ihe.report.tables import weights_in_words
+from colmap_ihe.survey.sheet import write_sheet
+from colmap_ihe.survey.targets import target_name
 
 
 def _develop(parsed: argparse.Namespace, display: Display) -> None:
@@ -214,6 +216,16 @@ def _compare(parsed: argparse.Namespace, display: Display) -> None:
     print(f"report    {parsed.project / 'compare' / 'index.html'}")
 
 
+def _targets(parsed: argparse.Namespace, display: Display) -> None:
+    pages = write_sheet(parsed.sheet, parsed.size, parsed.count, parsed.dictionary, parsed.first)
+    names = [target_name(number) for number in range(parsed.first, parsed.first + parsed.count)]
+    result = {"sheet": str(parsed.sheet), "pages": pages, "targets": names, "size_mm": parsed.size}
+    if not _printed_as_json(parsed, display, result):
+        sheets = "1 sheet" if pages == 1 else f"{pages} sheets"
+        which = names[0] if len(names) == 1 else f"{names[0]} to {names[-1]}"
+        print(f"{which} on {sheets} of A4 in {parsed.sheet}; print at 100 % and measure both rulers")
+
+
 def _report(parsed: argparse.Namespace, display: Display) -> None:
     page = report(parsed.project, parsed.assignments, parsed.images, display)
     if not _printed_as_json(parsed, display, {"page": str(page)}):
@@ -248,6 +260,7 @@ _FUNCTIONS = (
     _develop,
     _status,
     _compare,
+    _targets,
     _report,
     _doctor,
     _completion,

@@ -35,9 +35,10 @@ def given_calibration(project: Project, options: Options) -> list[CalibratedCame
     return cameras
 
 
-def write_found_calibration(project: Project, record: Mapping[str, Any]) -> None:
-    """Write the cameras of a project's model, as the record of `sparse` describes it, for other campaigns."""
-    model = pycolmap.Reconstruction(project.sparse / "0")
+def write_found_calibration(project: Project, folder: Path, record: Mapping[str, Any]) -> None:
+    """Write the cameras of a project's model in `folder`, as the record of `sparse` describes it, for other
+    campaigns."""
+    model = pycolmap.Reconstruction(folder)
     names = [str(model.images[i].name) for i in model.reg_image_ids()]
     deviations = {
         c["camera_id"]: c["standard_deviations"] for c in record["cameras"] if c["standard_deviations"]

@@ -59,16 +59,17 @@ class CameraView:
 
 
 class ModelView:
-    """Read a sparse model and turn it upright, y up as the photographs were held, its middle to the origin. Raises
-    what pycolmap raises where there is none."""
+    """Read a sparse model and turn it upright, its middle to the origin: y is up as the photographs were held, or what
+    z is of a model in the frame of a survey (`z_is_up`). Raises what pycolmap raises where there is none."""
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, folder: Path, z_is_up: bool = False) -> None:
         self._model = pycolmap.Reconstruction(folder)
         self._by_name = {str(self._model.images[i].name): i for i in self._model.reg_image_ids()}
         self.names = sorted(self._by_name)
         self._xyz = np.array([p.xyz for p in self._model.points3D.values()]).reshape(-1, 3)
         poses = [self._model.images[i].cam_from_world().matrix() for i in self._by_name.values()]
-        self._rotation, self._middle, self._size = upright(poses), np.zeros(3), 1.0
+        up = np.array((0.0, 0.0, 1.0)) if z_is_up else None
+        self._rotation, self._middle, self._size = upright(poses, up), np.zeros(3), 1.0
         if len(self._xyz):
             low, high = np.percentile(self._xyz, (5, 95), axis=0)
             self._middle, self._size = np.median(self._xyz, axis=0), float(np.linalg.norm(high - low)) or 1.0

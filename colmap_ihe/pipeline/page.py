@@ -23,7 +23,7 @@ from colmap_ihe.pipeline import model_view
 from colmap_ihe.pipeline.page_pairs import drawn_pairs
 from colmap_ihe.pipeline.page_size import page_within
 from colmap_ihe.pipeline.second_grey import lost_colour
-from colmap_ihe.pipeline.stage import RunContext
+from colmap_ihe.pipeline.stage import RunContext, is_metric
 from colmap_ihe.pipeline.surface_view import surface_of
 from colmap_ihe.project.folder import Project
 from colmap_ihe.project.options import Options
@@ -31,6 +31,7 @@ from colmap_ihe.report import contents, pictures
 from colmap_ihe.report.camera_words import gain_in_words
 from colmap_ihe.report.contents import Contents, PhotographEntry
 from colmap_ihe.report.methods_sentence import citation, is_default, methods_sentence
+from colmap_ihe.report.survey_words import survey_in_words
 from colmap_ihe.report.tables import summary_rows, weights_in_words
 
 _POINTS = 200_000  # of the cloud; a page is to be sent by mail
@@ -95,7 +96,7 @@ def gather(run: RunContext, summary: Mapping[str, Any], progress: Progress) -> C
         ):
             looks[look.name] = look
             progress.advance()
-    model = model_view.ModelView(project.sparse / "0") if "sparse" in records else None
+    model = model_view.ModelView(run.model_folder, run.is_metric) if "sparse" in records else None
     photographs = _photographs(summary, grey_of, looks, model)
     greys = [grey_of.get(p.name, "") for p in photographs]
     compared = not is_default(summary)  # else the grey would be compared with itself
@@ -128,6 +129,8 @@ def gather(run: RunContext, summary: Mapping[str, Any], progress: Progress) -> C
         methods_sentence=methods_sentence(summary, options, library_versions("pycolmap")["pycolmap"]),
         citation=citation(summary, options),
         lost_colour=lost_colour(project, records, summary),
+        survey_line=survey_in_words(summary),
+        survey=records["survey"] if is_metric(records) else None,
     )
 
 

@@ -20,6 +20,7 @@ from colmap_ihe.photographs.readable import find_photographs
 from colmap_ihe.pipeline import outputs
 from colmap_ihe.pipeline.estimates import disk_warnings, needs_of, stage_parts
 from colmap_ihe.pipeline.given_calibration import given_calibration, write_found_calibration
+from colmap_ihe.pipeline.given_control import given_control
 from colmap_ihe.pipeline.input_digests import digests_of
 from colmap_ihe.pipeline.page import page_of, seconds_in
 from colmap_ihe.pipeline.records import fingerprints, inputs_of, read_record, why_stale
@@ -48,7 +49,7 @@ class Reconstruction:
     @property
     def sparse_model(self) -> Path:
         """Return the folder of the largest model, for `pycolmap.Reconstruction`."""
-        return self.project.sparse / "0"
+        return self.project.metric if self.summary["metric"] else self.project.sparse / "0"
 
     @property
     def dense_cloud(self) -> Path:
@@ -103,6 +104,7 @@ def reconstruct(
     for stage in STAGES:
         stage.check(options, len(discovery.captures))
     given_calibration(folder, options)  # one that cannot be used is refused before any work
+    given_control(folder, options)
     with ExitStack() as stack:
         stack.enter_context(room_on_disk(folder.root))
         folder.claim()
@@ -149,8 +151,10 @@ def _write_for_other_campaigns(run: RunContext, ran: Sequence[str]) -> None:
     """Write report/weights.yaml and report/calibration.yaml, as far as the run came."""
     if "fit" in run.records:
         write_weights_file(run)
-    if "sparse" in run.records and ("sparse" in ran or not run.project.calibration_file.exists()):
-        write_found_calibration(run.project, run.records["sparse"])
+    if "sparse" in run.records and (
+        {"sparse", "survey"} & {*ran} or not run.project.calibration_file.exists()
+    ):
+        write_found_calibration(run.project, run.model_folder, run.records["sparse"])
 
 
 def _write_summary_and_page(

@@ -62,7 +62,7 @@ def _run_stage(stage: Stage, later: Sequence[Stage], run: RunContext, progress: 
     for each in later:
         project.drop_record(each.name)
     project.summary_file.unlink(missing_ok=True)
-    if "sparse" in (stage.name, *(each.name for each in later)):
+    if {"sparse", "survey"} & {stage.name, *(each.name for each in later)}:
         project.calibration_file.unlink(missing_ok=True)
     run.resumed = stage.name not in run.forced and project.was_begun(stage.name, fingerprint)
     if not run.resumed:

@@ -130,6 +130,15 @@ class RunContext:
             return capture
         return replace(capture, recipe=replace(capture.recipe, cache_folder=str(self.developed)))
 
+    @property
+    def is_metric(self) -> bool:
+        return is_metric(self.records)
+
+    @property
+    def model_folder(self) -> Path:
+        """Return the folder of the largest model: that in metres, if there is one."""
+        return self.project.metric if self.is_metric else self.project.sparse / "0"
+
     def grey_names(self) -> list[str]:
         """Return the names of the grey images."""
         return sorted(self.records["convert"]["grey"].values())
@@ -137,6 +146,11 @@ class RunContext:
     def photographs_by_grey(self) -> dict[str, str]:
         """Return the names of the photographs by those of their grey images."""
         return {grey: name for name, grey in self.records["convert"]["grey"].items()}
+
+
+def is_metric(records: Mapping[str, Mapping[str, Any]]) -> bool:
+    """Tell whether a survey brought the model into metres, by the records of the stages."""
+    return bool(records.get("survey", {}).get("method"))
 
 
 @dataclass(frozen=True)

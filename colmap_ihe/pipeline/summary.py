@@ -17,6 +17,7 @@ from colmap_ihe.pipeline.records import read_record
 from colmap_ihe.pipeline.stage import Record, RunContext
 from colmap_ihe.pipeline.stages import STAGES
 from colmap_ihe.pipeline.stages.sparse import STAGE as SPARSE
+from colmap_ihe.pipeline.survey_records import survey_summary
 from colmap_ihe.project.folder import Project
 from colmap_ihe.project.options import Options
 from colmap_ihe.project.options_file import project_options
@@ -31,8 +32,8 @@ def summarise(records: Mapping[str, Mapping[str, Any]], options: Options) -> dic
     """
     by_encoding = records["fit"]["weights"] if "fit" in records else {}
     main = max(by_encoding.values(), key=lambda w: int(w["images"]), default=None)
-    later = ("features", "matches", "sparse", "dense", "mesh")
-    features, matches, sparse, dense, mesh = (records.get(stage, {}) for stage in later)
+    later = ("features", "matches", "sparse", "survey", "dense", "mesh")
+    features, matches, sparse, survey, dense, mesh = (records.get(stage, {}) for stage in later)
     colour = records.get("convert", {}).get("second")
     models = sparse.get("models", [])
     model = models[0] if models else {}
@@ -56,7 +57,7 @@ def summarise(records: Mapping[str, Mapping[str, Any]], options: Options) -> dic
         ),
         "second_grey": _second(colour, features) if colour and colour["second"] else None,
         "weights_by_encoding": {e: w["weights"] for e, w in by_encoding.items()},
-        "cameras": [_camera(camera) for camera in sparse.get("cameras", ())] or None,
+        "cameras": [_camera(camera, survey) for camera in sparse.get("cameras", ())] or None,
         "held_out_error_px": _held_out(sparse.get("held_out")),
         "with_focal_prior": features.get("with_focal_prior"),
         "features": features.get("features"),
@@ -67,6 +68,7 @@ def summarise(records: Mapping[str, Mapping[str, Any]], options: Options) -> dic
         "points_over_3_views": model.get("points_over_3_views"),
         "mean_track_length": model.get("mean_track_length"),
         "mean_reprojection_error_px": model.get("mean_reprojection_error_px"),
+        **survey_summary(survey),
         "dense_points": dense.get("points"),
         "dense_backend": dense.get("backend"),
         "dense_pixels_with_depth_percent": with_depth,
@@ -97,11 +99,12 @@ def _is_measured(value: object) -> bool:
     return all(type(v) in (int, float) for v in (value.values() if isinstance(value, dict) else [value]))
 
 
-def _camera(record: Mapping[str, Any]) -> dict[str, Any]:
+def _camera(record: Mapping[str, Any], survey: Mapping[str, Any]) -> dict[str, Any]:
     deviations = record["standard_deviations"]
+    adjusted = survey.get("camera_params", {}).get(str(record["camera_id"]), record["params"])
     return {
         **{name: record[name] for name in ("model", "width", "height", "photographs", "by")},
-        "parameters": dict(zip(record["names"], record["params"], strict=True)),
+        "parameters": dict(zip(record["names"], adjusted, strict=True)),
         "standard_deviations": dict(zip(record["names"], deviations, strict=True)) if deviations else None,
         "doubtful": record["correlated"],
         "exif": record.get("exif"),

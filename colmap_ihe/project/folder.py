@@ -1,6 +1,6 @@
 """Name every path of a project folder, and guard the folder. No other module builds such a path.
 
-images/ masks/ calibration/ project.yaml      the user's, never written to
+images/ masks/ calibration/ control/ project.yaml      the user's, never written to
 workspace/ colour/ report/ records/           ours
 """
 
@@ -24,6 +24,8 @@ class Project:
         self.options_file = root / "project.yaml"
         self.masks = _given(root, "masks", "mask")
         self.calibration = _given(root, "calibration")
+        self.control = _given(root, "control")
+        """Surveyed points, positions and scale bars."""
         self.workspace = root / "workspace"
         self.grey = self.workspace / "images"
         self.made_masks = self.workspace / "masks"
@@ -32,6 +34,8 @@ class Project:
         self.tried_features = self.workspace / "tried.db"
         """What the trial of greys found, until the features are there."""
         self.sparse = self.workspace / "sparse"
+        self.metric = self.workspace / "metric"
+        """The largest model in the frame of its survey, in metres."""
         self.dense = self.workspace / "dense" / "0"
         self.mesh = self.dense / "mesh.ply"
         """The surface with vertex colours; the textured one lies beside it."""
@@ -40,6 +44,7 @@ class Project:
         self.page_file = self.report / "index.html"
         self.summary_file = self.report / "summary.json"
         self.calibration_file = self.report / "calibration.yaml"
+        self.georeference_file = self.report / "georeference.json"
         self.weights_file = self.report / "weights.yaml"
         self.set_aside = root / "set-aside"
         """What somebody has changed of what we made, before it was made again."""

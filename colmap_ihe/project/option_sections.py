@@ -1,8 +1,8 @@
-"""Define what all sections of the options share, and the sections that affect no result."""
+"""Define what all sections of the options share, the section of the survey, and those that affect no result."""
 
 from __future__ import annotations
 
-from typing import Annotated
+from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
@@ -11,6 +11,19 @@ class Section(BaseModel):
     """Refuse unknown names and wrong types; never change."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, strict=True)
+
+
+class SurveyOptions(Section):
+    crs: str = ""
+    """The coordinate system of what control/ holds: an EPSG code, as EPSG:25832, or WKT; empty for a local system in
+    metres."""
+    align: Literal["auto", "control_points", "scale_bars", "positions", "gps", "none"] = "auto"
+    """By what the model becomes metric. `auto`: the first of these for which there is enough; `none`: nothing."""
+    targets: str = "auto"
+    """`auto`: AprilTag 36h11, looked for where control/ names some; `none`; or a dictionary of OpenCV's, whose targets
+    are then looked for in any case."""
+    gps_accuracy_m: Annotated[float, Field(gt=0, le=1000, allow_inf_nan=False)] = 5.0
+    """Standard deviation of GPS in EXIF, which moves the model as a whole, and does not bend it."""
 
 
 class ReportOptions(Section):

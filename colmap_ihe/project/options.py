@@ -21,7 +21,13 @@ from pydantic import (
 from colmap_ihe.errors import WeightsError
 from colmap_ihe.grey.conversions import CONVERSIONS
 from colmap_ihe.grey.weights import FIXED, triplets
-from colmap_ihe.project.option_sections import ClusterOptions, MachineOptions, ReportOptions, Section
+from colmap_ihe.project.option_sections import (
+    ClusterOptions,
+    MachineOptions,
+    ReportOptions,
+    Section,
+    SurveyOptions,
+)
 from colmap_ihe.project.recipe import Demosaic
 
 ColmapOptions = dict[str, Any]
@@ -258,6 +264,7 @@ class Options(Section):
     features: FeaturesOptions = FeaturesOptions()
     matches: MatchesOptions = MatchesOptions()
     sparse: SparseOptions = SparseOptions()
+    survey: SurveyOptions = SurveyOptions()
     dense: DenseOptions = DenseOptions()
     mesh: MeshOptions = MeshOptions()
     report: ReportOptions = ReportOptions()

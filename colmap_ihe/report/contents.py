@@ -212,7 +212,8 @@ class Contents:
     """Hold the page of a project. `rows`: the summary as a person reads it; `lenses`: the cameras of its summary, and
     what their calibration brought, in words; `points_by_images`: points by the number of images that see them;
     `matches` (n, n): verified inliers between photographs, in the order of `photographs`; `options` as YAML;
-    `methods_sentence`: for a methods section, with the citation."""
+    `methods_sentence`: for a methods section, with the citation; `survey_line`: scale and accuracy in words, with the
+    record of the `survey` where the model is metric."""
 
     title: str
     result: str
@@ -236,3 +237,5 @@ class Contents:
     methods_sentence: str = ""
     citation: str = ""
     lost_colour: LostColour | None = None
+    survey_line: str = ""
+    survey: Mapping[str, Any] | None = None

@@ -11,7 +11,7 @@ from importlib import resources
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
-from colmap_ihe.report import cameras, charts
+from colmap_ihe.report import cameras, charts, survey
 from colmap_ihe.report.contents import BatchContents, Comparison, Contents
 from colmap_ihe.report.embed import cloud_data, data_uri, scene_data, surface_data
 
@@ -37,6 +37,8 @@ def render_page(contents: Contents) -> str:
         left_out=[p for p in contents.photographs if p.left_out],
         partners=charts.partners(contents),
         cameras=cameras.cameras_table(contents.lenses),
+        survey_tables=survey.survey_tables(contents.survey) if contents.survey else [],
+        survey_plan=survey.survey_plan(contents.survey) if contents.survey else None,
     )
 
 

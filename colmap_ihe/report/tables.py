@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from colmap_ihe.report.camera_words import camera_rows
+from colmap_ihe.report.survey_words import survey_in_words
 
 _NAMES = ("red", "green", "blue")
 _LATEX = {
@@ -68,6 +69,8 @@ def summary_rows(summary: Mapping[str, Any]) -> list[tuple[str, str]]:
             ("mean track length", f"{summary['mean_track_length']:.2f} observations a point"),
             *camera_rows(summary),
         ]
+    if line := survey_in_words(summary):
+        rows.append(("survey", line))
     if summary["dense_points"] is not None:
         coverage = summary["dense_pixels_with_depth_percent"]
         share = f", {coverage:.0f} % of the pixels have depth" if coverage is not None else ""

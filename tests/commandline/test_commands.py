@@ -120,11 +120,20 @@ def test_the_folder_of_photographs_is_not_taken_for_the_project(capsys: Captured
     assert "images/images" not in line
 
 
+def test_targets_writes_sheets_and_says_what_is_on_them(capsys: Captured, tmp_path: Path) -> None:
+    sheet = tmp_path / "a.pdf"
+    said = output_of(capsys, "targets", "--sheet", sheet, "--size", "50", "--count", "7", "--first", "4")
+    assert said.startswith(f"T4 to T10 on 2 sheets of A4 in {sheet}; print at 100 %")
+    result = json_of(capsys, "targets", "--sheet", tmp_path / "b.pdf", "--count", "1")
+    assert (result["targets"], result["pages"], result["size_mm"]) == (["T0"], 1, 60)
+    assert f"{sheet}: is there already" in failure_of(capsys, "targets", "--sheet", sheet)
+
+
 def test_status_as_table_and_json(capsys: Captured, finished: Path) -> None:
     states = json_of(capsys, "status", finished, *SETTINGS)
     assert [(s["name"], s["state"]) for s in states] == [(name, "done") for name in STAGE_NAMES]
     states = json_of(capsys, "status", finished, *SETTINGS, "--set", "sparse.seed=3")
-    assert [s["state"] for s in states] == ["done"] * 5 + ["stale"] * 3
+    assert [s["state"] for s in states] == ["done"] * 5 + ["stale"] * 4
     text = output_of(capsys, "status", finished, *SETTINGS, "--set", "sparse.seed=3")
     assert "its options changed" in text
     assert "no such folder of photographs" in failure_of(capsys, "status", finished / "missing")

@@ -204,7 +204,7 @@ def _finish(
                 break
             raise
         observations = model.compute_num_observations()
-        give(model, image_ids, camera_ids, best)
+        give(model, image_ids, camera_ids, best.cameras, best.adjusted.block, best.adjusted.sigma)
         progress.check()
         if not whole:
             adjust_poses(model, progress, triangulation.threads)

@@ -8,8 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from colmap_ihe.colmap.calibration.adjust import place
-from colmap_ihe.colmap.calibration.block import block_of
-from colmap_ihe.colmap.calibration.choose import Fit
+from colmap_ihe.colmap.calibration.block import Block, block_of
 from colmap_ihe.colmap.native import called, fill, pycolmap
 from colmap_ihe.machine.progress import SILENT, Progress
 
@@ -29,13 +28,18 @@ class Triangulation:
 
 
 def give(
-    model: pycolmap.Reconstruction, image_ids: Sequence[int], camera_ids: Sequence[int], fit: Fit
+    model: pycolmap.Reconstruction,
+    image_ids: Sequence[int],
+    camera_ids: Sequence[int],
+    cameras: Sequence[pycolmap.Camera],
+    poses: Block,
+    sigma: float,
 ) -> None:
-    """Give a model the cameras of a fit, and these images their poses; the points follow."""
-    for camera_id, camera in zip(camera_ids, fit.cameras, strict=True):
+    """Give a model these cameras, and its images the poses of a block; the points follow, by observations of standard
+    deviation `sigma` in pixels."""
+    for camera_id, camera in zip(camera_ids, cameras, strict=True):
         model.cameras[camera_id].model = camera.model
         model.cameras[camera_id].params = camera.params.tolist()
-    poses = fit.adjusted.block
     for image_id, rotation, translation in zip(image_ids, poses.rotations, poses.translations, strict=True):
         image = model.images[image_id]
         pose = pycolmap.Rigid3d(np.concatenate([rotation, translation[:, None]], axis=1))
@@ -43,7 +47,7 @@ def give(
         assert frame is not None  # of a model that is read or mapped every image has one
         frame.set_cam_from_world(image.camera_id, pose)
     block, ids = block_of(model, image_ids, camera_ids)
-    block = place(block, fit.cameras, fit.adjusted.sigma)
+    block = place(block, cameras, sigma)
     for point_id, xyz in zip(ids.tolist(), block.points, strict=True):
         model.points3D[point_id].xyz = xyz
 

@@ -3,10 +3,11 @@
     FOLDER/images/STEM.dng, STEM.jpg    RAW and JPEG of each shot
     FOLDER/truth/STEM.depth.png         16-bit grey, what each pixel centre sees: 0 nothing, else
                                         65535 * nearest_m / depth_m
+    FOLDER/control/                     surveyed targets, if the photographs are large enough to show them (targets.py)
     FOLDER/truth/cameras.json           written last; `colmap_ihe.evaluation.truth` reads it
 
 cameras.json holds
-    render      what was asked for, and the version of the scene
+    render      what was asked for, the version of the scene, and how many targets are in it, if any
     extent_m    diagonal of the bounding box of everything that some view sees
     cameras     by stem: width, height; calibration (3 x 3, the centre of the top left pixel is
                 (0.5, 0.5)); cam_from_world (3 x 4, metres, camera x right, y down, z forward);
@@ -30,6 +31,7 @@ from colmap_ihe.evaluation.demo.camera import take_photograph
 from colmap_ihe.evaluation.demo.grid import F32
 from colmap_ihe.evaluation.demo.raycast import Surface, bake, render
 from colmap_ihe.evaluation.demo.scene import portico
+from colmap_ihe.evaluation.demo.targets import LEAST_WIDTH, TARGETS, control_files, target_patches
 from colmap_ihe.evaluation.demo.views import DemoView, arc_of_views
 from colmap_ihe.machine.files import write_bytes, write_json
 from colmap_ihe.machine.progress import SILENT, Progress
@@ -56,7 +58,10 @@ def render_demo(
     if views < 2 or any(n < 16 or n % 2 for n in size):
         expected = "at least 2 views and an even width and height of 16 or more"
         raise ValueError(f"{views=}, {size=}, expected {expected}")
-    asked = {"scene": _SCENE_VERSION, "views": views, "size": list(size), "seed": seed}
+    asked: dict[str, Any] = {"scene": _SCENE_VERSION, "views": views, "size": list(size), "seed": seed}
+    has_targets = max(size) >= LEAST_WIDTH
+    if has_targets:
+        asked["targets"] = len(TARGETS)
     cameras_file = folder / "truth" / "cameras.json"
     arc = arc_of_views(views, size)
     progress.start(views + 1)
@@ -65,7 +70,8 @@ def render_demo(
         return
     cameras_file.unlink(missing_ok=True)
     with ThreadPoolExecutor(min(_THREADS, os.cpu_count() or 1)) as pool:
-        surfaces = bake(portico(), _TEXEL_M * 1504 / max(size), seed, pool)
+        scene = portico() + (target_patches() if has_targets else ())
+        surfaces = bake(scene, _TEXEL_M * 1504 / max(size), seed, pool)
         progress.advance()
         jobs = [pool.submit(_shoot, surfaces, view, shot, folder, seed) for shot, view in enumerate(arc)]
         try:
@@ -75,6 +81,8 @@ def render_demo(
                 progress.advance()
         finally:
             pool.shutdown(wait=True, cancel_futures=True)
+    for name, text in control_files(seed).items() if has_targets else ():
+        write_bytes(folder / "control" / name, text.encode())
     bounds = np.stack([box for _, box in shots])
     extent_m = float(np.linalg.norm(bounds[:, 1].max(axis=0) - bounds[:, 0].min(axis=0)))
     cameras = {view.stem: record for view, (record, _) in zip(arc, shots, strict=True)}
@@ -124,4 +132,5 @@ def _is_complete(folder: Path, asked: dict[str, Any], arc: Sequence[DemoView]) -
         return False
     files = [f"images/{v.stem}{suffix}" for v in arc for suffix in (".dng", ".jpg")]
     files += [f"truth/{v.stem}.depth.png" for v in arc]
+    files += [f"control/{name}" for name in control_files(asked["seed"])] if "targets" in asked else []
     return bool(rendered == asked) and all((folder / name).is_file() for name in files)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from colmap_ihe.pipeline.stages import captures, convert, dense, features, fit, matches, mesh, sparse
+from colmap_ihe.pipeline.stages import captures, convert, dense, features, fit, matches, mesh, sparse, survey
 
 STAGES = (
     captures.STAGE,
@@ -11,6 +11,7 @@ STAGES = (
     features.STAGE,
     matches.STAGE,
     sparse.STAGE,
+    survey.STAGE,
     dense.STAGE,
     mesh.STAGE,
 )

@@ -40,7 +40,7 @@ def run(run: RunContext, progress: Progress) -> DenseRecord:
     project = run.project
     there = sum(map(size_of, _made(project)))
     values = dense_cloud(
-        project.sparse / "0",
+        run.model_folder,
         project.grey,
         project.colour,
         project.made_masks,

@@ -51,7 +51,7 @@ def test_cameras_and_poses_are_given_and_points_follow() -> None:
     truth, model = perturbed()
     assert np.median(errors(model)) > 1
     fit = fit_of(model, list(range(1, 9)))
-    give(model, list(range(1, 9)), [1], fit)
+    give(model, list(range(1, 9)), [1], fit.cameras, fit.adjusted.block, fit.adjusted.sigma)
     assert model.cameras[1].model_name == "RADIAL"
     assert model.cameras[1].params == pytest.approx((1000, 612, 447, -0.05, 0), rel=1e-3, abs=1e-3)
     assert np.max(errors(model)) < 0.02
@@ -61,7 +61,8 @@ def test_cameras_and_poses_are_given_and_points_follow() -> None:
 def test_of_more_images_those_of_the_fit_are_given_and_colmap_adjusts_the_others() -> None:
     truth, model = perturbed()
     others = {i: model.images[i].cam_from_world().matrix() for i in (7, 8)}
-    give(model, list(range(1, 7)), [1], fit_of(model, list(range(1, 7))))
+    fit = fit_of(model, list(range(1, 7)))
+    give(model, list(range(1, 7)), [1], fit.cameras, fit.adjusted.block, fit.adjusted.sigma)
     for image_id, pose in others.items():
         np.testing.assert_array_equal(model.images[image_id].cam_from_world().matrix(), pose)
     params = model.cameras[1].params.tolist()

@@ -152,7 +152,7 @@ def test_it_goes_on_where_the_user_says_so(finished: Path, quick_options: MakeOp
         finished / "report/index.html",
     )
     done = reconstruct(finished, quick_options(TWO, "mesh.enabled=false", "sparse.min_registered=0"))
-    assert (done.stages_run, done.summary["too_few_registered"]) == (("dense",), False)
+    assert (done.stages_run, done.summary["too_few_registered"]) == (("survey", "dense"), False)
     assert not any("too few" in text for text in done.summary["warnings"])
 
 
@@ -165,7 +165,7 @@ def test_without_dense_it_is_no_success_either(finished: Path, quick_options: Ma
         assert "sparse.min_registered=0" in outcome.hint
         assert not preview_project(finished, assignments).up_to_date
     states = [s.state for s in status(finished, quick_options(TWO, "dense.enabled=false"))]
-    assert states == [*["done"] * 6, "off", "off"]
+    assert states == [*["done"] * 6, "to do", "off", "off"]
     assert run_job(ProjectJob(str(finished), (*assignments, "sparse.min_registered=0"))).state == "done"
     assert preview_project(finished, (*assignments, "sparse.min_registered=0")).up_to_date
 

@@ -1,0 +1,1 @@
+"""Make a model metric: named points, control, scale, coded targets."""

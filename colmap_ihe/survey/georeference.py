@@ -1,0 +1,241 @@
+"""Put a model into metres: align it with its survey, adjust it with control, and tell how well it agrees."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from colmap_ihe.colmap.native import pycolmap
+from colmap_ihe.errors import ControlFileError
+from colmap_ihe.machine.progress import SILENT, Progress
+from colmap_ihe.survey import alignment
+from colmap_ihe.survey.accuracy import (
+    BarAccuracy,
+    PointAccuracy,
+    PositionAccuracy,
+    bars_of,
+    points_of,
+    positions_of,
+)
+from colmap_ihe.survey.adjustment import MOST_IMAGES, Controlled, adjust_with_control
+from colmap_ihe.survey.alignment import Aligned, Survey
+from colmap_ihe.survey.control_equations import ControlTerms
+from colmap_ihe.survey.frames import Frame
+from colmap_ihe.survey.observations import F64, LocatedPoint, Observation
+from colmap_ihe.survey.triangulate import Triangulation, triangulation
+
+_TIMES = 4.0  # standard deviations by which a point may be off, as the others are
+_USUAL_LENGTH = 1.538  # median length of a vector of three normal values of deviation 1
+_ROUNDS = 4
+_OWN_SHARE = 0.5  # of a tie point's deviation: a lens that is not quite known is off for targets too
+
+
+@dataclass(frozen=True)
+class Georeferenced:
+    """Hold what came of it: the `method`, empty for none, the frame, the similarity (3, 4) that the model was moved by
+    before it was adjusted, whether it was `adjusted`, its agreement with the survey, and sentences for the user."""
+
+    method: str = ""
+    frame: Frame = field(default_factory=Frame)
+    similarity: F64 | None = None
+    adjusted: bool = False
+    points: Sequence[PointAccuracy] = ()
+    bars: Sequence[BarAccuracy] = ()
+    positions: Sequence[PositionAccuracy] = ()
+    triangulated: Triangulation | None = None
+    warnings: Sequence[str] = ()
+
+
+def georeference(
+    model: pycolmap.Reconstruction,
+    survey: Survey,
+    observations: Sequence[Observation],
+    align: str,
+    free_params: Mapping[int, Sequence[int]],
+    progress: Progress = SILENT,
+) -> Georeferenced:
+    """Move a model into the frame of its survey and adjust it with control, in place; nothing changes where no method
+    applies. `align`: a method of `alignment.METHODS`, or "auto" for the first that works. Raises `ControlFileError`
+    where the one that was asked for does not, what `frame_of` raises, and `Cancelled`."""
+    located = triangulation(model, observations)
+    survey = _with_located(survey, located.points)
+    aligned, warnings = _aligned(model, survey, align)
+    if aligned is None or aligned.similarity is None:
+        return Georeferenced(triangulated=located, warnings=warnings)
+    model.transform(pycolmap.Sim3d(aligned.similarity.matrix()))
+    warnings += alignment.left_out_in_words(aligned)
+    out = dict(aligned.left_out)
+    controlled = None
+    if aligned.method != alignment.FIXES:
+        if model.num_reg_images() > MOST_IMAGES:
+            warnings.append(
+                f"the model has {model.num_reg_images()} photographs, more than the {MOST_IMAGES} that are adjusted"
+                " with control: it is moved as a whole"
+            )
+        else:
+            try:
+                controlled = _adjusted(model, survey, observations, aligned.frame, out, free_params, progress)
+            except np.linalg.LinAlgError:
+                warnings.append("the adjustment with control has no solution: the model is moved as a whole")
+            told = {*aligned.left_out}
+            warnings += [
+                f"{name} is left out of the adjustment, {out[name]}" for name in out if name not in told
+            ]
+    final = triangulation(model, observations)
+    return Georeferenced(
+        aligned.method,
+        aligned.frame,
+        aligned.similarity.matrix(),
+        controlled is not None,
+        points_of(survey, final, aligned.frame, out, controlled),
+        bars_of(survey, final, out),
+        positions_of(model, survey, aligned, out),
+        final,
+        warnings,
+    )
+
+
+def _with_located(survey: Survey, located: Mapping[str, LocatedPoint]) -> Survey:
+    return Survey(
+        survey.points,
+        located,
+        survey.bars,
+        survey.positions,
+        survey.fixes,
+        survey.fix_accuracy_m,
+        survey.crs,
+    )
+
+
+def _aligned(model: pycolmap.Reconstruction, survey: Survey, align: str) -> tuple[Aligned | None, list[str]]:
+    """Return the alignment of the first method that works, and why others do not."""
+    methods = alignment.possible_methods(survey) if align == "auto" else [align]
+    warnings: list[str] = []
+    for method in methods:
+        aligned = alignment.align(model, survey, method)
+        if aligned.similarity is not None:
+            return aligned, warnings
+        if align != "auto":
+            raise ControlFileError(
+                f"survey.align is {align}, and {alignment.failure_in_words(aligned)}",
+                hint="see docs/survey.md, or let survey.align be auto",
+            )
+        warnings.append(alignment.failure_in_words(aligned))
+    return None, warnings
+
+
+def _adjusted(
+    model: pycolmap.Reconstruction,
+    survey: Survey,
+    observations: Sequence[Observation],
+    frame: Frame,
+    out: dict[str, str],
+    free_params: Mapping[int, Sequence[int]],
+    progress: Progress,
+) -> dict[str, F64] | None:
+    """Adjust with all control that fits, without what proves wrong then, worst first, which is added to `out`. Returns
+    the covariances (3, 3) of the named points; None where there is nothing to adjust by."""
+    controlled: Controlled | None = None
+    names: list[str] = []
+    progress.start(_ROUNDS, "adjustments with control")
+    for number in range(_ROUNDS):
+        located = triangulation(model, observations).points
+        names = sorted(name for name in located if _takes_part(name, survey, out))
+        terms = _terms(model, survey, located, names, frame, out)
+        if not (np.isfinite(terms.accuracy_m).any() or len(terms.lengths) or len(terms.at)):
+            return None
+        start = np.array([located[name].xyz for name in names]).reshape(-1, 3)
+        controlled = adjust_with_control(model, terms, start, free_params, progress)
+        progress.advance()
+        worst = _worst(model, survey, observations, frame, names, controlled)
+        if worst is None or number == _ROUNDS - 1:
+            break
+        out[worst[0]] = worst[1]
+    assert controlled is not None
+    return dict(zip(names, controlled.covariances, strict=True))
+
+
+def _takes_part(name: str, survey: Survey, out: Mapping[str, str]) -> bool:
+    """Tell whether a point takes part: one without coordinates does as a tie point, a check point never."""
+    point = survey.points.get(name)
+    ends = {end for bar in survey.bars if bar.name not in out for end in (bar.first, bar.second)}
+    if point is None:
+        return name in ends
+    return point.role == "control" and name not in out
+
+
+def _terms(
+    model: pycolmap.Reconstruction,
+    survey: Survey,
+    located: Mapping[str, LocatedPoint],
+    names: Sequence[str],
+    frame: Frame,
+    out: Mapping[str, str],
+) -> ControlTerms:
+    images = {str(model.images[i].name): n for n, i in enumerate(sorted(model.reg_image_ids()))}
+    number = {name: n for n, name in enumerate(names)}
+    surveyed, accuracy = np.zeros((len(names), 3)), np.full(len(names), np.inf)
+    for name, n in number.items():
+        if name in survey.points:
+            surveyed[n] = frame.to_model(np.array([survey.points[name].xyz]))[0]
+            accuracy[n] = survey.points[name].accuracy_m
+    floor = _OWN_SHARE * _tie_deviation(model)
+    sights = [
+        (
+            images[image],
+            number[name],
+            located[name].pixels[image],
+            max(floor, located[name].accuracies[image]),
+        )
+        for name in names
+        for image in located[name].used
+    ]
+    bars = [b for b in survey.bars if b.first in number and b.second in number and b.name not in out]
+    stood = [p for p in survey.positions if p.image in images and p.image not in out]
+    places = np.array([position.xyz for position in stood]).reshape(-1, 3)
+    return ControlTerms(
+        surveyed=surveyed,
+        accuracy_m=accuracy,
+        image=np.array([image for image, *_ in sights], np.intp),
+        point=np.array([point for _, point, *_ in sights], np.intp),
+        pixels=np.array([pixel for _, _, pixel, _ in sights]).reshape(-1, 2),
+        accuracy_px=np.array([deviation for *_, deviation in sights]),
+        ends=np.array([(number[b.first], number[b.second]) for b in bars], np.intp).reshape(-1, 2),
+        lengths=np.array([bar.length_m for bar in bars]),
+        bar_accuracy_m=np.array([bar.accuracy_m for bar in bars]),
+        at=np.array([images[position.image] for position in stood], np.intp),
+        centres=frame.to_model(places) if len(places) else places,
+        centre_accuracy_m=np.array([position.accuracy_m for position in stood]),
+    )
+
+
+def _tie_deviation(model: pycolmap.Reconstruction) -> float:
+    """Return about the standard deviation of a tie point's coordinate, in pixels."""
+    return float(model.compute_mean_reprojection_error()) / 1.25
+
+
+def _worst(
+    model: pycolmap.Reconstruction,
+    survey: Survey,
+    observations: Sequence[Observation],
+    frame: Frame,
+    names: Sequence[str],
+    controlled: Controlled,
+) -> tuple[str, str] | None:
+    """Return the control point that is off by most deviations, if by too many, and how far it is."""
+    located = triangulation(model, observations).points
+    used = [n for n, name in enumerate(names) if name in survey.points and name in located]
+    if len(used) <= 3:
+        return None
+    surveyed = frame.to_model(np.array([survey.points[names[n]].xyz for n in used]))
+    away = np.linalg.norm(np.array([located[names[n]].xyz for n in used]) - surveyed, axis=1)
+    accuracy = np.array([survey.points[names[n]].accuracy_m for n in used])
+    variance = np.array([np.trace(controlled.covariances[n]) / 3 for n in used])
+    off = away / np.sqrt(accuracy**2 + variance)
+    usual = max(1.0, float(np.median(off)) / _USUAL_LENGTH)
+    worst = int(np.argmax(off))
+    if off[worst] <= _TIMES * usual:
+        return None
+    return names[used[worst]], f"{1000 * away[worst]:.0f} mm from where the others put it"
