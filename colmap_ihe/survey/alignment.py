@@ -20,6 +20,7 @@ METHODS = (POINTS, BARS, POSITIONS, FIXES)
 IN_WORDS = {POINTS: "control points", BARS: "scale bars", POSITIONS: "camera positions", FIXES: "GPS"}
 _Y_UP_TO_Z_UP = np.array([(1.0, 0, 0), (0, 0, -1.0), (0, 1.0, 0)])
 _DISAGREE = 4.0  # deviations by which bars may disagree
+_BENT = 0.0025  # of a length: by so much a model that is not yet adjusted may well be bent
 
 
 @dataclass(frozen=True)
@@ -105,7 +106,8 @@ def _by_bars(model: pycolmap.Reconstruction, survey: Survey) -> Aligned:
     if not bars:
         return Aligned(BARS, failure="photographs show both ends of none of them")
     ratios = np.array([bar.length_m / _apart(survey, bar) for bar in bars])
-    relative = np.array([max(bar.accuracy_m / bar.length_m, 1e-4) for bar in bars])
+    accuracy = np.array([bar.accuracy_m / bar.length_m for bar in bars])
+    relative = np.hypot(accuracy, _BENT)
     middle = float(np.median(ratios))
     off = np.abs(ratios / middle - 1) / relative
     usual = max(1.0, float(np.median(off)) / 0.6745) if len(bars) > 2 else 1.0
@@ -121,7 +123,7 @@ def _by_bars(model: pycolmap.Reconstruction, survey: Survey) -> Aligned:
             BARS,
             failure=f"{bars[0].name} and {bars[1].name} disagree by {apart:.1f} %, and no third one tells",
         )
-    weights = relative[fits] ** -2.0
+    weights = accuracy[fits] ** -2.0
     return Aligned(BARS, Frame(), _upright(model, float(weights @ ratios[fits] / weights.sum())), reasons)
 
 

@@ -25,7 +25,12 @@ from colmap_ihe.project.options import FitOptions, Options
 pytestmark = pytest.mark.slow
 
 EARLIER = Path(__file__).parent / "earlier_version"
-RECORDS = {name: json.loads((EARLIER / f"records/{name}.json").read_text()) for name in STAGE_NAMES}
+LATER = STAGE_NAMES.index("survey")  # a stage that the earlier version had not
+RECORDS = {
+    name: json.loads((EARLIER / f"records/{name}.json").read_text())
+    for name in STAGE_NAMES
+    if name != "survey"
+}
 DIGESTS = RECORDS["captures"]["inputs"]["photographs"]
 VERSIONS = {name: version for record in RECORDS.values() for name, version in record["versions"].items()}
 
@@ -71,10 +76,11 @@ def options_of_then() -> Options:
     return Options.model_validate(sections | {"dense": {**sections["dense"], "enabled": True}})
 
 
-def test_every_stage_of_a_project_is_done(earlier: Path) -> None:
-    """But for the number of the version: what it stands for is what this one would ask for."""
-    states = {s.name: (s.state, s.why) for s in status(earlier, options_of_then())}
-    assert states == dict.fromkeys(STAGE_NAMES, ("done", ""))
+def test_every_stage_of_a_project_before_the_survey_is_done(earlier: Path) -> None:
+    """But for the number of the version: what it stands for is what this one would ask for. The survey may move the
+    model, so what stands on it is made again."""
+    states = [s.state for s in status(earlier, options_of_then())]
+    assert states == ["done"] * LATER + ["to do", "stale", "stale"]
 
 
 def test_the_version_is_why_they_are_made_anew(earlier: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -29,17 +29,23 @@ class SurveyBlock:
 
 
 def survey_block(
-    photographs: int = 12, named: int = 8, ties: int = 400, seed: int = 0, noise_px: float = 0.4
+    photographs: int = 12,
+    named: int = 8,
+    ties: int = 400,
+    seed: int = 0,
+    noise_px: float = 0.4,
+    *,
+    bent: bool = False,
 ) -> SurveyBlock:
     """Return a block of photographs in two rows before a façade of 20 by 8 m, whose model is what a free adjustment of
-    noisy observations makes of it."""
+    noisy observations makes of it; `bent` by a lens whose distortion and principal point are not known."""
     draw = np.random.default_rng(seed)
     poses = [_pose(n, photographs) for n in range(photographs)]
     points = draw.uniform((-10, -2.0, 0), (10, 1.0, 8), (ties, 3))
     places = _spread(named)
     truth = pycolmap.Camera.create_from_model_name(1, "SIMPLE_RADIAL", FOCAL, WIDTH, HEIGHT)
     truth.params = [FOCAL, WIDTH / 2 + 6, HEIGHT / 2 - 4, -0.03]
-    model = _model(truth, poses, points, draw, noise_px)
+    model = _model(truth, poses, points, draw, noise_px, bent)
     sights = [
         Observation(f"{n}.png", name, *_seen(truth, pose, place, draw, 0.1), 0.1)
         for n, pose in enumerate(poses)
@@ -52,7 +58,7 @@ def survey_block(
 
 def _spread(count: int) -> dict[str, F64]:
     draw = np.random.default_rng(99)
-    columns = np.linspace(-8.5, 8.5, (count + 1) // 2)
+    columns = np.linspace(-6.5, 6.5, (count + 1) // 2)
     return {
         f"T{n}": np.array((columns[n // 2], draw.uniform(-0.7, 0.7), 1.0 if n % 2 else 7.0))
         for n in range(count)
@@ -65,7 +71,7 @@ def _pose(number: int, count: int) -> F64:
     centre = np.array(
         (-9 + 18 * column / max(1, (count - 1) // 2), -7.0 - 2.5 * (number % 3), 1.7 + 3.5 * row)
     )
-    turn, tilt = np.radians(((number * 37) % 41) - 20), np.radians(6 - 10 * row)
+    turn, tilt = np.radians(-1.2 * centre[0] + ((number * 37) % 25) - 12), np.radians(6 - 10 * row)
     forward = np.array((np.sin(turn) * np.cos(tilt), np.cos(turn) * np.cos(tilt), np.sin(tilt)))
     right = np.cross(forward, (0, 0, 1))
     right = right / np.linalg.norm(right)
@@ -87,7 +93,12 @@ def _seen(
 
 
 def _model(
-    truth: pycolmap.Camera, poses: list[F64], points: F64, draw: np.random.Generator, noise_px: float
+    truth: pycolmap.Camera,
+    poses: list[F64],
+    points: F64,
+    draw: np.random.Generator,
+    noise_px: float,
+    bent: bool,
 ) -> pycolmap.Reconstruction:
     model = pycolmap.Reconstruction()
     camera = pycolmap.Camera.create_from_model_name(1, "SIMPLE_RADIAL", FOCAL, WIDTH, HEIGHT)
@@ -109,7 +120,7 @@ def _model(
     turn = pycolmap.Rotation3d(np.array((0.3, -0.5, 1.1)))
     model.transform(pycolmap.Sim3d(SCALE, turn, SHIFT))
     options = pycolmap.BundleAdjustmentOptions()
-    options.refine_principal_point = True
+    options.refine_principal_point = options.refine_extra_params = not bent
     options.print_summary = False
     config = pycolmap.BundleAdjustmentConfig()
     for image_id in model.reg_image_ids():
