@@ -47,9 +47,16 @@ class Texture:
 
 
 def texture_mesh(
-    dense_dir: Path, mesh_file: Path, largest: int, *, executor: Executor, progress: Progress = SILENT
+    dense_dir: Path,
+    mesh_file: Path,
+    largest: int,
+    *,
+    z_is_up: bool = False,
+    executor: Executor,
+    progress: Progress = SILENT,
 ) -> Texture:
     """Write `FILES` beside `mesh_file`, textured from `dense_dir/images`, on one texture of sides up to `largest`.
+    Up is z where `z_is_up`, else as the photographs were held.
 
     Raises `CapabilityError` where the texture is too small, `ProjectError` where a photograph cannot be read,
     `Cancelled`.
@@ -88,7 +95,8 @@ def texture_mesh(
     progress.start(len(views), "photographs on the texture")
     texture = bake(atlas, patches, _pictures(paths, progress), colours, offsets, points)
     progress.start(1, "sets of files")
-    turn = upright([view.cam_from_world for view in views])
+    up = np.array((0.0, 0.0, 1.0)) if z_is_up else None
+    turn = upright([view.cam_from_world for view in views], up)
     _write(mesh_file.parent, mesh, atlas, patches.vertex[atlas.source], texture, turn)
     progress.advance()
     return Texture(

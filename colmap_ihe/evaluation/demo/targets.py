@@ -81,10 +81,12 @@ def control_files(seed: int) -> dict[str, str]:
     """Return the texts of the files in control/, by name."""
     rng = np.random.default_rng((seed, _SEED))
     points = ["name,x,y,z,accuracy_m,role"]
-    for target in TARGETS:
-        x, y, z = target.centre + rng.normal(0, POINT_M, 3)
-        if target.role != "bar":
-            points.append(f"{target_name(target.number)},{x:.4f},{y:.4f},{z:.4f},{POINT_M:g},{target.role}")
+    surveyed = [target for target in TARGETS if target.role != "bar"]
+    errors = rng.normal(0, 1, (len(surveyed), 3))
+    errors *= POINT_M / np.sqrt(np.mean(errors**2))  # few draws would be off by more or less than is said
+    for target, error in zip(surveyed, errors, strict=True):
+        x, y, z = target.centre + error
+        points.append(f"{target_name(target.number)},{x:.4f},{y:.4f},{z:.4f},{POINT_M:g},{target.role}")
     centres = {target.number: target.centre for target in TARGETS}
     bars = ["a,b,length_m,accuracy_m"]
     for one, other in _BARS:

@@ -52,7 +52,12 @@ def run(run: RunContext, progress: Progress) -> MeshRecord:
         return MeshRecord(**asdict(surface), files=[project.mesh.name], warnings=[])
     with threads_of(run.executor) as threads:  # each looks at all of the mesh
         texture = textured_mesh.texture_mesh(
-            project.dense, project.mesh, options.texture_size, executor=threads, progress=progress
+            project.dense,
+            project.mesh,
+            options.texture_size,
+            z_is_up=run.is_metric,
+            executor=threads,
+            progress=progress,
         )
     files = [project.mesh.name, *textured_mesh.FILES]
     return MeshRecord(**asdict(surface), texture=_TextureRecord(**asdict(texture)), files=files, warnings=[])
