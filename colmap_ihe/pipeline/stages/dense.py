@@ -10,6 +10,7 @@ from colmap_ihe.dense import backend, fusion
 from colmap_ihe.dense.backend import pick_backend
 from colmap_ihe.dense.cloud import dense_cloud
 from colmap_ihe.dense.cost import ASPECT, dense_cost, pixels_within
+from colmap_ihe.dense.ply import read_ply
 from colmap_ihe.errors import OptionError
 from colmap_ihe.machine.files import require_room
 from colmap_ihe.machine.progress import Progress
@@ -20,19 +21,24 @@ from colmap_ihe.pipeline.second_grey import second_of
 from colmap_ihe.pipeline.stage import Count, RunContext, Stage, StageRecord
 from colmap_ihe.project.folder import Project
 from colmap_ihe.project.options import Options
+from colmap_ihe.survey.cloud_file import missing_libraries, write_laz
+from colmap_ihe.survey.frames import Frame
 
+LAZ = "fused.laz"
 _ENOUGH = 0.4  # inliers for each feature: with fewer, photographs see so much less of each other
 _LIKELY_POINTS = 0.1  # for each pixel with depth
 POINTS_A_PIXEL = 0.15  # at the most
 
 
 class DenseRecord(StageRecord):
-    """Count the points of the cloud, the pixels that stereo looked at and those with depth."""
+    """Count the points of the cloud, the pixels that stereo looked at and those with depth; `laz`: whether there is a
+    LAZ file beside it."""
 
     points: Count
     backend: str
     pixels: Count
     pixels_with_depth: Count
+    laz: bool = False
 
 
 def run(run: RunContext, progress: Progress) -> DenseRecord:
@@ -51,7 +57,26 @@ def run(run: RunContext, progress: Progress) -> DenseRecord:
         lambda needed: require_room(project.root, needed - there),
         second_of(run.records),
     )
-    return DenseRecord(**values)
+    record = DenseRecord(**values)
+    if run.is_metric:
+        _write_laz(run, record, progress)
+    return record
+
+
+def _write_laz(run: RunContext, record: DenseRecord, progress: Progress) -> None:
+    """Write the cloud of a metric model in the coordinates of its survey, or say what is missing for that."""
+    if missing := missing_libraries():
+        record.warnings = [
+            f"no LAZ file of the cloud was written: {', '.join(missing)} not installed (pip install"
+            " 'colmap-ihe[survey]')"
+        ]
+        return
+    rows = read_ply(run.project.dense / "fused.ply")["vertex"]
+    values = run.records["survey"]["frame"]
+    origin = values["origin"]
+    frame = Frame(values["crs"], tuple(values["offset"]), tuple(origin) if origin else None)
+    write_laz(run.project.dense / LAZ, rows, frame, progress)
+    record.laz = True
 
 
 def pixels_seen(options: Options, size: PhotoSetSize) -> float:
@@ -136,7 +161,9 @@ STAGE = Stage(
     libraries=("opencv", "numpy"),
     result_options=_result_options,
     switched_off=lambda options: "" if options.dense.enabled else "dense",
-    files=lambda project, record: [project.dense / "fused.ply"],
+    files=lambda project, record: [
+        project.dense / name for name in ("fused.ply", *([LAZ] if record.get("laz") else []))
+    ],
     made=_made,
     remove=lambda project: shutil.rmtree(project.dense, ignore_errors=True),
     check=_check,
