@@ -9,10 +9,11 @@ from dataclasses import dataclass, replace
 from pathlib import PurePosixPath
 
 from colmap_ihe.machine.words import listed
+from colmap_ihe.pipeline.input_digests import digest_if_there
 from colmap_ihe.project.folder import Project
 from colmap_ihe.project.options import Options
 from colmap_ihe.survey.control import CLICKED_PX, Control
-from colmap_ihe.survey.control_files import read_control
+from colmap_ihe.survey.control_files import control_files, read_control
 from colmap_ihe.survey.frames import frame_of
 from colmap_ihe.survey.observations import Observation
 from colmap_ihe.survey.targets import DEFAULT_DICTIONARY, dictionary_of
@@ -44,6 +45,12 @@ def given_control(project: Project, options: Options) -> Control:
     if control.coordinates():
         frame_of(control.crs, control.coordinates())
     return control
+
+
+def control_digests(project: Project, options: Options) -> dict[str, str]:
+    """Return the digest of each file of control/ that is read, by name; none where `survey.align` is none."""
+    files = [] if options.survey.align == "none" else control_files(project.control)
+    return {file.name: digest_if_there(file) for file in files}
 
 
 def dictionary_for(control: Control, options: Options) -> str:

@@ -23,6 +23,7 @@ from colmap_ihe.pipeline.given_calibration import given_calibration, write_found
 from colmap_ihe.pipeline.given_control import given_control
 from colmap_ihe.pipeline.input_digests import digests_of
 from colmap_ihe.pipeline.page import page_of, seconds_in
+from colmap_ihe.pipeline.provenance import write_provenance
 from colmap_ihe.pipeline.records import fingerprints, inputs_of, read_record, why_stale
 from colmap_ihe.pipeline.repeat import RunRecord, differences_from, write_run_record
 from colmap_ihe.pipeline.resource_needs import Known, PhotoSetSize
@@ -126,6 +127,7 @@ def reconstruct(
         _add_records(run)
         summary = summarise(run.records, options)
         _write_for_other_campaigns(run, ran)
+        write_provenance(folder, run.records)
         page = _write_summary_and_page(run, summary, bool(ran), progress)
         outputs.remove_unfinished(folder)  # of workers that were killed, and whose tasks others did
     done = Reconstruction(folder, summary, ran, page)

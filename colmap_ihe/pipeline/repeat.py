@@ -19,6 +19,7 @@ from colmap_ihe.machine.files import read_json, write_json
 from colmap_ihe.machine.libraries import __version__, code_digest, library_versions, package_version
 from colmap_ihe.machine.threads import local_workers
 from colmap_ihe.machine.words import listed
+from colmap_ihe.pipeline.given_control import control_digests
 from colmap_ihe.pipeline.input_digests import digest_if_there, masks_in
 from colmap_ihe.project.folder import Project
 from colmap_ihe.project.options import Options
@@ -39,14 +40,15 @@ _GIT_SECONDS = 5.0
 
 @dataclass(frozen=True)
 class RunRecord:
-    """Hold what a run noted. `photographs` and `masks`: digest of the content by name; calibration frames are among
-    the photographs. `weights`, `calibration`: the digest of the file that was given, empty for none. `machine` and
-    `variables` as `write_run_record` notes them, empty in older records."""
+    """Hold what a run noted. `photographs`, `masks` and `control`: digest of the content by name; calibration
+    frames are among the photographs. `weights`, `calibration`: the digest of the file that was given, empty for none.
+    `machine` and `variables` as `write_run_record` notes them, empty in older records."""
 
     options: Options
     versions: Mapping[str, str]
     photographs: Mapping[str, str]
     masks: Mapping[str, str] = field(default_factory=dict)
+    control: Mapping[str, str] = field(default_factory=dict)
     weights: str = ""
     calibration: str = ""
     threads: int = 0
@@ -66,6 +68,7 @@ def write_run_record(project: Project, options: Options, digests: Mapping[str, S
             "threads": local_workers(),
             "photographs": {name: values[-1] for name, values in digests.items()},
             "masks": masks_in(project.masks),
+            "control": control_digests(project, options),
             "weights": _digest_of(project, options.fit.weights),
             "calibration": _digest_of(project, options.camera.calibration),
             "versions": _versions(),
@@ -93,7 +96,7 @@ def read_run(path: Path, assignments: Sequence[str] = ()) -> RunRecord:
     settings = options_of(options, str(file), root, assignments)
     settings = _with_file_of(root, settings, "fit", "weights", weights)
     settings = _with_file_of(root, settings, "camera", "calibration", calibration)
-    more = {name: values.get(name) for name in ("masks", "machine")}
+    more = {name: values.get(name) for name in ("masks", "control", "machine")}
     more["variables"] = values.get("environment")
     return RunRecord(
         settings,
@@ -128,6 +131,7 @@ def differences_from(
     differences += _other_files("photographs", noted.photographs, {n: v[-1] for n, v in digests.items()})
     if noted.machine:
         differences += _other_files("masks", noted.masks, masks_in(project.masks))
+        differences += _other_files("files of control/", noted.control, control_digests(project, options))
         if noted.weights != _digest_of(project, options.fit.weights):
             differences.append("the weights file has another content than in the record")
         if noted.calibration != _digest_of(project, options.camera.calibration):

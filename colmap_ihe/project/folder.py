@@ -61,6 +61,7 @@ class Project:
         self.digests_file = self.records / "digests.json"
         self.run_file = self.records / "run.json"
         """What the last run was given."""
+        self.provenance_file = self.records / "provenance.json"
         self.made_folders = (self.workspace, self.colour, self.report)
         """The folders that hold what we make, and nothing of the user's."""
 

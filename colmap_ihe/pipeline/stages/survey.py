@@ -8,17 +8,16 @@ from pathlib import Path
 
 from colmap_ihe.colmap.gps_fixes import useful_fixes
 from colmap_ihe.colmap.native import pycolmap
-from colmap_ihe.machine.files import digest_file, replace_folder, write_json
+from colmap_ihe.machine.files import replace_folder, write_json
 from colmap_ihe.machine.progress import Progress
 from colmap_ihe.machine.remaining_time import Part
-from colmap_ihe.pipeline.given_control import dictionary_for, given_control, named_control
+from colmap_ihe.pipeline.given_control import control_digests, dictionary_for, given_control, named_control
 from colmap_ihe.pipeline.resource_needs import BASE_BYTES, Known, PhotoSetSize, StageNeeds
 from colmap_ihe.pipeline.stage import Record, RunContext, Stage
 from colmap_ihe.pipeline.survey_records import SurveyRecord, georeference_json, survey_record
 from colmap_ihe.project.folder import Project
 from colmap_ihe.project.options import Options
 from colmap_ihe.survey.alignment import Survey
-from colmap_ihe.survey.control_files import control_files
 from colmap_ihe.survey.georeference import georeference
 from colmap_ihe.survey.target_observations import SetTargets, left_out_in_words, targets_of_set
 
@@ -109,10 +108,10 @@ def _write(project: Project, model: pycolmap.Reconstruction, record: SurveyRecor
 
 
 def _inputs(
-    project: Project, options: Options, discovery: object, digests: object
+    project: Project, options: Options, discovery: object, known: object
 ) -> dict[str, dict[str, str]]:
-    files = [] if options.survey.align == "none" else control_files(project.control)
-    return {"control": {file.name: digest_file(file) for file in files}} if files else {}
+    digests = control_digests(project, options)
+    return {"control": digests} if digests else {}
 
 
 def _files(project: Project, record: Record) -> list[Path]:
