@@ -207,6 +207,7 @@ def test_a_known_distance_gives_the_scale_and_the_address_keeps_it(page: Page) -
     assert page.locator("[data-part=measured] li").inner_text().startswith("Distance: 2.500 m")
     assert page.locator("[data-part=known-line]").inner_text() == "A,B,2.5"
     page.locator("nav a").first.click()
+    page.wait_for_function("location.hash.includes('metres_per_unit=')")
     page.reload()
     page.wait_for_timeout(700)
     assert "metres_per_unit=" in page.url

@@ -179,13 +179,14 @@ OPTIONS = {
         "matches.colmap.max_num_matches from the default to 9",
     ),
     "sparse": ("sparse.seed=1", "sparse.seed from 0 to 1"),
+    "survey": ("survey.gps_accuracy_m=3", "survey.gps_accuracy_m from 5.0 to 3.0"),
     "dense": ("dense.colmap={min_num_pixels: 4}", "dense.colmap.min_num_pixels from the default to 4"),
     "mesh": ("mesh.texture_size=512", "mesh.texture_size from 4096 to 512"),
 }
 FIRST = {name: name for name in STAGE_NAMES} | {"features": "fit"}  # whose trial takes the features of COLMAP
 LIBRARIES = {
     "rawpy": "captures", "libraw": "captures", "colmap-ihe": "captures", "simplejpeg": "fit", "numpy": "fit",
-    "pycolmap": "features", "opencv": "dense",
+    "pycolmap": "features", "opencv": "survey",
 }  # fmt: skip
 CASES: dict[str, tuple[Callable[[Path], object], tuple[str, ...], str]] = {
     "added": (added, ALL, "the photographs changed: portico_09.jpg is new"),

@@ -52,7 +52,7 @@ STAGE = Stage(
     parts=lambda options, known: [Part("outline", "images", 0.1)],
 )
 '''
-SECTION = """class OutlineOptions(_Section):
+SECTION = """class OutlineOptions(Section):
     enabled: bool = True
     word: str = "line"
 
