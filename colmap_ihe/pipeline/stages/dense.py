@@ -64,15 +64,17 @@ def run(run: RunContext, progress: Progress) -> DenseRecord:
 
 
 def _write_laz(run: RunContext, record: DenseRecord, progress: Progress) -> None:
-    """Write the cloud of a metric model in the coordinates of its survey, or say what is missing for that."""
+    """Write the cloud of a metric model in the coordinates of its survey. Where libraries are missing for that, say so
+    if these coordinates are of a system: those of a local one are in the PLY file too."""
+    values = run.records["survey"]["frame"]
     if missing := missing_libraries():
-        record.warnings = [
-            f"no LAZ file of the cloud was written: {', '.join(missing)} not installed (pip install"
-            " 'colmap-ihe[survey]')"
-        ]
+        if values["crs"]:
+            record.warnings = [
+                f"no LAZ file of the cloud in {values['crs']:.60} was written: {', '.join(missing)} not installed (pip"
+                " install 'colmap-ihe[survey]')"
+            ]
         return
     rows = read_ply(run.project.dense / "fused.ply")["vertex"]
-    values = run.records["survey"]["frame"]
     origin = values["origin"]
     frame = Frame(values["crs"], tuple(values["offset"]), tuple(origin) if origin else None)
     write_laz(run.project.dense / LAZ, rows, frame, progress)
