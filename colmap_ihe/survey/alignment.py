@@ -13,7 +13,7 @@ from colmap_ihe.colmap.native import pycolmap
 from colmap_ihe.survey.control import CameraPosition, ScaleBar, SurveyedPoint
 from colmap_ihe.survey.frames import GPS, Frame, frame_of
 from colmap_ihe.survey.observations import F64, LocatedPoint
-from colmap_ihe.survey.similarity import Fitted, Similarity, fitted
+from colmap_ihe.survey.similarity import USUAL_LENGTH, Fitted, Similarity, fitted
 
 POINTS, BARS, POSITIONS, FIXES = "control_points", "scale_bars", "positions", "gps"
 METHODS = (POINTS, BARS, POSITIONS, FIXES)
@@ -52,7 +52,7 @@ class Aligned:
 def align(model: pycolmap.Reconstruction, survey: Survey, method: str) -> Aligned:
     """Return how the model lies in the frame of the survey by one method. Raises what `frame_of` raises."""
     if method == POINTS:
-        return _by_points(survey)
+        return _by_points(model, survey)
     find = {BARS: _by_bars, POSITIONS: _by_positions, FIXES: _by_fixes}[method]
     return find(model, survey)
 
@@ -69,7 +69,7 @@ def _frame(survey: Survey) -> Frame:
     )
 
 
-def _by_points(survey: Survey) -> Aligned:
+def _by_points(model: pycolmap.Reconstruction, survey: Survey) -> Aligned:
     names = sorted(n for n, p in survey.points.items() if p.role == "control" and n in survey.located)
     frame = _frame(survey)
     if not names:
@@ -80,7 +80,27 @@ def _by_points(survey: Survey) -> Aligned:
     fit = fitted(there, surveyed, accuracy)
     if fit.similarity is None:
         return Aligned(POINTS, frame, failure=fit.failure)
-    return Aligned(POINTS, frame, fit.similarity, _misfits(names, there, surveyed, fit))
+    out = _misfits(names, there, surveyed, fit) | _far_positions(model, survey, frame, fit.similarity)
+    return Aligned(POINTS, frame, fit.similarity, out)
+
+
+def _far_positions(
+    model: pycolmap.Reconstruction, survey: Survey, frame: Frame, similarity: Similarity
+) -> dict[str, str]:
+    """Return the camera positions that are off by more than the others, with the reasons."""
+    centres = centres_of(model)
+    usable = [position for position in survey.positions if position.image in centres]
+    if not usable:
+        return {}
+    stood = frame.to_model(np.array([position.xyz for position in usable]))
+    away = np.linalg.norm(similarity(np.array([centres[p.image] for p in usable])) - stood, axis=1)
+    off = away / np.array([position.accuracy_m for position in usable])
+    limit = _DISAGREE * max(1.0, float(np.median(off)) / USUAL_LENGTH)
+    return {
+        position.image: f"{_length(float(metres))} from where control points put it"
+        for position, metres, times in zip(usable, away, off, strict=True)
+        if times > limit
+    }
 
 
 def _misfits(names: Sequence[str], there: F64, surveyed: F64, fit: Fitted) -> dict[str, str]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -24,10 +24,10 @@ from colmap_ihe.survey.alignment import Aligned, Survey
 from colmap_ihe.survey.control_equations import ControlTerms
 from colmap_ihe.survey.frames import Frame
 from colmap_ihe.survey.observations import F64, LocatedPoint, Observation
+from colmap_ihe.survey.similarity import USUAL_LENGTH
 from colmap_ihe.survey.triangulate import Triangulation, triangulation
 
 _TIMES = 4.0  # standard deviations by which a point may be off, as the others are
-_USUAL_LENGTH = 1.538  # median length of a vector of three normal values of deviation 1
 _ROUNDS = 4
 _OWN_SHARE = 0.5  # of a tie point's deviation: a lens that is not quite known is off for targets too
 
@@ -60,10 +60,11 @@ def georeference(
     applies. `align`: a method of `alignment.METHODS`, or "auto" for the first that works. Raises `ControlFileError`
     where the one that was asked for does not, what `frame_of` raises, and `Cancelled`."""
     located = triangulation(model, observations)
-    survey = _with_located(survey, located.points)
+    survey = replace(survey, located=located.points)
     aligned, warnings = _aligned(model, survey, align)
     if aligned is None or aligned.similarity is None:
         return Georeferenced(triangulated=located, warnings=warnings)
+    survey = _in_its_frame(survey, aligned.method)
     model.transform(pycolmap.Sim3d(aligned.similarity.matrix()))
     warnings += alignment.left_out_in_words(aligned)
     out = dict(aligned.left_out)
@@ -97,16 +98,12 @@ def georeference(
     )
 
 
-def _with_located(survey: Survey, located: Mapping[str, LocatedPoint]) -> Survey:
-    return Survey(
-        survey.points,
-        located,
-        survey.bars,
-        survey.positions,
-        survey.fixes,
-        survey.fix_accuracy_m,
-        survey.crs,
-    )
+def _in_its_frame(survey: Survey, method: str) -> Survey:
+    """Return the survey without coordinates that are of another frame than the model: those of files, where scale bars
+    or GPS made it."""
+    if method in (alignment.BARS, alignment.FIXES):
+        return replace(survey, points={}, positions=())
+    return survey
 
 
 def _aligned(model: pycolmap.Reconstruction, survey: Survey, align: str) -> tuple[Aligned | None, list[str]]:
@@ -234,7 +231,7 @@ def _worst(
     accuracy = np.array([survey.points[names[n]].accuracy_m for n in used])
     variance = np.array([np.trace(controlled.covariances[n]) / 3 for n in used])
     off = away / np.sqrt(accuracy**2 + variance)
-    usual = max(1.0, float(np.median(off)) / _USUAL_LENGTH)
+    usual = max(1.0, float(np.median(off)) / USUAL_LENGTH)
     worst = int(np.argmax(off))
     if off[worst] <= _TIMES * usual:
         return None

@@ -17,9 +17,10 @@ from colmap_ihe.survey.observations import F64
 
 FEWEST = 3
 """Points that determine a similarity."""
+USUAL_LENGTH = 1.538
+"""Median length of a vector of three normal values of deviation 1."""
 _MOST_TRIPLES = 500
 _TIMES = 4.0  # of what is usual, from which on a point does not fit
-_USUAL_LENGTH = 1.538  # median length of a vector of three normal values of deviation 1
 _IN_A_LINE = 0.02  # second extent of points over the first
 _NOT_ALIKE = 0.05  # of the extent: with larger residuals the points are not those of the model
 
@@ -142,4 +143,4 @@ def _middle(off: F64) -> float:
 def _usual(off: F64) -> float:
     """Return the usual residual, in accuracies, robustly; at least 1."""
     few = 1 + 5 / max(1, len(off) - FEWEST)
-    return max(1.0, few * _middle(off) / _USUAL_LENGTH)
+    return max(1.0, few * _middle(off) / USUAL_LENGTH)

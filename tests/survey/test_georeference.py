@@ -164,3 +164,30 @@ def test_positions_of_five_centimetres_give_the_scale_and_do_no_harm(block: Surv
     assert (result.method, result.adjusted) == ("positions", True)
     assert [p.image for p in result.positions if p.reason] == ["4.png"]
     assert camera_error(block, model) < 0.06
+
+
+def test_two_control_points_do_not_bend_a_model_that_scale_bars_made_metric(block: SurveyBlock) -> None:
+    """They are of another frame, about which two points say too little."""
+    bar = ScaleBar("T0", "T10", float(np.linalg.norm(block.named["T0"] - block.named["T10"])), 0.0005)
+    points = {name: point for name, point in points_of(block).items() if name in ("T3", "T6")}
+    far = [CameraPosition("0.png", (500.0, 500.0, 500.0), 0.01)]
+    result, model = result_of(block, Survey(points=points, bars=[bar], positions=far))
+    assert result.method == "scale_bars"
+    assert any("2 of at least 3" in warning for warning in result.warnings)
+    assert all(point.role == "seen" for point in result.points)
+    alone, other = result_of(block, Survey(bars=[bar]))
+    np.testing.assert_allclose(
+        model.images[1].projection_center(), other.images[1].projection_center(), atol=1e-9
+    )
+    assert alone.method == "scale_bars"
+
+
+def test_a_position_far_from_where_control_points_put_it_is_left_out(block: SurveyBlock) -> None:
+    positions = []
+    for name, centre in block.centres.items():
+        x, y, z = centre.tolist()
+        positions.append(CameraPosition(name, (x, y, z + 40 * (name == "5.png")), 0.05))
+    points = points_of(block)
+    result, model = result_of(block, Survey(points=points, positions=positions))
+    assert [p.image for p in result.positions if p.reason] == ["5.png"]
+    assert camera_error(block, model) < 0.02

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import shutil
-from collections.abc import Mapping
+from collections.abc import Container, Mapping
+from dataclasses import replace
 from pathlib import Path
 
 from colmap_ihe.colmap.gps_fixes import useful_fixes
@@ -11,6 +12,7 @@ from colmap_ihe.colmap.native import pycolmap
 from colmap_ihe.machine.files import replace_folder, write_json
 from colmap_ihe.machine.progress import Progress
 from colmap_ihe.machine.remaining_time import Part
+from colmap_ihe.photographs.exif.xmp import rtk_position
 from colmap_ihe.pipeline.given_control import control_digests, dictionary_for, given_control, named_control
 from colmap_ihe.pipeline.resource_needs import BASE_BYTES, Known, PhotoSetSize, StageNeeds
 from colmap_ihe.pipeline.stage import Record, RunContext, Stage
@@ -18,6 +20,8 @@ from colmap_ihe.pipeline.survey_records import SurveyRecord, georeference_json, 
 from colmap_ihe.project.folder import Project
 from colmap_ihe.project.options import Options
 from colmap_ihe.survey.alignment import Survey
+from colmap_ihe.survey.control import CameraPosition
+from colmap_ihe.survey.frames import GPS
 from colmap_ihe.survey.georeference import georeference
 from colmap_ihe.survey.target_observations import SetTargets, left_out_in_words, targets_of_set
 
@@ -48,6 +52,8 @@ def run(run: RunContext, progress: Progress) -> SurveyRecord:
         fix_accuracy_m=options.survey.gps_accuracy_m,
         crs=named.control.crs,
     )
+    if not control.coordinates():
+        survey = replace(survey, positions=_rtk_positions(run, images), crs=GPS)
     result = georeference(model, survey, seen, options.survey.align, _free(run.records["sparse"]), progress)
     record = survey_record(result, run.photographs_by_grey())
     record.targets = len({observation.name for observation in targets.observations})
@@ -71,6 +77,19 @@ def _fixes(project: Project, images: Mapping[str, pycolmap.Image]) -> dict[str, 
         for name, image in images.items()
         if image.image_id in fixes
     }
+
+
+def _rtk_positions(run: RunContext, images: Container[str]) -> list[CameraPosition]:
+    """Return where drones with RTK stood when they took registered photographs, in degrees."""
+    greys = run.records["convert"]["grey"]
+    found = {
+        greys[c.name]: rtk_position(c.path) for c in run.discovery.captures if greys.get(c.name) in images
+    }
+    return [
+        CameraPosition(grey, (rtk.longitude, rtk.latitude, rtk.height_m), rtk.accuracy_m)
+        for grey, rtk in sorted(found.items())
+        if rtk is not None
+    ]
 
 
 def _free(sparse: Record) -> dict[int, list[int]]:

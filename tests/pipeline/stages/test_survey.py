@@ -7,10 +7,12 @@ from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 from colmap_ihe.colmap.measures import poses_of
 from colmap_ihe.colmap.native import pycolmap
 from colmap_ihe.evaluation.truth import key_of, read_truth
+from colmap_ihe.photographs.exif.xmp import RtkPosition
 from colmap_ihe.pipeline.reconstruct import reconstruct
 from colmap_ihe.pipeline.status import status
 from colmap_ihe.project.options import Options
@@ -58,6 +60,25 @@ def test_a_project_becomes_metric_and_is_so_no_more_without_its_control(
     done = reconstruct(finished, options, until="survey")
     assert (done.stages_run, done.summary["metric"]) == (("survey",), False)
     assert not (finished / "workspace/metric").exists()
+
+
+def test_fixed_rtk_of_a_drone_is_a_position(
+    finished: Path, small_demo: Path, quick_options: MakeOptions, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    truth = read_truth(small_demo / "truth")
+
+    def rtk(photograph: Path) -> RtkPosition:
+        pose = truth.images[key_of(photograph.name)].cam_from_world
+        centre = -pose[:, :3].T @ pose[:, 3]
+        latitude, longitude, height = (
+            pycolmap.GPSTransform().enu_to_ellipsoid(centre[None], 48.0, 11.0, 500.0)[0].tolist()
+        )
+        return RtkPosition(longitude, latitude, height, 0.02)
+
+    monkeypatch.setattr("colmap_ihe.pipeline.stages.survey.rtk_position", rtk)
+    done = reconstruct(finished, quick_options(*OFF), start="survey", until="survey")
+    assert (done.summary["metric_by"], done.summary["crs"]) == ("positions", "EPSG:4979")
+    assert done.summary["position_rms_m"] < 0.05
 
 
 def test_with_align_none_nothing_is_read(finished: Path, quick_options: MakeOptions) -> None:
