@@ -1,54 +1,87 @@
-"""A cloud as LAZ: coordinates of a map to a tenth of a millimetre."""
+"""A cloud as LAZ has the true coordinates, colours and coordinate system."""
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 
 import laspy
 import numpy as np
+import numpy.typing as npt
+import pyproj
 import pytest
 
 from colmap_ihe.survey import cloud_file
 from colmap_ihe.survey.cloud_file import missing_libraries, write_laz
-from colmap_ihe.survey.frames import GPS, frame_of
+from colmap_ihe.survey.frames import GPS, Frame
 
-PLY = np.dtype([*((n, "<f4") for n in "xyz"), *((n, "u1") for n in ("red", "green", "blue"))])
+UTM = Frame("EPSG:25832", (691_000.0, 5_334_100.0, 0.0))
+KINDS = [*((axis, "<f4") for axis in "xyz"), *((name, "u1") for name in ("red", "green", "blue"))]
 
 
-@pytest.fixture
-def rows(monkeypatch: pytest.MonkeyPatch) -> np.ndarray:
-    monkeypatch.setattr(cloud_file, "_CHUNK", 30)
-    draw = np.random.default_rng(0)
-    rows = np.zeros(100, PLY)
-    for name in "xyz":
-        rows[name] = draw.uniform(-20, 20, 100)
-    rows["red"] = np.arange(100)
+def cloud(count: int = 2500) -> npt.NDArray[np.void]:
+    random = np.random.default_rng(3)
+    rows = np.zeros(count, KINDS)
+    for axis in "xyz":
+        rows[axis] = random.uniform(-60, 60, count)
+    for name in ("red", "green", "blue"):
+        rows[name] = random.integers(0, 256, count)
     return rows
 
 
-def places(file: Path) -> np.ndarray:
-    read = laspy.read(file)
-    return np.stack([np.asarray(read.x), np.asarray(read.y), np.asarray(read.z)], axis=1)
+def model_points(rows: npt.NDArray[np.void]) -> npt.NDArray[np.float64]:
+    return np.stack([rows[axis] for axis in "xyz"], axis=1).astype(np.float64)
 
 
-def test_map_coordinates_are_true_to_a_tenth_of_a_millimetre(rows: np.ndarray, tmp_path: Path) -> None:
-    assert missing_libraries() == []
-    frame = frame_of("EPSG:25832", [(691_234.5, 5_334_765.25, 512.3)])
-    write_laz(tmp_path / "a.laz", rows, frame)
-    read = laspy.read(tmp_path / "a.laz")
-    true = np.stack([rows[n].astype(float) for n in "xyz"], axis=1) + np.array((691_200, 5_334_800, 0))
-    assert np.abs(places(tmp_path / "a.laz") - true).max() <= 0.00005 + 1e-8
-    assert read.header.parse_crs().to_epsg() == 25832
-    assert read.red[99] == 99 * 257
-    assert [file.name for file in tmp_path.iterdir()] == ["a.laz"]
+def test_coordinates_at_utm_offsets_are_true_to_a_tenth_of_a_millimetre(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(cloud_file, "_CHUNK", 1000)
+    rows = cloud()
+    write_laz(tmp_path / "fused.laz", rows, UTM)
+    las = laspy.read(tmp_path / "fused.laz")
+    expected = model_points(rows) + np.array([691_000.0, 5_334_100.0, 0.0])
+    np.testing.assert_allclose(las.xyz, expected, rtol=0, atol=0.5001e-4)
+    assert las.header.scales.tolist() == [0.0001] * 3
+    assert las.header.offsets.tolist() == [691_000.0, 5_334_100.0, 0.0]
+    assert las.header.parse_crs().to_epsg() == 25832
+    assert las.header.are_points_compressed
+    assert las.header.global_encoding.wkt
+    assert las.header.vlrs[0].string.startswith('PROJCS["ETRS89 / UTM zone 32N"')
+    for name in ("red", "green", "blue"):
+        assert np.array_equal(las[name], rows[name] * np.uint16(257))
+    assert [path.name for path in tmp_path.iterdir()] == ["fused.laz"]
 
 
-def test_degrees_are_written_in_utm_and_a_local_system_without_one(rows: np.ndarray, tmp_path: Path) -> None:
-    frame = frame_of(GPS, [(9.0, 48.0, 500.0)])  # on the middle meridian of zone 32
-    write_laz(tmp_path / "a.laz", rows, frame)
-    assert laspy.read(tmp_path / "a.laz").header.parse_crs().to_epsg() == 32632
-    east = places(tmp_path / "a.laz")[:, 0] - 500_000
-    np.testing.assert_allclose(east, rows["x"] * 0.9996, atol=2e-3)
-    write_laz(tmp_path / "b.laz", rows, frame_of("", []))
-    assert laspy.read(tmp_path / "b.laz").header.parse_crs() is None
-    np.testing.assert_allclose(places(tmp_path / "b.laz")[:, 2], rows["z"], atol=6e-5)
+def test_a_frame_of_degrees_is_written_in_utm_of_its_zone(tmp_path: Path) -> None:
+    rows = cloud(3)
+    rows["x"], rows["y"], rows["z"] = [0, 30, 0], [0, 0, 40], [0, 1, 2]
+    write_laz(tmp_path / "a.laz", rows, Frame(GPS, origin=(-33.45, -70.66, 567.0)))
+    las = laspy.read(tmp_path / "a.laz")
+    assert las.header.parse_crs().to_epsg() == 32719
+    to_utm = pyproj.Transformer.from_crs("EPSG:4326", "EPSG:32719", always_xy=True)
+    x, y = to_utm.transform(-70.66, -33.45)
+    np.testing.assert_allclose(las.xyz[0], [x, y, 567.0], rtol=0, atol=1e-4)
+    across = np.linalg.norm(las.xyz[1:, :2] - las.xyz[0, :2], axis=1)
+    factors = pyproj.Proj("EPSG:32719").get_factors(-70.66, -33.45)
+    np.testing.assert_allclose(
+        across, [30 * factors.parallel_scale, 40 * factors.meridional_scale], atol=5e-3
+    )
+
+
+def test_a_local_system_has_no_crs_and_points_far_away_a_larger_step(tmp_path: Path) -> None:
+    rows = cloud(2)
+    rows["x"] = [0, 900_000]
+    write_laz(tmp_path / "a.laz", rows, Frame())
+    las = laspy.read(tmp_path / "a.laz")
+    assert las.header.parse_crs() is None
+    assert las.header.scales[0] == pytest.approx(0.001)
+    np.testing.assert_allclose(las.x, [0, 900_000], atol=0.0006)
+
+
+def test_what_is_not_installed_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    assert missing_libraries(UTM) == []
+    for name in ("lazrs", "pyproj"):
+        monkeypatch.setitem(sys.modules, name, None)
+    assert missing_libraries(Frame()) == ["lazrs"]
+    assert missing_libraries(UTM) == ["lazrs", "pyproj"]

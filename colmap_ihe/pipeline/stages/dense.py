@@ -15,24 +15,25 @@ from colmap_ihe.errors import OptionError
 from colmap_ihe.machine.files import require_room
 from colmap_ihe.machine.progress import Progress
 from colmap_ihe.machine.remaining_time import Part
+from colmap_ihe.machine.words import listed
 from colmap_ihe.pipeline.outputs import size_of
 from colmap_ihe.pipeline.resource_needs import BASE_BYTES, Known, PhotoSetSize, StageNeeds
 from colmap_ihe.pipeline.second_grey import second_of
-from colmap_ihe.pipeline.stage import Count, RunContext, Stage, StageRecord
+from colmap_ihe.pipeline.stage import Count, Record, RunContext, Stage, StageRecord
 from colmap_ihe.project.folder import Project
 from colmap_ihe.project.options import Options
 from colmap_ihe.survey.cloud_file import missing_libraries, write_laz
 from colmap_ihe.survey.frames import Frame
 
-LAZ = "fused.laz"
 _ENOUGH = 0.4  # inliers for each feature: with fewer, photographs see so much less of each other
 _LIKELY_POINTS = 0.1  # for each pixel with depth
+_PLY, _LAZ = "fused.ply", "fused.laz"
 POINTS_A_PIXEL = 0.15  # at the most
 
 
 class DenseRecord(StageRecord):
-    """Count the points of the cloud, the pixels that stereo looked at and those with depth; `laz`: whether there is a
-    LAZ file beside it."""
+    """Count the points of the cloud, the pixels that stereo looked at and those with depth. `laz`: the cloud of a model
+    in metres lies there as LAZ too."""
 
     points: Count
     backend: str
@@ -57,28 +58,19 @@ def run(run: RunContext, progress: Progress) -> DenseRecord:
         lambda needed: require_room(project.root, needed - there),
         second_of(run.records),
     )
-    record = DenseRecord(**values)
-    if run.is_metric:
-        _write_laz(run, record, progress)
-    return record
-
-
-def _write_laz(run: RunContext, record: DenseRecord, progress: Progress) -> None:
-    """Write the cloud of a metric model in the coordinates of its survey. Where libraries are missing for that, say so
-    if these coordinates are of a system: those of a local one are in the PLY file too."""
-    values = run.records["survey"]["frame"]
-    if missing := missing_libraries():
-        if values["crs"]:
-            record.warnings = [
-                f"no LAZ file of the cloud in {values['crs']:.60} was written: {', '.join(missing)} not installed (pip"
-                " install 'colmap-ihe[survey]')"
-            ]
-        return
-    rows = read_ply(run.project.dense / "fused.ply")["vertex"]
-    origin = values["origin"]
-    frame = Frame(values["crs"], tuple(values["offset"]), tuple(origin) if origin else None)
-    write_laz(run.project.dense / LAZ, rows, frame, progress)
-    record.laz = True
+    if not run.is_metric:
+        return DenseRecord(**values)
+    frame = Frame(**run.records["survey"]["frame"])
+    if missing := missing_libraries(frame):
+        warning = (
+            f"the cloud is not written as LAZ, as {listed(missing)} {'is' if len(missing) == 1 else 'are'} not"
+            " installed: pip install 'colmap-ihe[survey]', and run again with --from dense"
+        )
+        # Coordinates of a local system are in the PLY file too.
+        told = [warning] if frame.crs else []
+        return DenseRecord(**{**values, "warnings": [*values["warnings"], *told]})
+    write_laz(project.dense / _LAZ, read_ply(project.dense / _PLY)["vertex"], frame)
+    return DenseRecord(**values, laz=True)
 
 
 def pixels_seen(options: Options, size: PhotoSetSize) -> float:
@@ -113,6 +105,11 @@ def _result_options(options: Options) -> dict[str, Any]:
 def _made(project: Project) -> list[Path]:
     """List what this stage makes in a folder that it shares with `mesh`."""
     return [path for path in project.dense.glob("*") if not path.name.startswith("mesh.")]
+
+
+def _files(project: Project, record: Record) -> list[Path]:
+    names = [_PLY, _LAZ] if record.get("laz") else [_PLY]
+    return [project.dense / name for name in names]
 
 
 def _check(options: Options, images: int) -> None:
@@ -163,9 +160,7 @@ STAGE = Stage(
     libraries=("opencv", "numpy"),
     result_options=_result_options,
     switched_off=lambda options: "" if options.dense.enabled else "dense",
-    files=lambda project, record: [
-        project.dense / name for name in ("fused.ply", *([LAZ] if record.get("laz") else []))
-    ],
+    files=_files,
     made=_made,
     remove=lambda project: shutil.rmtree(project.dense, ignore_errors=True),
     check=_check,

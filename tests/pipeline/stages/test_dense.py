@@ -1,59 +1,75 @@
-"""The cloud of a metric model in the coordinates of its survey."""
+"""The stage leaves the cloud as LAZ too where the model is in metres."""
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import laspy
 import numpy as np
 import pytest
 
+from colmap_ihe.dense.ply import write_rows
+from colmap_ihe.machine.executor import local_executor
 from colmap_ihe.machine.progress import SILENT
+from colmap_ihe.photographs.discover import Discovery
+from colmap_ihe.pipeline.stage import RunContext
 from colmap_ihe.pipeline.stages import dense
-from colmap_ihe.pipeline.stages.dense import LAZ, DenseRecord
+from colmap_ihe.project.folder import Project
+from colmap_ihe.project.options import Options
 
-HEAD = """ply
-format binary_little_endian 1.0
-element vertex 2
-property float x
-property float y
-property float z
-property uchar red
-property uchar green
-property uchar blue
-end_header
-"""
+FRAME = {"crs": "EPSG:25832", "offset": [691_000.0, 5_334_100.0, 0.0], "origin": None}
+METRIC = {"survey": {"method": "control", "frame": FRAME}, "convert": {"grey": {}}}
+KINDS = [*((axis, "<f4") for axis in "xyz"), *((name, "u1") for name in ("red", "green", "blue"))]
 
 
-def run_of(folder: Path, crs: str) -> Any:
-    rows = np.zeros(2, [*((n, "<f4") for n in "xyz"), *((n, "u1") for n in ("red", "green", "blue"))])
-    rows["x"] = 1.25, -3.5
-    (folder / "fused.ply").write_bytes(HEAD.encode() + rows.tobytes())
-    frame = {"crs": crs, "offset": [691_200.0, 5_334_800.0, 0.0], "origin": None}
-    return SimpleNamespace(project=SimpleNamespace(dense=folder), records={"survey": {"frame": frame}})
+def stage_record(root: Path, records: dict[str, Any], monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
+    """Run the stage, with a cloud of two points in place of stereo."""
+    (root / "images").mkdir(parents=True)
+    project = Project.at(root)
+    project.dense.mkdir(parents=True)
+
+    def cloud(*_: object) -> dict[str, Any]:
+        rows = np.array([(0, 0, 0, 1, 2, 3), (1, 2, 3, 255, 0, 0)], KINDS)
+        write_rows(project.dense / "fused.ply", rows)
+        return {"points": 2, "backend": "sgm", "pixels": 9, "pixels_with_depth": 2, "warnings": []}
+
+    monkeypatch.setattr(dense, "dense_cloud", cloud)
+    monkeypatch.setattr(dense, "second_of", lambda _: None)
+    with local_executor() as executor:
+        run = RunContext(project, Options(), Discovery((), ()), executor, records=records)
+        record = dense.run(run, SILENT).model_dump(exclude_unset=True)
+    names = [path.name for path in dense.STAGE.files(project, record)]
+    assert sorted(names) == sorted(path.name for path in project.dense.iterdir())
+    return record
 
 
-def record() -> DenseRecord:
-    return DenseRecord(points=2, backend="sgm", pixels=1, pixels_with_depth=1)
-
-
-def test_it_lies_beside_the_ply_in_map_coordinates(tmp_path: Path) -> None:
-    made = record()
-    dense._write_laz(run_of(tmp_path, "EPSG:25832"), made, SILENT)
-    assert made.laz
-    np.testing.assert_allclose(np.asarray(laspy.read(tmp_path / LAZ).x), (691_201.25, 691_196.5), atol=1e-4)
-    project: Any = SimpleNamespace(dense=tmp_path)
-    assert [f.name for f in dense.STAGE.files(project, made.model_dump())] == ["fused.ply", LAZ]
-
-
-@pytest.mark.parametrize(("crs", "told"), [("EPSG:25832", 1), ("", 0)])
-def test_without_its_libraries_it_is_told_where_coordinates_have_a_system(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, crs: str, told: int
+def test_a_cloud_in_metres_is_written_as_laz_in_its_system(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("colmap_ihe.survey.cloud_file._NEEDED", ("laspy", "no_such_library"))
-    made = record()
-    dense._write_laz(run_of(tmp_path, crs), made, SILENT)
-    assert (made.laz, len(made.warnings), (tmp_path / LAZ).exists()) == (False, told, False)
-    assert all("no_such_library not installed" in text for text in made.warnings)
+    assert stage_record(tmp_path / "a", METRIC, monkeypatch)["laz"]
+    las = laspy.read(tmp_path / "a" / "workspace" / "dense" / "0" / "fused.laz")
+    np.testing.assert_allclose(las.xyz, [[691_000, 5_334_100, 0], [691_001, 5_334_102, 3]], rtol=0, atol=1e-6)
+
+
+def test_a_cloud_without_scale_is_not(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    assert "laz" not in stage_record(tmp_path / "a", {"convert": {"grey": {}}}, monkeypatch)
+
+
+def test_without_laspy_a_warning_says_what_to_install(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, "laspy", None)
+    record = stage_record(tmp_path / "a", METRIC, monkeypatch)
+    assert "laz" not in record
+    assert record["warnings"] == [
+        "the cloud is not written as LAZ, as laspy is not installed: pip install 'colmap-ihe[survey]', and run again"
+        " with --from dense"
+    ]
+
+
+def test_of_a_local_system_the_ply_file_is_enough(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "laspy", None)
+    local = {"survey": {"method": "control", "frame": {**FRAME, "crs": ""}}, "convert": {"grey": {}}}
+    assert stage_record(tmp_path / "a", local, monkeypatch)["warnings"] == []
