@@ -101,7 +101,7 @@ def stages(until: str, **options: Any) -> list[str]:
 def test_the_road_has_the_parts_that_the_options_leave() -> None:
     road = ["fit", "convert", "features", "matches", "sparse", "survey", "dense", "mesh", "page"]
     assert stages("mesh") == road
-    assert stages("mesh", dense={"enabled": False}) == [*road[:5], "page"]
+    assert stages("mesh", dense={"enabled": False}) == [*road[:6], "page"]
     assert stages("sparse") == [*road[:5], "page"]
     assert stages("matches") == road[:4]
     assert stages("captures") == []

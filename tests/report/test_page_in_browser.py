@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import io
 import json
+import re
 from collections.abc import Callable, Iterator
 from functools import partial
 from pathlib import Path
@@ -197,6 +198,8 @@ def test_what_is_measured_is_right_and_is_saved(page: Page) -> None:
 
 
 def test_a_known_distance_gives_the_scale_and_the_address_keeps_it(page: Page) -> None:
+    from playwright.sync_api import expect  # as the browser, only where it is there
+
     open_tools(page)
     page.locator("[data-tool=distance]").click()
     picked(page, (0.35, 0.5), (0.6, 0.5))
@@ -207,7 +210,7 @@ def test_a_known_distance_gives_the_scale_and_the_address_keeps_it(page: Page) -
     assert page.locator("[data-part=measured] li").inner_text().startswith("Distance: 2.500 m")
     assert page.locator("[data-part=known-line]").inner_text() == "A,B,2.5"
     page.locator("nav a").first.click()
-    page.wait_for_function("location.hash.includes('metres_per_unit=')")
+    expect(page).to_have_url(re.compile("metres_per_unit="))
     page.reload()
     page.wait_for_timeout(700)
     assert "metres_per_unit=" in page.url

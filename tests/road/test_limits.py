@@ -154,7 +154,7 @@ def test_larger_sets_want_more(change: dict[str, int], grows: Sequence[str]) -> 
 
 def test_what_is_switched_off_wants_nothing() -> None:
     names = [one.stage for one in needs_of(Options.model_validate({"dense": {"enabled": False}}), SET)]
-    assert names == ["captures", "fit", "convert", "features", "matches", "sparse", "page"]
+    assert names == ["captures", "fit", "convert", "features", "matches", "sparse", "survey", "page"]
 
 
 def test_a_project_takes_what_was_estimated(finished: Path, quick_options: MakeOptions) -> None:

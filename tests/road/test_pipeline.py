@@ -180,7 +180,7 @@ def test_dense_can_be_left_out(finished: Path, quick_options: MakeOptions) -> No
 def test_start_runs_a_stage_and_all_after_it_again(finished: Path, quick_options: MakeOptions) -> None:
     done = reconstruct(finished, quick_options(), start="convert", until="features")
     assert done.stages_run == ("convert", "features")
-    assert [s.state for s in status(finished, quick_options())] == ["done"] * 4 + ["to do"] * 4
+    assert [s.state for s in status(finished, quick_options())] == ["done"] * 4 + ["to do"] * 5
 
 
 def test_a_renamed_photograph_runs_everything_again(finished: Path, quick_options: MakeOptions) -> None:
@@ -196,7 +196,7 @@ def test_a_renamed_photograph_runs_everything_again(finished: Path, quick_option
 def test_status_changes_nothing(finished: Path, new_project: Make, quick_options: MakeOptions) -> None:
     before = contents(finished)
     states = status(finished, quick_options("features.max_image_size=200"))
-    assert [s.state for s in states] == ["done"] + ["stale"] * 7
+    assert [s.state for s in states] == ["done"] + ["stale"] * 8
     assert contents(finished) == before
     project = new_project()
     assert [(s.state, s.why, s.seconds) for s in status(project)] == [("to do", "", None)] * len(STAGE_NAMES)
@@ -321,7 +321,7 @@ def test_a_stage_that_is_none_is_refused_with_those_there_are(new_project: Make,
     project = new_project(2)
     with pytest.raises(OptionError, match="no stage is called 'sparce'") as caught:
         reconstruct(project, **{argument: "sparce"})  # type: ignore[arg-type]
-    assert "captures, fit, convert, features, matches, sparse, dense" in caught.value.hint
+    assert "captures, fit, convert, features, matches, sparse, survey, dense" in caught.value.hint
     assert sorted(p.name for p in project.iterdir()) == ["images"]
 
 
@@ -364,7 +364,7 @@ def test_options_of_every_kind_reach_pycolmap(finished: Path, quick_options: Mak
         "sparse.colmap={min_model_size: 3, mapper: {init_min_num_inliers: 30}}",
     )
     done = reconstruct(finished, options)
-    assert done.stages_run == ("matches", "sparse")
+    assert done.stages_run == ("matches", "sparse", "survey")
     assert done.summary["matching"] == "sequential"
     # Every image with the next two of eight: 7 + 6 pairs at most.
     assert 6 <= done.summary["pairs_verified"] <= 13
@@ -392,7 +392,7 @@ def test_masks_hide_what_they_cover(finished: Path, quick_options: MakeOptions) 
     for number in range(1, 9):
         Image.fromarray(mask).save(finished / f"masks/portico_{number:02}.png.png")
     done = reconstruct(finished, quick_options("dense.enabled=true"), until="dense")
-    assert done.stages_run == ("features", "matches", "sparse", "dense")
+    assert done.stages_run == ("features", "matches", "sparse", "survey", "dense")
     assert 0.2 * before < done.summary["features"] < 0.9 * before
     assert done.summary["dense_points"] > 1000
     for file in (finished / "workspace/dense/0/masks").iterdir():
@@ -591,7 +591,7 @@ def test_holding_the_calibration_is_an_option_of_the_mapping(
     finished: Path, quick_options: MakeOptions
 ) -> None:
     fixed = ("camera.model=OPENCV", "camera.params=[1, 1, 1, 1, 0, 0, 0, 0]", "camera.fixed=true")
-    assert [s.state for s in status(finished, quick_options())] == ["done"] * 8
+    assert [s.state for s in status(finished, quick_options())] == ["done"] * 9
     reasons = {s.name: s.why for s in status(finished, quick_options(*fixed))}
     assert "camera.fixed" not in reasons["features"]
     assert reasons["sparse"].startswith("its options changed: camera.fixed from the default to true")
