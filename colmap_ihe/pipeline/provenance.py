@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from colmap_ihe.machine.files import read_json, write_json
+from colmap_ihe.machine.files import write_json
 from colmap_ihe.project.folder import Project
 
 _PREFIXES = {"project": "urn:colmap-ihe:project:", "software": "urn:colmap-ihe:software:"}
@@ -17,9 +17,12 @@ _GIVEN = {"photographs": "images", "masks": "masks", "control": "control"}
 """What run.json notes by name with digests, and the folder that it lies in."""
 
 
-def write_provenance(project: Project, records: Mapping[str, Mapping[str, Any]]) -> None:
-    """Write records/provenance.json of the stages whose records are given, in their order."""
-    write_json(project.provenance_file, provenance(read_json(project.run_file) or {}, records))
+def write_provenance(
+    project: Project, run: Mapping[str, Any], records: Mapping[str, Mapping[str, Any]]
+) -> None:
+    """Write records/provenance.json of the stages whose records are given, in their order; `run`: what run.json
+    holds."""
+    write_json(project.provenance_file, provenance(run, records))
 
 
 def provenance(run: Mapping[str, Any], records: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:

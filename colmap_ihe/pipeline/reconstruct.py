@@ -122,12 +122,12 @@ def reconstruct(
         run = RunContext(
             folder, options, discovery, workers, until or STAGE_NAMES[-1], forced, developed=developed
         )
-        _read_content(run, noted, progress)
+        given = _read_content(run, noted, progress)
         ran = _run(run, progress)
         _add_records(run)
         summary = summarise(run.records, options)
         _write_for_other_campaigns(run, ran)
-        write_provenance(folder, run.records)
+        write_provenance(folder, given, run.records)
         page = _write_summary_and_page(run, summary, bool(ran), progress)
         outputs.remove_unfinished(folder)  # of workers that were killed, and whose tasks others did
     done = Reconstruction(folder, summary, ran, page)
@@ -136,17 +136,19 @@ def reconstruct(
     return done
 
 
-def _read_content(run: RunContext, noted: RunRecord | None, progress: RunProgress) -> None:
-    """Read what the run works on: its digests, by which stages are told to be up to date, and what is not used."""
+def _read_content(run: RunContext, noted: RunRecord | None, progress: RunProgress) -> dict[str, Any]:
+    """Read what the run works on: its digests, by which stages are told to be up to date, and what is not used. Returns
+    what records/run.json holds."""
     folder, options = run.project, run.options
     with progress.stage("content") as stage_progress:
         run.digests = digests_of(folder, run.discovery, run.executor, stage_progress)
         write_json(folder.digests_file, run.digests)
-        write_run_record(folder, options, run.digests)
+        given = write_run_record(folder, options, run.digests)
     warn_of(unused_files(folder), progress)
     warn_of(differences_from(noted, folder, options, run.digests) if noted else (), progress)
     run.inputs = inputs_of(folder, options, run.discovery, run.digests)
     run.prints = fingerprints(options, run.inputs)
+    return given
 
 
 def _write_for_other_campaigns(run: RunContext, ran: Sequence[str]) -> None:

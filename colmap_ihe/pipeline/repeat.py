@@ -56,27 +56,29 @@ class RunRecord:
     variables: Mapping[str, str] = field(default_factory=dict)
 
 
-def write_run_record(project: Project, options: Options, digests: Mapping[str, Sequence[Any]]) -> None:
-    """Write records/run.json. Where work runs is left out, as it affects no result and says whose machines they are."""
+def write_run_record(
+    project: Project, options: Options, digests: Mapping[str, Sequence[Any]]
+) -> dict[str, Any]:
+    """Write records/run.json, and return what it holds. Where work runs is left out, as it affects no result and says
+    whose machines they are."""
     settings = options.as_yaml()
     del settings["cluster"]
-    write_json(
-        project.run_file,
-        {
-            "options": settings,
-            "seed": options.sparse.seed,
-            "threads": local_workers(),
-            "photographs": {name: values[-1] for name, values in digests.items()},
-            "masks": masks_in(project.masks),
-            "control": control_digests(project, options),
-            "weights": _digest_of(project, options.fit.weights),
-            "calibration": _digest_of(project, options.camera.calibration),
-            "versions": _versions(),
-            "commit": _commit(),
-            "machine": _machine(),
-            "environment": _variables(),
-        },
-    )
+    values = {
+        "options": settings,
+        "seed": options.sparse.seed,
+        "threads": local_workers(),
+        "photographs": {name: values[-1] for name, values in digests.items()},
+        "masks": masks_in(project.masks),
+        "control": control_digests(project, options),
+        "weights": _digest_of(project, options.fit.weights),
+        "calibration": _digest_of(project, options.camera.calibration),
+        "versions": _versions(),
+        "commit": _commit(),
+        "machine": _machine(),
+        "environment": _variables(),
+    }
+    write_json(project.run_file, values)
+    return values
 
 
 def read_run(path: Path, assignments: Sequence[str] = ()) -> RunRecord:
