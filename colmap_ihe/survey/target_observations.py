@@ -23,7 +23,8 @@ from colmap_ihe.survey.triangulate import Triangulation
 
 UNIT = "photographs searched for targets"
 _LEAST_ACCURACY_PX = 0.05  # no print is flat, and no lens known, to less
-_BYTES_A_PIXEL = 12  # of a picture that is searched
+BYTES_A_PIXEL = 12
+"""Memory for a picture that is searched."""
 
 
 @dataclass(frozen=True)
@@ -53,7 +54,7 @@ def targets_of_set(
     twice: dict[str, tuple[str, ...]] = {}
     progress.start(len(cameras), UNIT)
     with threads_of(executor) as threads:
-        workers = memory.workers_for("the search for targets", _BYTES_A_PIXEL * largest, width_of(threads))
+        workers = memory.workers_for("the search for targets", BYTES_A_PIXEL * largest, width_of(threads))
         at_once = None if workers == width_of(threads) else workers
         for name, targets in zip(cameras, in_order(threads, search, cameras, at_once, progress), strict=True):
             counts = Counter(target.name for target in targets)

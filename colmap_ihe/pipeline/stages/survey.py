@@ -19,12 +19,19 @@ from colmap_ihe.pipeline.stage import Record, RunContext, Stage
 from colmap_ihe.pipeline.survey_records import SurveyRecord, georeference_json, survey_record
 from colmap_ihe.project.folder import Project
 from colmap_ihe.project.options import Options
+from colmap_ihe.survey.adjustment import MOST_IMAGES
 from colmap_ihe.survey.alignment import Survey
 from colmap_ihe.survey.control import CameraPosition
 from colmap_ihe.survey.frames import GPS
 from colmap_ihe.survey.georeference import georeference
-from colmap_ihe.survey.target_observations import SetTargets, left_out_in_words, targets_of_set
+from colmap_ihe.survey.target_observations import (
+    BYTES_A_PIXEL,
+    SetTargets,
+    left_out_in_words,
+    targets_of_set,
+)
 
+_PAIR_OF_IMAGES = 1200  # bytes: four matrices of six unknowns an image, in double precision
 _MODEL = ("cameras.bin", "images.bin", "points3D.bin")
 
 
@@ -140,7 +147,8 @@ def _files(project: Project, record: Record) -> list[Path]:
 
 
 def _needs(options: Options, size: PhotoSetSize) -> StageNeeds:
-    return StageNeeds("survey", BASE_BYTES + round(2e4 * size.images**2 / 100), 12 * size.largest, 0)
+    equations = _PAIR_OF_IMAGES * min(size.images, MOST_IMAGES) ** 2
+    return StageNeeds("survey", BASE_BYTES + equations, BYTES_A_PIXEL * size.largest, 0)
 
 
 def _parts(options: Options, known: Known) -> list[Part]:
