@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -49,7 +50,7 @@ def missing_libraries(frame: Frame) -> list[str]:
 
 def _can_import(name: str) -> bool:
     try:
-        __import__(name)
+        import_module(name)
     except ImportError:
         return False
     return True
