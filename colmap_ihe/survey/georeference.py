@@ -79,7 +79,9 @@ def georeference(
             try:
                 controlled = _adjusted(model, survey, observations, aligned.frame, out, free_params, progress)
             except np.linalg.LinAlgError:
-                warnings.append("the adjustment with control has no solution: the model is left as it was before it")
+                warnings.append(
+                    "the adjustment with control has no solution: the model is left as it was before it"
+                )
             told = {*aligned.left_out}
             warnings += [
                 f"{name} is left out of the adjustment, {out[name]}" for name in out if name not in told
