@@ -14,13 +14,14 @@ from __future__ import annotations
 import argparse
 import json
 import sys
-from collections.abc import Iterator
-from contextlib import contextmanager, nullcontext
+from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
 from typing import Any
+from unittest import mock
 
 import numpy as np
-from calibration import DATA, truth_of
+from calibration import truth_of
+from guard_sets import DATA
 
 from colmap_ihe.colmap.native import pycolmap
 from colmap_ihe.machine.executor import local_executor
@@ -39,13 +40,8 @@ Rows = list[dict[str, Any]]
 _ACCURACY = 0.005
 
 
-@contextmanager
-def _without_adjustment() -> Iterator[None]:
-    most, room.MOST_IMAGES = room.MOST_IMAGES, 0
-    try:
-        yield
-    finally:
-        room.MOST_IMAGES = most
+def _without_adjustment() -> AbstractContextManager[int]:
+    return mock.patch.object(room, "MOST_IMAGES", 0)
 
 
 def _check_mm(result: Georeferenced) -> tuple[float, float]:

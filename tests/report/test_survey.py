@@ -16,7 +16,7 @@ def point(
     return {"name": name, "surveyed": surveyed, "delta_m": delta, "used": True, "reason": "", **shared}
 
 
-RECORD = {
+RECORD: dict[str, Any] = {
     "points": [point("P10", (0, 0, 0), (0.001, 0, -0.002)), point("P2", (10, 0, 5), (0, 0, 0))],
     "bars": [{"name": "A to B", "length_m": 2.0, "delta_m": -0.0004, "used": True, "reason": ""}],
     "positions": [],
