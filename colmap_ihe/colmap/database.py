@@ -12,6 +12,7 @@ from colmap_ihe.errors import NativeError
 from colmap_ihe.machine.child_process import ChildProcess
 
 _PROBE = "colmap_ihe.colmap.database_probe"
+_TICK_SECONDS = 1.0
 
 
 def remove_database(path: Path) -> None:
@@ -54,8 +55,8 @@ def counting_rows(path: Path, table: str) -> Iterator[Callable[[], int]]:
     probe = ChildProcess(_PROBE, "count", str(path), table, piped=True)
 
     def listen() -> None:
-        for line in probe.output:
-            latest[0] = int(line)
+        for line in probe.lines(_TICK_SECONDS):
+            latest[0] = int(line or latest[0])
 
     listener = threading.Thread(target=listen, name="database probe", daemon=True)
     listener.start()

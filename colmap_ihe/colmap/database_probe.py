@@ -37,10 +37,10 @@ def rows_in(database: Path, table: str) -> int:
 
 def main() -> None:
     """Exit with status 0 if the database is sound; or print its rows until nobody reads them."""
-    mode, database = sys.argv[1], Path(sys.argv[2])
+    mode, database = sys.argv[2], Path(sys.argv[3])
     if mode == "check":
         sys.exit(0 if is_sound(database) else 1)
     with suppress(BrokenPipeError):
         while True:
-            print(rows_in(database, sys.argv[3]), flush=True)
+            print(rows_in(database, sys.argv[4]), flush=True)
             time.sleep(_EVERY_SECONDS)

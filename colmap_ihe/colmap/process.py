@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import os
-import sys
 import threading
 import time
 from collections.abc import Callable
 from contextlib import ExitStack, suppress
-from multiprocessing.connection import Connection, Pipe
 from pathlib import Path
 from queue import SimpleQueue
 from types import TracebackType
@@ -17,7 +15,7 @@ from typing import Any, TypeVar
 from colmap_ihe.colmap import native
 from colmap_ihe.errors import NativeError
 from colmap_ihe.machine import threads
-from colmap_ihe.machine.child_process import ChildProcess, die_with_parent
+from colmap_ihe.machine.child_process import Channel, ChildProcess, channel_to_parent, die_with_parent
 from colmap_ihe.machine.progress import Progress, Silent
 
 _STDERR = 2
@@ -79,16 +77,13 @@ class ColmapProcesses:
 class _Process:
     def __init__(self, most_threads: int | None, first: Callable[..., Any] | None = None) -> None:
         heard = bool(native.pycolmap.logging.alsologtostderr)
-        self._pipe, theirs = Pipe()
-        with theirs:
-            self._process = ChildProcess(
-                "colmap_ihe.colmap.process",
-                str(theirs.fileno()),
-                pass_fds=(theirs.fileno(),),
-                # Threads that wait would else keep the cores busy for the others.
-                environment={"OMP_WAIT_POLICY": "passive"} | threads.environment(most_threads),
-                errors=_STDERR if heard else None,
-            )
+        self._process = ChildProcess(
+            "colmap_ihe.colmap.process",
+            # Threads that wait would else keep the cores busy for the others.
+            environment={"OMP_WAIT_POLICY": "passive"} | threads.environment(most_threads),
+            errors=_STDERR if heard else None,
+        )
+        self._pipe = self._process.channel
         self._send((most_threads, native.log_file(), heard, first))
 
     def call(
@@ -121,7 +116,6 @@ class _Process:
         return result
 
     def end(self) -> None:
-        self._pipe.close()
         self._process.end()
 
     def _send(self, message: Any) -> None:
@@ -136,7 +130,7 @@ class _Process:
 class _Teller(Silent):
     """Report progress in that process, and learn there that it is to stop."""
 
-    def __init__(self, pipe: Connection) -> None:
+    def __init__(self, pipe: Channel) -> None:
         super().__init__()
         self._pipe = pipe
 
@@ -146,9 +140,9 @@ class _Teller(Silent):
 
 
 def main() -> None:
-    """Do what comes through the pipe whose descriptor is the first argument."""
+    """Do what comes from the parent."""
     die_with_parent()
-    pipe = Connection(int(sys.argv[1]))
+    pipe = channel_to_parent()
     most_threads, log, heard, _ = pipe.recv()  # the last is imported by that
     progress = _Teller(pipe)
     asked: SimpleQueue[tuple[Callable[..., Any], Any]] = SimpleQueue()
@@ -169,7 +163,7 @@ def main() -> None:
                 pipe.send((None, error))
 
 
-def _listen(pipe: Connection, progress: _Teller, asked: SimpleQueue[tuple[Callable[..., Any], Any]]) -> None:
+def _listen(pipe: Channel, progress: _Teller, asked: SimpleQueue[tuple[Callable[..., Any], Any]]) -> None:
     with suppress(EOFError, OSError):
         while True:
             message = pipe.recv()

@@ -87,4 +87,5 @@ one_decoder = _pool.lent
 release_memory = _pool.release_memory
 end_idle = _pool.end_idle
 atexit.register(_pool.end_all)
-os.register_at_fork(after_in_child=_pool.after_fork)
+if hasattr(os, "register_at_fork"):  # where processes can fork
+    os.register_at_fork(after_in_child=_pool.after_fork)

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import logging
 import re
-import select
-import socket
 import time
 from collections.abc import Callable
+from contextlib import ExitStack
 from functools import cache, lru_cache
 from typing import Any, Protocol, TypeVar, get_type_hints
 
@@ -15,9 +14,10 @@ from numpy.typing import NDArray
 
 from colmap_ihe.errors import Cancelled, CapabilityError, PhotographError
 from colmap_ihe.machine import decoder_wire as wire
-from colmap_ihe.machine import memory, threads
+from colmap_ihe.machine import memory, system, threads
 from colmap_ihe.machine.child_process import ChildProcess
 from colmap_ihe.machine.progress import stopped
+from colmap_ihe.machine.scratch import scratch_folder
 
 logger = logging.getLogger(__name__)
 
@@ -27,7 +27,7 @@ SECONDS_A_MEGAPIXEL = 5.0
 _UNKNOWN_PIXELS = 100_000_000  # of a photograph whose header was not read, for its time
 _HEADER_MEMORY = 1 << 30  # bytes; a header needs a few
 _SHARE_OF_MEMORY = 0.9
-_TICK_MS = 100  # how long a cancelled read may go on
+_TICK_SECONDS = 0.1  # how long a cancelled read may go on
 BROKEN = "copy it from the card again, or take it out of the folder"
 _LINE_ENDS = re.compile(r"[\x00-\x1f\x7f-\x9f]+")  # and not the spaces of other scripts, which names hold
 _NONSENSE = (TypeError, ValueError, LookupError, AttributeError, OverflowError, RecursionError)
@@ -55,23 +55,21 @@ class Decoder:
     def __init__(self) -> None:
         """Start it. Raises `CapabilityError`."""
         self.dead = False
-        self.window = wire.SharedArrayReader()
         self._ready = False
+        self._folder = ExitStack()
+        folder = None if system.SENDS_MEMORY else self._folder.enter_context(scratch_folder())
+        self.window = wire.SharedArrayReader(folder)
         try:
-            self._socket, theirs = socket.socketpair()
+            self._process = ChildProcess(
+                "colmap_ihe.photographs.decoder_main",
+                str(folder or ""),
+                environment=threads.environment(1),  # photographs are what is parallel
+            )
         except OSError as error:
+            self._folder.close()
             raise _cannot_start(str(error)) from error
-        try:
-            with theirs:  # photographs are what is parallel: one thread each
-                self._process = ChildProcess(
-                    "colmap_ihe.photographs.decoder_main",
-                    str(theirs.fileno()),
-                    pass_fds=(theirs.fileno(),),
-                    environment=threads.environment(1),
-                )
-        except OSError as error:
-            self._socket.close()
-            raise _cannot_start(str(error)) from error
+        self._channel = self._process.channel
+        system.bound_reads(self._channel.fileno(), SECONDS)
 
     def run(
         self, function: Callable[..., _Result], subject: Subject, *arguments: Any, pixels: int | None = None
@@ -112,7 +110,7 @@ class Decoder:
             if not self._ready:
                 self._await_start()
             try:
-                wire.send(self._socket, request | {"free": self.window.is_free})
+                wire.send(self._channel, request | {"free": self.window.is_free})
             except OSError as error:
                 raise EOFError from error
             answer, fd = self._answer(seconds)
@@ -141,18 +139,18 @@ class Decoder:
         self._ready = True
 
     def _answer(self, seconds: float) -> tuple[wire.Message, int | None]:
-        end, poll = time.monotonic() + seconds, select.poll()
-        poll.register(self._socket, select.POLLIN)
-        while not poll.poll(_TICK_MS):
+        end = time.monotonic() + seconds
+        while not self._channel.poll(_TICK_SECONDS):
             if stopped():
                 raise Cancelled
             if time.monotonic() > end:
                 raise TimeoutError
-        self._socket.settimeout(seconds)
         try:
-            answer = wire.receive(self._socket)
+            answer = wire.receive(self._channel)
         except ConnectionError as error:
             raise EOFError from error
+        except BlockingIOError as error:  # the rest of a message does not come
+            raise TimeoutError from error
         if answer is None:
             raise EOFError
         return answer
@@ -173,13 +171,12 @@ class Decoder:
         if not self.dead:
             self.dead = True
             self._process.end()
-            self._socket.close()
+            self._folder.close()
 
     def forget(self) -> None:
         """Let go of it in a forked process: it is the parent's."""
         self.dead = True
         self._process.forget()
-        self._socket.close()
 
 
 @cache

@@ -7,16 +7,14 @@ nothing here.
 from __future__ import annotations
 
 import base64
-import fcntl
 import json
 import math
 import mmap
 import numbers
 import os
-import socket
-import struct
 import weakref
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import fields, is_dataclass
 from functools import cache
 from importlib import import_module
@@ -27,11 +25,11 @@ from typing import Any, Literal, Union, get_args, get_origin, get_type_hints
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
-from colmap_ihe.machine.scratch import anonymous_file
+from colmap_ihe.machine import system
+from colmap_ihe.machine.child_process import Channel
 
 Message = dict[str, Any]
 
-_LENGTH = struct.Struct(">I")
 _MOST_BYTES = 1 << 28  # of one message, whose largest parts are EXIF and a colour profile
 _MOST_MAPPED = 64  # arrays, each with an open file that Python keeps for its memory
 _COPIED = 4096  # bytes of an array that is copied, so that holding it does not hold a photograph
@@ -40,44 +38,31 @@ _mapped: list[weakref.ref[NDArray[np.uint8]]] = []
 _DTYPES = {np.dtype(kind).name: np.dtype(kind) for kind in ("u1", "u2", "i8", "f4", "f8")}
 
 
-def send(sock: socket.socket, message: Message, fd: int | None = None) -> None:
+def send(channel: Channel, message: Message, fd: int | None = None) -> None:
     """Send a message, and with it the file of shared arrays. Raises OSError."""
-    body = json.dumps(message).encode()
-    packed = memoryview(_LENGTH.pack(len(body)) + body)
-    sent = socket.send_fds(sock, [packed], [] if fd is None else [fd])
-    sock.sendall(packed[sent:])
+    channel.send_bytes(json.dumps(message | {"has_file": fd is not None}).encode())
+    if fd is not None:
+        system.send_file(channel, fd)
 
 
-def receive(sock: socket.socket) -> tuple[Message, int | None] | None:
+def receive(channel: Channel) -> tuple[Message, int | None] | None:
     """Return the next message, and the file that came with it, which is the caller's to close; None if the other end
     is gone. Raises OSError, ValueError for what is no message."""
-    head, fds, _, _ = socket.recv_fds(sock, _LENGTH.size, 1)
     try:
-        (length,) = _LENGTH.unpack(head + _exactly(sock, _LENGTH.size - len(head)))
-        if length > _MOST_BYTES:
-            raise ValueError(f"a message of {length} bytes, expected {_MOST_BYTES} at most")
-        message = json.loads(_exactly(sock, length))
+        message = json.loads(channel.recv_bytes(_MOST_BYTES))
         if not isinstance(message, dict):
             raise ValueError(f"a message that is a {type(message).__name__}, expected an object")
-    except BaseException as error:
-        for fd in fds:
-            os.close(fd)
-        if isinstance(error, EOFError):
+        return message, system.receive_file(channel) if message.pop("has_file", False) else None
+    except EOFError:
+        return None
+    except RecursionError as error:
+        raise ValueError(f"a message that is none: {error}") from error
+    except OSError as error:
+        if not channel.readable:  # more than it may be
+            raise ValueError(f"a message of more than {_MOST_BYTES} bytes") from error
+        if error.errno is None:  # it ended within a message
             return None
-        if isinstance(error, RecursionError):
-            raise ValueError(f"a message that is none: {error}") from error
         raise
-    return message, fds[0] if fds else None
-
-
-def _exactly(sock: socket.socket, count: int) -> bytes:
-    parts = bytearray()
-    while len(parts) < count:
-        part = sock.recv(min(count - len(parts), 1 << 20))
-        if not part:
-            raise EOFError
-        parts += part
-    return bytes(parts)
 
 
 def to_plain(value: Any, arrays: list[NDArray[Any]]) -> Any:
@@ -166,10 +151,12 @@ def _kinds_of(kind: type[Any]) -> dict[str, Any]:
 
 
 class SharedArrayWriter:
-    """Hold a decoder's side of the memory for its arrays, without a name in any file system. It is used again once the
-    arrays before are not needed any more, for making pages takes as long as decoding into them."""
+    """Hold a decoder's side of the memory for its arrays: without a name in any file system, or files in `folder`. It
+    is used again once the arrays before are not needed any more, for making pages takes as long as decoding into
+    them."""
 
-    def __init__(self) -> None:
+    def __init__(self, folder: Path | None = None) -> None:
+        self._folder, self._files = folder, 0
         self._fd: int | None = None  # until it was sent
         self._memory: mmap.mmap | None = None
 
@@ -190,10 +177,11 @@ class SharedArrayWriter:
                 inside[...] = array
             start += _room(array.nbytes)
         about = [{"shape": list(array.shape), "dtype": array.dtype.name} for array in arrays]
-        return {"arrays": about, "is_new": self._fd is not None}, self._fd
+        message = {"arrays": about, "is_new": self._fd is not None, "file": self._files}
+        return message, self._fd if self._folder is None else None
 
     def sent(self) -> None:
-        """Close the file, which the reader has now."""
+        """Close the file, which the reader has now, or opens by its number."""
         if self._fd is not None:
             os.close(self._fd)
             self._fd = None
@@ -206,9 +194,13 @@ class SharedArrayWriter:
     def _reserve(self, size: int) -> None:
         if self._memory is None or len(self._memory) < size:
             self.leave()
-            self._fd = anonymous_file()
+            self._files += 1
+            self._fd = system.anonymous_file() if self._folder is None else self._named(self._folder)
             os.ftruncate(self._fd, size)
             self._memory = mmap.mmap(self._fd, size)
+
+    def _named(self, folder: Path) -> int:
+        return system.open_shared(folder / str(self._files), new=True)
 
 
 def _room(size: int) -> int:
@@ -226,9 +218,11 @@ def answer_array(shape: tuple[int, ...], dtype: DTypeLike) -> NDArray[Any]:
 
 
 class SharedArrayReader:
-    """Hold the other side of a `SharedArrayWriter`: large arrays are mapped, and copied only where many are held."""
+    """Hold the other side of a `SharedArrayWriter` with the same `folder`: large arrays are mapped, and copied only
+    where many are held."""
 
-    def __init__(self) -> None:
+    def __init__(self, folder: Path | None = None) -> None:
+        self._folder = folder
         self._memory: mmap.mmap | None = None
         self._whole: weakref.ref[NDArray[np.uint8]] | None = None  # on whose memory every view is
 
@@ -240,11 +234,12 @@ class SharedArrayReader:
     def arrays(self, message: Message, fd: int | None) -> list[NDArray[Any]]:
         """Return the arrays that `SharedArrayWriter.put` told of; closes `fd`. Raises ValueError, KeyError or
         TypeError if the memory is not what the message says."""
+        if self._folder is not None and message.get("is_new"):
+            fd = _opened(self._folder / str(int(message["file"])))
         if fd is not None:
             try:
-                if hasattr(fcntl, "F_ADD_SEALS") and hasattr(os, "memfd_create"):
-                    # Were it to shrink, reading from it would end this process with SIGBUS.
-                    fcntl.fcntl(fd, fcntl.F_ADD_SEALS, fcntl.F_SEAL_SHRINK)
+                if self._folder is None:
+                    system.seal(fd)
                 self._memory = mmap.mmap(fd, os.fstat(fd).st_size)
             finally:
                 os.close(fd)
@@ -270,5 +265,16 @@ class SharedArrayReader:
 
     def empty(self) -> None:
         """Give the memory back to the system until it is used again, if it is free."""
-        if self.is_free and self._memory is not None and hasattr(mmap, "MADV_REMOVE"):
-            self._memory.madvise(mmap.MADV_REMOVE)
+        if self.is_free and self._memory is not None:
+            system.give_back(self._memory)
+
+
+def _opened(file: Path) -> int | None:
+    """Return the descriptor of a file that a decoder made, which loses its name now; None where it is not there."""
+    try:
+        return system.open_shared(file)
+    except OSError:
+        return None
+    finally:
+        with suppress(OSError):  # Windows removes it
+            file.unlink()

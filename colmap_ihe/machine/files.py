@@ -21,6 +21,7 @@ import xxhash
 from numpy.typing import NDArray
 
 from colmap_ihe.errors import DiskFullError, ProjectError
+from colmap_ihe.machine.system import AT_ONCE
 
 _UNFINISHED = re.compile(r"\.[0-9a-f]{24}\.[0-9a-f]+\.tmp")  # of `write_bytes`, when it was killed
 _UNREADABLE = re.compile("[\\x00-\\x1f\\x7f-\\x9f\\ud800-\\udfff]")
@@ -34,7 +35,7 @@ _held: dict[Path, os.stat_result] = {}
 
 def open_file(path: Path) -> BinaryIO:
     """Open a file to read; refuse a pipe, device or folder of that name, and never wait for one. Raises OSError."""
-    handle = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
+    handle = os.open(path, os.O_RDONLY | AT_ONCE)
     kind = os.fstat(handle).st_mode
     if not stat.S_ISREG(kind):
         os.close(handle)

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import errno
-import fcntl
 import os
 from pathlib import Path
 from typing import IO
 
 from colmap_ihe.errors import ProjectError
+from colmap_ihe.machine.system import AT_ONCE, has_lock
 
 _WITHOUT_LOCKS = (errno.ENOLCK, errno.ENOSYS, errno.ENOTSUP, errno.EOPNOTSUPP)
 MARK = ".made-by-colmap-ihe"
@@ -35,7 +35,7 @@ def acquire_lock(file: Path) -> IO[str] | None:
     happens; None if somebody else has it. Raises `ProjectError` for a disk without locks, OSError."""
     file.parent.mkdir(parents=True, exist_ok=True)
     # not to wait for the other end, were it a pipe
-    opened = os.open(file, os.O_RDWR | os.O_APPEND | os.O_CREAT | os.O_CLOEXEC | os.O_NONBLOCK, 0o666)
+    opened = os.open(file, os.O_RDWR | os.O_APPEND | os.O_CREAT | AT_ONCE, 0o666)
     handle = os.fdopen(opened, "a")
     try:
         locked = lock_at_once(opened, file.parent)
@@ -46,15 +46,6 @@ def acquire_lock(file: Path) -> IO[str] | None:
         handle.close()
         return None
     return handle
-
-
-def has_lock(descriptor: int, kind: int = fcntl.LOCK_EX) -> bool:
-    """Lock an open file or folder until it is closed, if that can be done at once; tell whether. Raises OSError."""
-    try:
-        fcntl.flock(descriptor, kind | fcntl.LOCK_NB)
-    except BlockingIOError:
-        return False
-    return True
 
 
 def lock_at_once(descriptor: int, folder: Path) -> bool:

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import ctypes
 import errno
 import logging
 import os
 import re
-import resource
 import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
@@ -16,6 +14,7 @@ from pathlib import Path
 from typing import Protocol
 
 from colmap_ihe.errors import ShortOfMemoryError
+from colmap_ihe.machine import system
 
 logger = logging.getLogger(__name__)
 
@@ -23,10 +22,6 @@ _PROC, _CGROUP = Path("/proc"), Path("/sys/fs/cgroup")
 _KEPT_FREE = 0.1  # of what is available, for all else
 _UNLIMITED = 1 << 60  # cgroup v1 says "no limit" by a number near 2^63
 _SIZE = re.compile(r"^(\w+):\s*(\d+) kB$", re.MULTILINE)
-_LIMITS = {
-    resource.RLIMIT_AS: "VmSize",
-    resource.RLIMIT_DATA: "VmData",
-}  # and what the system calls what is used
 _RESERVED = 150_000_000  # bytes of addresses that are never used: stacks of threads that libraries start
 _SPARING = {"MALLOC_ARENA_MAX": "1", "OPENBLAS_NUM_THREADS": "1"}
 _TRIM_THRESHOLD, _MMAP_THRESHOLD = -1, -3  # of mallopt, as malloc.h has them
@@ -58,8 +53,8 @@ def keep_within(share: int) -> None:
 def available() -> int:
     """Return the bytes that this process may still take: of the machine, of its container where that has fewer, within
     its own limits (`ulimit -v` and `-d`), or of its own share. 0 if the system does not say."""
-    machine = _sizes("meminfo").get("MemAvailable")
-    rooms = [*([] if machine is None else [machine]), *_cgroup_rooms(), *_limit_rooms()]
+    machine = _sizes("meminfo").get("MemAvailable") or system.free_memory()
+    rooms = [*([machine] if machine else []), *_cgroup_rooms(), *_limit_rooms()]
     if _share:
         rooms.append(_share - taken("self")[0])
     return max(1, min(rooms)) if rooms else 0
@@ -68,14 +63,16 @@ def available() -> int:
 def taken(process: int | str) -> tuple[int, int]:
     """Return the bytes of memory that a process holds, and the most that it held; 0 if the system does not say."""
     sizes = _sizes(f"{process}/status")
-    return (sizes["VmRSS"], sizes["VmHWM"]) if {"VmRSS", "VmHWM"} <= sizes.keys() else (0, 0)
+    if {"VmRSS", "VmHWM"} <= sizes.keys():
+        return sizes["VmRSS"], sizes["VmHWM"]
+    return system.taken_memory(None if process == "self" else int(process))
 
 
 def begin_sparing() -> None:
     """Begin this process anew as one that reserves little, where its address space or data are limited: else each
     thread has a heap of 64 MB, and each core a part of BLAS, from the loading of libraries on."""
     missing = {name: value for name, value in _SPARING.items() if name not in os.environ}
-    if missing and any(_limit_of(kind) is not None for kind in _LIMITS):
+    if missing and system.limits():
         os.execve(sys.executable, [sys.executable, *sys.orig_argv[1:]], os.environ | missing)
 
 
@@ -83,10 +80,8 @@ def begin_sparing() -> None:
 def keep_freed() -> None:
     """Have glibc keep what this process frees for what it takes next. Else an array of megabytes goes back to the
     system at once, which makes and clears pages for the next one: a third of the time of writing a PNG."""
-    with suppress(OSError, AttributeError):  # other C libraries
-        libc = ctypes.CDLL(None)
-        libc.mallopt(_MMAP_THRESHOLD, _KEPT // 2)
-        libc.mallopt(_TRIM_THRESHOLD, _KEPT)
+    system.mallopt(_MMAP_THRESHOLD, _KEPT // 2)
+    system.mallopt(_TRIM_THRESHOLD, _KEPT)
 
 
 def needed(photographs: Sequence[_Photograph]) -> int:
@@ -170,15 +165,9 @@ def _sizes(file: str) -> dict[str, int]:
 def _limit_rooms() -> Iterator[int]:
     """Yield the bytes that this process may still take within limits of its own."""
     sizes = _sizes("self/status")
-    for kind, name in _LIMITS.items():
-        most = _limit_of(kind)
-        if most is not None and name in sizes:
+    for name, most in system.limits().items():
+        if name in sizes:
             yield max(0, most - sizes[name] - _RESERVED)
-
-
-def _limit_of(kind: int) -> int | None:
-    soft, _ = resource.getrlimit(kind)
-    return None if soft == resource.RLIM_INFINITY else soft
 
 
 def _cgroup_rooms() -> Iterator[int]:

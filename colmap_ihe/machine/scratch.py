@@ -4,19 +4,20 @@ or after a crash when the next one looks.
 
 from __future__ import annotations
 
-import fcntl
 import os
 import shutil
 import tempfile
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from colmap_ihe.errors import DiskFullError
 from colmap_ihe.machine.files import room_on_disk
-from colmap_ihe.machine.locks import has_lock
+from colmap_ihe.machine.system import has_lock, is_of_another_user, open_to_lock
 
 _NAME = "colmap-ihe-scratch-"
+_LOOK_SECONDS = 0.01
 
 
 @contextmanager
@@ -40,18 +41,10 @@ def sweep() -> None:
                 _remove_if_dead(folder)
 
 
-def anonymous_file() -> int:
-    """Return the descriptor of a file in memory, or where the system has none, of one on disk without a name."""
-    if hasattr(os, "memfd_create"):
-        return os.memfd_create("colmap-ihe", os.MFD_CLOEXEC | os.MFD_ALLOW_SEALING)
-    with tempfile.TemporaryFile() as file:
-        return os.dup(file.fileno())
-
-
 def _remove_if_dead(folder: Path) -> None:
-    if folder.lstat().st_uid != os.getuid():
+    if is_of_another_user(folder) or not folder.is_dir():
         return
-    lock = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW | os.O_CLOEXEC)
+    lock = open_to_lock(folder)
     try:
         if has_lock(lock):
             shutil.rmtree(folder, ignore_errors=True)
@@ -66,7 +59,7 @@ def _made() -> tuple[Path, int]:
         try:
             with room_on_disk(Path(parent)):
                 folder = Path(tempfile.mkdtemp(prefix=_NAME))
-                lock = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
+                lock = open_to_lock(folder)
         except FileNotFoundError as error:
             if Path(parent).is_dir():  # swept, before it was locked
                 continue
@@ -75,14 +68,8 @@ def _made() -> tuple[Path, int]:
                 hint="name one in the environment variable TMPDIR",
             ) from error
         with suppress(OSError):  # a disk without locks: then nothing there is ever swept
-            fcntl.flock(lock, fcntl.LOCK_EX)
-        if _is_at(folder, lock):
+            while not has_lock(lock):  # for the moment that another process looks
+                time.sleep(_LOOK_SECONDS)
+        if folder.exists():
             return folder, lock
         os.close(lock)  # swept, before it was locked
-
-
-def _is_at(folder: Path, lock: int) -> bool:
-    try:
-        return os.path.samestat(folder.stat(), os.fstat(lock))
-    except FileNotFoundError:
-        return False

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -11,14 +10,11 @@ from functools import cache
 import cv2
 from threadpoolctl import LibController, ThreadpoolController
 
+from colmap_ihe.machine.system import cores as cores
+
 _ENVIRONMENT = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS")
 _limits: list[int] = []
 _lock = threading.Lock()
-
-
-def cores() -> int:
-    """Return the number of cores that this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def limit() -> int | None:

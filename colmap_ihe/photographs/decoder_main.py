@@ -2,15 +2,10 @@
 
 from __future__ import annotations
 
-import fcntl
-import os
-import resource
-import socket
 import sys
 import traceback
 import warnings
-from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +14,12 @@ from numpy.typing import NDArray
 
 from colmap_ihe.errors import KnownError
 from colmap_ihe.machine import decoder_wire
-from colmap_ihe.machine.child_process import die_with_parent
+from colmap_ihe.machine.child_process import (
+    Channel,
+    channel_to_parent,
+    die_with_parent,
+    forget_own_words,
+)
 from colmap_ihe.machine.decoder_process import BROKEN
 from colmap_ihe.machine.decoder_wire import (
     Message,
@@ -29,30 +29,29 @@ from colmap_ihe.machine.decoder_wire import (
     send,
     to_plain,
 )
+from colmap_ihe.machine.system import data_limited, offer_to_be_killed
 from colmap_ihe.photographs import colour_counts
 from colmap_ihe.photographs.exif import metadata  # noqa: F401  so that no question waits for its import
 
-_STDERR = 2
+_LIKELIER = 900  # than a run to be ended where memory runs out
 _COUNTING = (colour_counts.count_photograph, colour_counts.hand_over_counts)
 
 
 def main() -> None:
-    """Answer on the socket whose number is the first argument, until its other end is closed."""
+    """Answer the parent until it is gone. The folder for arrays that both map is the second argument."""
     warnings.simplefilter("ignore")  # of broken photographs, which we name ourselves
     cv2.setNumThreads(1)
-    fcntl.fcntl(_STDERR, fcntl.F_SETFL, fcntl.fcntl(_STDERR, fcntl.F_GETFL) | os.O_APPEND)
-    with suppress(OSError):  # if memory runs out after all, then a decoder goes and not the run
-        Path("/proc/self/oom_score_adj").write_text("900", encoding="ascii")
+    offer_to_be_killed(_LIKELIER)
     die_with_parent()
-    decoder_wire.answer_memory = memory = SharedArrayWriter()
-    with socket.socket(fileno=int(sys.argv[1])) as sock, suppress(ConnectionError):
-        send(sock, {"ready": True})
-        while (received := receive(sock)) is not None:
-            _answer(sock, received[0], memory)
+    decoder_wire.answer_memory = memory = SharedArrayWriter(Path(sys.argv[2]) if sys.argv[2] else None)
+    with channel_to_parent() as channel, suppress(ConnectionError):
+        send(channel, {"ready": True})
+        while (received := receive(channel)) is not None:
+            _answer(channel, received[0], memory)
 
 
-def _answer(sock: socket.socket, request: Message, memory: SharedArrayWriter) -> None:
-    os.ftruncate(_STDERR, 0)
+def _answer(channel: Channel, request: Message, memory: SharedArrayWriter) -> None:
+    forget_own_words()
     if not request["free"]:  # what was sent before is still in use
         memory.leave()
     answer: Message
@@ -61,7 +60,7 @@ def _answer(sock: socket.socket, request: Message, memory: SharedArrayWriter) ->
         function, arguments = call_from_plain(request)
         if function not in _COUNTING:
             colour_counts.free_counter()
-        with _memory_limit(request["memory"]):
+        with data_limited(request["memory"]):
             arrays: list[NDArray[Any]] = []
             answer = {"value": to_plain(function(*arguments), arrays)}
             if arrays:
@@ -80,31 +79,6 @@ def _answer(sock: socket.socket, request: Message, memory: SharedArrayWriter) ->
             "hint": BROKEN,
             "traceback": traceback.format_exc(),
         }
-    send(sock, answer, fd)
+    send(channel, answer, fd)
     if fd is not None:
         memory.sent()
-
-
-@contextmanager
-def _memory_limit(size: int) -> Iterator[None]:
-    """Within, let this process take `size` more bytes; further ones are a MemoryError, or a native decoder's."""
-    held = _data_bytes()
-    if held is None:
-        yield
-        return
-    before, hard = resource.getrlimit(resource.RLIMIT_DATA)
-    soft = held + size if before == resource.RLIM_INFINITY else min(held + size, before)
-    resource.setrlimit(resource.RLIMIT_DATA, (soft, hard))
-    try:
-        yield
-    finally:
-        resource.setrlimit(resource.RLIMIT_DATA, (before, hard))
-
-
-def _data_bytes() -> int | None:
-    """Return the bytes that count for RLIMIT_DATA, which only Linux keeps to."""
-    try:
-        pages = int(Path("/proc/self/statm").read_bytes().split()[5])
-    except (OSError, ValueError, IndexError):
-        return None
-    return pages * resource.getpagesize()

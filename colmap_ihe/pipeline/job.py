@@ -8,9 +8,6 @@ machine that sees the same folders.
 from __future__ import annotations
 
 import json
-import os
-import select
-import signal
 import time
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
@@ -19,7 +16,7 @@ from typing import Any, Literal
 
 from colmap_ihe.errors import KnownError
 from colmap_ihe.machine import memory
-from colmap_ihe.machine.child_process import ChildProcess, signal_name
+from colmap_ihe.machine.child_process import ChildProcess, crash_of
 from colmap_ihe.machine.files import room_on_disk
 from colmap_ihe.project.folder import Project
 
@@ -101,15 +98,10 @@ class _ChildRun:
         self.killed = False
 
     def wait(self, follow: Callable[[StageProgress], None]) -> Outcome:
-        rest, until = b"", float("inf")
-        while True:
-            if select.select([self.process.output], [], [], _TICK_SECONDS)[0]:
-                chunk = os.read(self.process.output.fileno(), 1 << 16)
-                if not chunk:
-                    break
-                *lines, rest = (rest + chunk).split(b"\n")
-                for line in lines:
-                    self._hear(json.loads(line))
+        until = float("inf")
+        for line in self.process.lines(_TICK_SECONDS):
+            if line.endswith(b"\n"):  # else it ended within it
+                self._hear(json.loads(line))
             now, peak = memory.taken(self.process.pid)
             self.peak = max(self.peak, peak)
             self.progress = replace(self.progress, bytes=now)
@@ -155,16 +147,17 @@ class _ChildRun:
 
     def _crash(self) -> tuple[Ending, str, str]:
         status, words = self.process.status(), self.process.words()
-        if status == -signal.SIGKILL and not self.killed:
+        crash = crash_of(status)
+        if crash == "SIGKILL" and not self.killed:
             reason = f"killed by the system{self._where()}, as it does when memory runs out"
             return "out_of_memory", reason, LESS_MEMORY
         if "bad_alloc" in words or "MemoryError" in words:
             return "out_of_memory", f"memory ran out{self._where()}", LESS_MEMORY
-        if status == -signal.SIGTERM:
+        if crash == "SIGTERM":
             return "stopped", f"stopped from elsewhere{self._where()} (SIGTERM)", GOES_ON
         hint = f"{GOES_ON}; if it crashes again see {self.log} and records/colmap.log.*"
-        if status is not None and status < 0:
-            return "crashed", f"crashed{self._where()} ({signal_name(-status)})", hint
+        if crash:
+            return "crashed", f"crashed{self._where()} ({crash})", hint
         last = words.strip().splitlines()[-1:] or ["it said nothing"]
         return "crashed", f"ended without a result{self._where()}, exit status {status}: {last[0]:.300}", hint
 

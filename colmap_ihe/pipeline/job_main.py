@@ -20,6 +20,7 @@ from typing import Any
 from colmap_ihe.errors import BusyError, Cancelled, KnownError, NativeError, ShortOfMemoryError
 from colmap_ihe.machine import memory
 from colmap_ihe.machine.progress import Progress, Silent
+from colmap_ihe.machine.system import offer_to_be_killed
 from colmap_ihe.pipeline.job import GOES_ON, LESS_MEMORY
 from colmap_ihe.pipeline.reconstruct import reconstruct
 from colmap_ihe.project.options_file import project_options
@@ -27,7 +28,7 @@ from colmap_ihe.project.options_file import project_options
 _GRACE_SECONDS = 20.0
 """Until a run that nobody waits for any more ends itself; less than `job` waits."""
 _TELL_SECONDS = 0.5
-_LIKELIER = "500"
+_LIKELIER = 500
 """Than other processes to be ended by the system when memory runs out; the batch itself should not be."""
 
 
@@ -79,9 +80,8 @@ def main() -> None:
     _listen(teller)
     warnings.filterwarnings("ignore", module=r"PIL\b")
     logging.basicConfig(level=logging.INFO, format="%(name)s: %(message)s", stream=sys.stderr)
-    with suppress(OSError):
-        Path("/proc/self/oom_score_adj").write_text(_LIKELIER, encoding="ascii")
-    state, reason, hint = _run(json.loads(sys.argv[1]), teller)
+    offer_to_be_killed(_LIKELIER)
+    state, reason, hint = _run(json.loads(sys.argv[2]), teller)
     teller.say({"ended": {"state": state, "reason": reason, "hint": hint}})
     sys.stderr.flush()
     os._exit(0)

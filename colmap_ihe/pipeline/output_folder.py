@@ -29,6 +29,7 @@ from colmap_ihe.machine.files import (
 )
 from colmap_ihe.machine.locks import lock_at_once
 from colmap_ihe.machine.progress import RunProgress
+from colmap_ihe.machine.system import open_to_lock
 from colmap_ihe.photographs.discover import discover
 from colmap_ihe.photographs.each import LeftOut, refused
 from colmap_ihe.photographs.readable import find_photographs
@@ -140,7 +141,7 @@ def opened(folder: Path) -> Iterator[Ledger]:
         raise ProjectError(f"{folder}: is a file, expected a folder", hint="name an empty or a new folder")
     with room_on_disk(folder):
         folder.mkdir(parents=True, exist_ok=True)
-    handle = os.open(folder, os.O_RDONLY)
+    handle = open_to_lock(folder.resolve())
     try:
         if not lock_at_once(handle, folder):
             raise ProjectError(f"{folder}: another run is writing into it", hint="wait for it, or stop it")

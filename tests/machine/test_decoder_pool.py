@@ -7,12 +7,12 @@ import json
 import os
 import resource
 import signal
-import socket
 import subprocess
 import sys
 import threading
 import time
 from concurrent.futures import ThreadPoolExecutor
+from multiprocessing import Pipe
 from pathlib import Path
 from typing import Any
 
@@ -24,7 +24,7 @@ from processes import children, is_gone, soon
 
 from colmap_ihe.errors import Cancelled, CapabilityError, PhotographError
 from colmap_ihe.machine import decoder_pool as decoders
-from colmap_ihe.machine import decoder_process, memory
+from colmap_ihe.machine import decoder_process, memory, system
 from colmap_ihe.machine import decoder_wire as wire
 from colmap_ihe.machine.decoder_process import Decoder
 from colmap_ihe.machine.executor import in_order
@@ -349,24 +349,62 @@ def test_ctrl_c_while_a_decoder_hangs(tmp_path: Path) -> None:
 
 
 def test_messages_arrive_whole() -> None:
-    ours, theirs = socket.socketpair()
+    ours, theirs = Pipe()
     message = {"exif": "0123456789abcdef" * 50000, "name": "a\udcffb ü", "numbers": [1, 2.5], "none": None}
     with ours, theirs:
         sender = threading.Thread(target=wire.send, args=(ours, message))
         sender.start()
         assert wire.receive(theirs) == (message, None)
         sender.join()
-        ours.sendall(b"\0\0\0\x09{}")
-        ours.shutdown(socket.SHUT_WR)
+        os.write(ours.fileno(), b"\0\0\0\x09{}")
+        ours.close()
         assert wire.receive(theirs) is None
 
 
 def test_a_message_that_claims_to_be_huge_is_refused() -> None:
-    ours, theirs = socket.socketpair()
+    ours, theirs = Pipe()
     with ours, theirs:
-        ours.sendall(b"\xff\xff\xff\xff")
-        with pytest.raises(ValueError, match="4294967295 bytes"):
+        os.write(ours.fileno(), b"\x7f\xff\xff\xff")
+        with pytest.raises(ValueError, match="more than 268435456 bytes"):
             wire.receive(theirs)
+
+
+def test_a_message_whose_rest_does_not_come_ends_the_wait() -> None:
+    ours, theirs = Pipe()
+    with ours, theirs:
+        system.bound_reads(theirs.fileno(), 1)
+        os.write(ours.fileno(), b"\0\0\0\x09{}")
+        with pytest.raises(BlockingIOError):
+            wire.receive(theirs)
+
+
+def test_a_file_that_does_not_come_is_refused() -> None:
+    ours, theirs = Pipe()
+    with ours, theirs:
+        ours.send_bytes(b'{"has_file": true}')
+        os.write(ours.fileno(), b"x")
+        with pytest.raises(ValueError, match="no file came"):
+            wire.receive(theirs)
+
+
+@pytest.mark.parametrize("folder", [False, True])
+def test_arrays_come_without_a_name_or_by_a_file(tmp_path: Path, folder: bool) -> None:
+    """Linux sends memory; elsewhere both sides map a file, whose name is gone once both have it."""
+    place = tmp_path if folder else None
+    writer, reader = wire.SharedArrayWriter(place), wire.SharedArrayReader(place)
+    held = []
+    for seed in range(3):
+        message, fd = writer.put([colours(seed), np.arange(5, dtype=np.int64)])
+        assert (fd is None) == folder
+        held.append(reader.arrays(message, None if fd is None else os.dup(fd)))
+        writer.sent()
+        assert not list(tmp_path.iterdir())
+        writer.leave()  # for they are in use
+    for seed, (pixels, numbers) in enumerate(held):
+        np.testing.assert_array_equal(pixels, colours(seed))
+        assert numbers.tolist() == [0, 1, 2, 3, 4]
+    with pytest.raises(ValueError, match="lost on the way"):
+        wire.SharedArrayReader(tmp_path).arrays({"arrays": [{}], "is_new": True, "file": 7}, None)
 
 
 @pytest.mark.parametrize(

@@ -10,8 +10,10 @@ import time
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
+from unittest.mock import Mock
 
 import numpy as np
+import psutil
 import pytest
 from PIL import Image
 from told import Told
@@ -73,8 +75,10 @@ def test_of_a_container_of_the_first_version(system: Path) -> None:
     assert memory.available() == 600_000_000
 
 
-def test_where_the_system_does_not_say(system: Path) -> None:
+def test_where_the_system_does_not_say(system: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (system / "proc/meminfo").unlink()
+    assert GB // 10 < memory.available() == pytest.approx(psutil.virtual_memory().available, rel=0.5)
+    monkeypatch.setattr(psutil, "virtual_memory", Mock(side_effect=psutil.Error))
     assert memory.available() == 0
     assert memory.at_once([capture(10**9)], 8) == 8
 

@@ -168,6 +168,8 @@ def test_without_its_parent_it_stops(new_project: Callable[..., Path]) -> None:
 
 
 def test_signals_have_names() -> None:
-    assert child_process.signal_name(signal.SIGBUS) == "SIGBUS"
-    assert child_process.signal_name(99) == "signal 99"
-    assert sys.platform != "linux" or child_process.signal_name(11) == "SIGSEGV"
+    assert child_process.crash_of(-signal.SIGBUS) == "SIGBUS"
+    assert child_process.crash_of(-99) == "signal 99"
+    assert sys.platform != "linux" or child_process.crash_of(-11) == "SIGSEGV"
+    assert child_process.crash_of(0xC0000005) == "access violation"  # of Windows
+    assert [child_process.crash_of(status) for status in (None, 0, 1, 3)] == [""] * 4

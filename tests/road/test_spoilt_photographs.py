@@ -25,6 +25,7 @@ from PIL import Image, ImageCms
 from spoilt import BYTES, JSON, file, parser
 
 from colmap_ihe.errors import PhotographError
+from colmap_ihe.machine.child_process import Channel
 from colmap_ihe.machine.decoder_process import Decoder
 from colmap_ihe.machine.decoder_wire import SharedArrayReader, receive
 from colmap_ihe.photographs.coded import read_coded
@@ -181,9 +182,9 @@ def _sent(to: socket.socket, data: bytes) -> None:
 @parser(answers, JSON, refuses=(ValueError, OSError), seal=framed)
 def test_answers_of_a_decoder(data: bytes, folder: Path) -> object:
     ours, theirs = socket.socketpair()
-    with ThreadPoolExecutor(1) as thread, theirs, ours:
+    with ThreadPoolExecutor(1) as thread, theirs, Channel(ours.detach()) as channel:
         thread.submit(_sent, theirs, data)
-        received = receive(ours)
+        received = receive(channel)
     if received is None:
         return None
     answer, window = received[0], SharedArrayReader()

@@ -9,8 +9,6 @@ one that comes back. A task may therefore run twice, and writes whole files or n
 from __future__ import annotations
 
 import json
-import os
-import signal
 import subprocess
 import sys
 import threading
@@ -25,6 +23,7 @@ from typing import Any
 from distributed import Client, KilledWorker, LocalCluster
 
 from colmap_ihe.errors import Cancelled, ClusterError
+from colmap_ihe.machine import system
 from colmap_ihe.machine.cluster.task import GO_ON, Task, Terms
 from colmap_ihe.machine.scratch import scratch_folder
 
@@ -213,5 +212,5 @@ def local_workers(count: int, log: Path) -> Iterator[str]:
             try:
                 workers.wait(_END_SECONDS)
             except subprocess.TimeoutExpired:
-                os.killpg(workers.pid, signal.SIGKILL)
+                system.kill(workers.pid)
                 workers.wait()

@@ -6,7 +6,6 @@ empty the lease, which tells its tasks that the run is over, and wait until none
 
 from __future__ import annotations
 
-import fcntl
 import os
 import secrets
 import time
@@ -16,8 +15,8 @@ from pathlib import Path
 
 from colmap_ihe.errors import Cancelled, ClusterError
 from colmap_ihe.machine.files import write_bytes
-from colmap_ihe.machine.locks import has_lock
 from colmap_ihe.machine.progress import Progress, RunProgress
+from colmap_ihe.machine.system import has_lock
 
 _PATTERN = "cluster-*.lease"
 _LOOK_SECONDS = 0.5
@@ -63,7 +62,7 @@ def held(path: Path) -> Iterator[RunOver]:
     """Lock the lease while a task works. Raises `Cancelled` where the run is over, OSError without a lease."""
     with path.open("rb") as handle:
         over = RunOver(path)
-        if not has_lock(handle.fileno(), fcntl.LOCK_SH) or over.is_set():
+        if not has_lock(handle.fileno(), shared=True) or over.is_set():
             raise Cancelled
         yield over
 

@@ -6,8 +6,6 @@ memory before. So that memory is given a pattern first: what still shows it was 
 
 from __future__ import annotations
 
-import ctypes
-import os
 import re
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -18,9 +16,10 @@ import rawpy
 
 from colmap_ihe.errors import PhotographError
 from colmap_ihe.machine import decoder_wire
+from colmap_ihe.machine.child_process import own_words
 from colmap_ihe.machine.decoder_process import BROKEN
+from colmap_ihe.machine.system import mallopt
 
-_STDERR = 2
 _DAMAGED = re.compile(r"data corrupted at|unexpected end of file", re.IGNORECASE)
 _BYTE = 0xE7
 _PATTERN = _BYTE << 8 | _BYTE  # no sensor's white level
@@ -44,13 +43,12 @@ def refuse_damaged(name: str) -> None:
     LibRaw does not always raise an error."""
     if decoder_wire.answer_memory is None:  # no decoder
         return
-    if _DAMAGED.search(os.pread(_STDERR, 1 << 16, 0).decode("utf-8", "replace")):
+    if _DAMAGED.search(own_words()):
         raise PhotographError(f"{name}: LibRaw found damaged data in it", hint=BROKEN)
 
 
 @contextmanager
 def _patterned_memory() -> Iterator[None]:
-    mallopt = getattr(ctypes.CDLL(None), "mallopt", lambda _option, _value: None)
     mallopt(_M_PERTURB, _BYTE ^ 0xFF)
     try:
         yield
