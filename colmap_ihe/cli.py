@@ -23,6 +23,8 @@ from colmap_ihe.errors import Cancelled, KnownError
 from colmap_ihe.machine import memory
 
 EXIT_FAILED, EXIT_CANCELLED = 1, 130
+_STOPPING = [getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGBREAK") if hasattr(signal, name)]
+"""Ctrl-C, `kill`, and Ctrl-Break of Windows."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -69,13 +71,13 @@ def _drop_stdout() -> None:
 
 
 def _listen(display: Display) -> dict[int, Any]:
-    """Ask what is running to stop at the first Ctrl-C or SIGTERM, and end at the second. Return the handlers before."""
+    """Ask what is running to stop at the first of these signals, and end at the second. Return the handlers before."""
 
     def on_signal(number: int, _frame: object) -> None:
         display.stop()
         signal.signal(number, signal.default_int_handler if number == signal.SIGINT else signal.SIG_DFL)
 
-    return {number: signal.signal(number, on_signal) for number in (signal.SIGINT, signal.SIGTERM)}
+    return {number: signal.signal(number, on_signal) for number in _STOPPING}
 
 
 def _display(parsed: argparse.Namespace) -> Display:

@@ -9,6 +9,7 @@ from pathlib import Path
 from colmap_ihe.colmap.database import remove_database
 from colmap_ihe.colmap.known_calibration import KnownCalibration, start_cameras
 from colmap_ihe.colmap.native import called, pycolmap
+from colmap_ihe.machine.files import replace_file
 from colmap_ihe.machine.progress import Progress
 from colmap_ihe.photographs.camera_identity import CameraIdentity, without_whole_identity
 
@@ -69,4 +70,4 @@ def import_images(
         )
     if known.cameras:
         start_cameras(unfinished, known)
-    unfinished.replace(database)
+    replace_file(unfinished, database)

@@ -55,7 +55,7 @@ def match_block(block: Block, progress: Progress | None = None) -> Path:
             copy_features(copy, database)
             copy.unlink()
         pairing = pycolmap.ImportedPairingOptions(match_list_path=list_file, block_size=block.batch)
-        list_file.write_text("".join(f"{a} {b}\n" for a, b in block.pairs), encoding="ascii")
+        list_file.write_text("".join(f"{a} {b}\n" for a, b in block.pairs), encoding="ascii", newline="\n")
         try:
             with _alone, counting_rows(database, "two_view_geometries") as rows:
                 called(

@@ -24,7 +24,7 @@ from colmap_ihe.dense.stereo.views import StereoView
 from colmap_ihe.dense.undistort import read_grey, read_mask
 from colmap_ihe.errors import Cancelled, ProjectError
 from colmap_ihe.machine.executor import TaskProgress, in_order
-from colmap_ihe.machine.files import require_same_folder
+from colmap_ihe.machine.files import replace_file, require_same_folder
 from colmap_ihe.machine.progress import SILENT, Progress
 from colmap_ihe.machine.threads import cores
 
@@ -228,7 +228,7 @@ def write_map(values: Array, path: Path) -> None:
     path.parent.mkdir(parents=True, exist_ok=True)
     part = path.with_name(f"{path.name}.{secrets.token_hex(4)}.part")  # no other worker's
     part.write_bytes(f"{width}&{height}&{channels}&".encode() + planes.tobytes())
-    part.replace(path)
+    replace_file(part, path)
 
 
 def _stop_file(dense_dir: Path) -> Path:

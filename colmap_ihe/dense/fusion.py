@@ -14,6 +14,7 @@ from colmap_ihe.dense.camera import Bool
 from colmap_ihe.dense.fusion_cell_workspace import Maps
 from colmap_ihe.dense.fusion_cells import Cell, Price, cells_of
 from colmap_ihe.dense.ply import columns, read_ply, row_header
+from colmap_ihe.machine.files import replace_file
 from colmap_ihe.machine.progress import SILENT, Progress
 
 FUSION_BYTES = 1_600_000_000
@@ -51,7 +52,7 @@ def fuse(
     else:
         points = _fused_in_cells(maps, part, native, cells, progress)
     for suffix in (".vis", ""):
-        part.with_name(part.name + suffix).replace(dense_dir / f"fused.ply{suffix}")
+        replace_file(part.with_name(part.name + suffix), dense_dir / f"fused.ply{suffix}")
     return points
 
 

@@ -75,7 +75,9 @@ class Maps:
         for index, window in windows.items():
             self._write_window(index, window, work)
         self._submodel(cell, windows).write(work / "sparse")
-        (work / "stereo" / "fusion.cfg").write_text("".join(f"{_name(index)}\n" for index in windows))
+        (work / "stereo" / "fusion.cfg").write_text(
+            "".join(f"{_name(index)}\n" for index in windows), encoding="utf-8", newline="\n"
+        )
         order = pycolmap.Reconstruction(work / "sparse")
         return [int(Path(order.images[i].name).stem) for i in order.reg_image_ids()]
 

@@ -23,6 +23,7 @@ from colmap_ihe.dense.ply import COLOURS, Rows, columns, read_mesh, read_ply, wr
 from colmap_ihe.dense.see_through import without_seen_through
 from colmap_ihe.dense.texture.mesh import Mesh, without_small_parts
 from colmap_ihe.errors import MappingError, NativeError
+from colmap_ihe.machine.files import replace_file
 from colmap_ihe.machine.progress import SILENT, Progress
 
 _KD_TREE = 4  # FLANN's exact one, KDTreeSingleIndex
@@ -94,7 +95,7 @@ def reconstruct_surface(
             surface = replace(simple, colours=nearest_colours(simple.vertices, thin))
         progress.advance()
         write_mesh(parts[2], surface)
-        parts[2].replace(mesh)
+        replace_file(parts[2], mesh)
     finally:
         for part in parts:
             part.unlink(missing_ok=True)

@@ -57,9 +57,8 @@ class Decoder:
         self.dead = False
         self._ready = False
         self._folder = ExitStack()
-        folder = None if system.SENDS_MEMORY else self._folder.enter_context(scratch_folder())
-        self.window = wire.SharedArrayReader(folder)
         try:
+            folder = None if system.SENDS_MEMORY else self._folder.enter_context(scratch_folder())
             self._process = ChildProcess(
                 "colmap_ihe.photographs.decoder_main",
                 str(folder or ""),
@@ -68,6 +67,7 @@ class Decoder:
         except OSError as error:
             self._folder.close()
             raise _cannot_start(str(error)) from error
+        self.window = wire.SharedArrayReader(folder)
         self._channel = self._process.channel
         system.bound_reads(self._channel.fileno(), SECONDS)
 

@@ -10,6 +10,7 @@ import re
 import secrets
 import shutil
 import stat
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from io import BytesIO
@@ -30,6 +31,12 @@ _NO_ANSWER = {*_GONE, *(getattr(errno, name) for name in ("ESTALE", "EREMOTEIO")
 _MOST_JSON = 1 << 28  # bytes: digests of a million photographs
 _LONGEST_NAME, _LONGEST_PATH = 255, 3000  # bytes, with room for the folder before it
 _PIECE = 1 << 12  # bytes
+_HELD_OPEN = (5, 32, 33)  # of Windows: denied, which it says of an open file too, shared, locked
+_TOO_LONG = 206  # of Windows
+_TRIES_SECONDS = (0.05, 0.1, 0.2, 0.5, 1.0, 2.0)
+_WINDOWS_KEEPS = re.compile(
+    r"(con|prn|aux|nul|(com|lpt)[1-9\u00b9\u00b2\u00b3])[ ]*(\..*)?|.*[<>:\"|?*\\].*|.*[. ]", re.IGNORECASE
+)
 _held: dict[Path, os.stat_result] = {}
 
 
@@ -69,8 +76,30 @@ def is_name_below(name: str) -> bool:
     path = PurePosixPath(name)
     if not path.parts or path.is_absolute() or ".." in path.parts or not is_readable_name(name):
         return False
+    if os.name == "nt" and not all(map(is_name_of_windows, path.parts)):
+        return False
     longest = max(len(part.encode("utf-8", "replace")) for part in path.parts)
     return longest <= _LONGEST_NAME and len(name.encode("utf-8", "replace")) <= _LONGEST_PATH
+
+
+def is_name_of_windows(part: str) -> bool:
+    """Tell whether Windows could have a file of that name: not of a device, as "con" and "nul.txt", and without a dot
+    or a space at its end."""
+    return _WINDOWS_KEEPS.fullmatch(part) is None
+
+
+def replace_file(source: Path, target: Path) -> None:
+    """Give `source` the name of `target`, which it takes the place of. Windows refuses that while a viewer or a virus
+    scanner has one of them open: tried again for some seconds. Raises OSError."""
+    for seconds in _TRIES_SECONDS:
+        try:
+            source.replace(target)
+            return
+        except PermissionError as error:
+            if getattr(error, "winerror", 0) not in _HELD_OPEN:
+                raise
+            time.sleep(seconds)
+    source.replace(target)
 
 
 def leads_out(path: Path, folder: Path) -> bool:
@@ -100,7 +129,7 @@ def link_or_copy(source: Path, target: Path) -> None:
     except OSError:  # systems give many numbers for it; a disk that is gone or full fails below too
         part = target.with_name(f"{target.name}.{secrets.token_hex(4)}.part")
         shutil.copyfile(source, part)
-        part.replace(target)
+        replace_file(part, target)
 
 
 def link_or_copy_folder(source: Path, target: Path) -> None:
@@ -123,6 +152,16 @@ def room_on_disk(path: Path) -> Iterator[None]:
         if error.errno in (errno.ENOSPC, errno.EDQUOT):
             raise DiskFullError(
                 f"{path}: no room left on this disk", hint="make room; the same command goes on from here"
+            ) from error
+        if getattr(error, "winerror", 0) in _HELD_OPEN:
+            raise ProjectError(
+                f"{error.filename or path}: another program has it open, or it is not writable",
+                hint="close viewers and editors; the same command goes on from here",
+            ) from error
+        if error.errno == errno.ENAMETOOLONG or getattr(error, "winerror", 0) == _TOO_LONG:
+            raise ProjectError(
+                f"{error.filename or path}: this path is too long for the system",
+                hint="use a folder with a shorter path, or on Windows allow long ones: docs/systems.md",
             ) from error
         if error.errno in (errno.EACCES, errno.EROFS, errno.EPERM):
             raise ProjectError(
@@ -188,7 +227,7 @@ def write_bytes(path: Path, content: bytes) -> None:
                 handle.write(content)
                 handle.flush()
                 os.fsync(handle.fileno())
-            temporary.replace(path)
+            replace_file(temporary, path)
     finally:
         with suppress(OSError):
             temporary.unlink(missing_ok=True)
@@ -219,8 +258,8 @@ def replace_folder(temporary: Path, final: Path) -> None:
     old = final.with_name(f".{final.name}.old")
     if final.exists():
         shutil.rmtree(old, ignore_errors=True)
-        final.rename(old)
-    temporary.rename(final)  # also where a kill came between the two
+        replace_file(final, old)
+    replace_file(temporary, final)  # also where a kill came between the two
     shutil.rmtree(old, ignore_errors=True)
 
 

@@ -80,5 +80,5 @@ def _answer(channel: Channel, request: Message, memory: SharedArrayWriter) -> No
             "traceback": traceback.format_exc(),
         }
     send(channel, answer, fd)
-    if fd is not None:
+    if "arrays" in answer:
         memory.sent()

@@ -17,6 +17,7 @@ import numpy as np
 import rawpy
 from numpy.typing import NDArray
 
+from colmap_ihe.machine.files import replace_file
 from colmap_ihe.photographs.discover import Capture
 
 _FREE = 4  # times its size has to be free on the disk, for one to be kept
@@ -54,6 +55,6 @@ def store(file: Path, rgb: NDArray[Any], matrix: NDArray[np.float64] | None) -> 
         try:
             with temporary.open("wb") as opened:
                 np.savez(opened, rgb=rgb, matrix=np.asarray(matrix))
-            temporary.replace(file)
+            replace_file(temporary, file)
         finally:
             temporary.unlink(missing_ok=True)

@@ -23,8 +23,10 @@ DIAGONAL_35MM = 43.27
 
 
 def pattern_of(cameras: CamerasOptions, name: str) -> str | None:
-    """Return the first pattern that a photograph's name fits, upper and lower case told apart; `*` also fits `/`."""
-    return next((pattern for pattern in cameras.root if fnmatchcase(name, pattern)), None)
+    """Return the first pattern that a photograph's name fits, upper and lower case told apart; `*` also fits `/`, and
+    a backslash stands for `/`."""
+    fitting = (p for p in cameras.root if fnmatchcase(name, p) or fnmatchcase(name, p.replace("\\", "/")))
+    return next(fitting, None)
 
 
 def unused_patterns(cameras: CamerasOptions, names: Iterable[str]) -> list[str]:

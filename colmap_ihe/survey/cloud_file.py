@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from colmap_ihe.machine.files import replace_file
 from colmap_ihe.survey.frames import GPS, Frame
 from colmap_ihe.survey.observations import F64
 
@@ -71,7 +72,7 @@ def write_laz(path: Path, rows: npt.NDArray[np.void], frame: Frame) -> None:
     ) as file:
         for start in range(0, len(rows), _CHUNK):
             file.write_points(_points(rows[start : start + _CHUNK], header, target))
-    temporary.replace(path)
+    replace_file(temporary, path)
 
 
 def _metric_crs(frame: Frame) -> str:

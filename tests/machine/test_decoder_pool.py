@@ -305,6 +305,7 @@ def test_a_run_that_ends_leaves_no_decoder_and_no_warning(tmp_path: Path) -> Non
     assert is_gone(int(out))
 
 
+@pytest.mark.posix
 def test_a_forked_process_starts_decoders_of_its_own(tmp_path: Path) -> None:
     code = """
 import os, warnings
@@ -369,6 +370,7 @@ def test_a_message_that_claims_to_be_huge_is_refused() -> None:
             wire.receive(theirs)
 
 
+@pytest.mark.posix
 def test_a_message_whose_rest_does_not_come_ends_the_wait() -> None:
     ours, theirs = Pipe()
     with ours, theirs:
@@ -378,6 +380,7 @@ def test_a_message_whose_rest_does_not_come_ends_the_wait() -> None:
             wire.receive(theirs)
 
 
+@pytest.mark.posix
 def test_a_file_that_does_not_come_is_refused() -> None:
     ours, theirs = Pipe()
     with ours, theirs:

@@ -127,6 +127,9 @@ def test_the_first_pattern_that_fits_counts() -> None:
     names = ["a/b/c.JPG", "a/c.jpg", "c.JPG"]
     assert [pattern_of(known, name) for name in names] == ["a/*.JPG", "a/*", "*"]
     assert pattern_of(cameras(), "c.JPG") is None
+    backslashed = cameras(**{"a\\*.JPG": FULL_FRAME})
+    assert pattern_of(backslashed, "a/1.JPG") == "a\\*.JPG"
+    assert pattern_of(backslashed, "b/1.JPG") is None
 
 
 def photographs(folder: Path, *names: str, metadata: Metadata | None = None) -> Path:
