@@ -13,8 +13,6 @@ from colmap_ihe.photographs.exif.blocks import is_place
 Fix = tuple[float, float, float]
 """Latitude and longitude in degrees, altitude in metres."""
 
-NEIGHBOURS = int(pycolmap.SpatialPairingOptions().max_num_neighbors)
-
 
 def forget_impossible_fixes(database: Path) -> None:
     """Take out of the database the fixes that no place has, which COLMAP would take for one."""
@@ -25,9 +23,12 @@ def forget_impossible_fixes(database: Path) -> None:
                 opened.update_pose_prior(prior)
 
 
-def useful_fixes(database: Path, neighbours: int = NEIGHBOURS) -> dict[int, Fix]:
+def useful_fixes(database: Path, neighbours: int | None = None) -> dict[int, Fix]:
     """Return the fixes by image that tell images apart: without those that so many share that the `neighbours` to
-    compare would all be found on the same spot, as where one fix was written into all photographs."""
+    compare, by default as many as COLMAP's, would all be found on the same spot, as where one fix was written into all
+    photographs."""
+    if neighbours is None:
+        neighbours = int(pycolmap.SpatialPairingOptions().max_num_neighbors)
     with pycolmap.Database.open(database) as opened:
         priors = [prior for prior in opened.read_all_pose_priors() if prior.has_position()]
     fixes: dict[int, Fix] = {}

@@ -31,7 +31,7 @@ from colmap_ihe.machine.files import write_bytes
 from colmap_ihe.machine.progress import Progress
 from colmap_ihe.project.options import FeaturesOptions
 
-COLMAPS_THRESHOLD: float = pycolmap.SiftExtractionOptions().peak_threshold
+COLMAPS_THRESHOLD = 0.02 / 3
 LOWEST = 0.5
 """Of COLMAP's peak threshold, which is 1.7 of 255 grey levels: of less than one level it is rounding that is found."""
 SCALES = 5

@@ -9,12 +9,10 @@ from colmap_ihe.colmap.native import apply_options, fill, pycolmap
 from colmap_ihe.errors import OptionError
 from colmap_ihe.project.options import SparseOptions
 
-MAPPERS: dict[str, tuple[Any, Any]] = {
-    "incremental": (pycolmap.incremental_mapping, pycolmap.IncrementalPipelineOptions),
-    "global": (pycolmap.global_mapping, pycolmap.GlobalPipelineOptions),
-    "hierarchical": (pycolmap.hierarchical_mapping, pycolmap.HierarchicalPipelineOptions),
-}
-"""COLMAP's mappers with the classes of their options."""
+
+def mapper_of(options: SparseOptions) -> Any:
+    """Return COLMAP's mapper that the options name."""
+    return getattr(pycolmap, f"{options.mapper}_mapping")
 
 
 def camera_ids(database: Path) -> frozenset[int]:
@@ -37,7 +35,7 @@ def native_options(options: SparseOptions, held: frozenset[int] = frozenset()) -
     """Return the pipeline options of the mapper in pycolmap, by which it holds cameras of these ids, for `global` all.
     The hierarchical one takes those of the incremental one, which maps its parts, by their own names too. Raises
     `OptionError`."""
-    settings = MAPPERS[options.mapper][1]()
+    settings = getattr(pycolmap, f"{options.mapper.title()}PipelineOptions")()
     of_parts = getattr(settings, "incremental_options", None)
     values = options.colmap
     passed_on = {n: v for n, v in values.items() if not hasattr(settings, n) and hasattr(of_parts, n)}

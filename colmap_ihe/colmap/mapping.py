@@ -10,9 +10,9 @@ from pathlib import Path
 from colmap_ihe.colmap.calibration.calibrate import Calibration, Known
 from colmap_ihe.colmap.calibration.models import Calibrated, Setting, calibrate_models
 from colmap_ihe.colmap.mapper_options import (
-    MAPPERS,
     calibration_settings,
     camera_ids,
+    mapper_of,
     native_options,
     refuse_partly_held,
 )
@@ -227,7 +227,7 @@ def map_in_process(given: MappingInput, progress: Progress) -> list[pycolmap.Rec
 def _map(given: MappingInput, _progress: Progress) -> None:
     try:
         called(
-            MAPPERS[given.options.mapper][0],
+            mapper_of(given.options),
             _with_focal_lengths(given),
             given.grey,
             given.out,

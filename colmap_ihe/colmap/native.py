@@ -9,11 +9,11 @@ import ctypes
 import threading
 import time
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any, Protocol, TypeVar
 
-from colmap_ihe.errors import Cancelled, KnownError, NativeError, OptionError, did_you_mean
+from colmap_ihe.errors import Cancelled, CapabilityError, KnownError, NativeError, OptionError, did_you_mean
 from colmap_ihe.machine import threads
 from colmap_ihe.machine.libraries import pycolmap as pycolmap
 from colmap_ihe.machine.progress import Progress
@@ -23,12 +23,12 @@ _POLL_SECONDS, _STOP_SECONDS = 0.25, 60.0
 _LOGS_KEPT = 4
 _logs_to: list[Path] = []
 _silence = threading.Lock()
-pycolmap.logging.alsologtostderr = False
 
 
 def hear_colmap() -> None:
-    """Send COLMAP's log to stderr too, from now on."""
-    pycolmap.logging.alsologtostderr = True
+    """Send COLMAP's log to stderr too, from now on, where there is a COLMAP."""
+    with suppress(CapabilityError):
+        pycolmap.logging.alsologtostderr = True
 
 
 def cuda_devices() -> int:
@@ -115,10 +115,11 @@ def _like(value: Any) -> str:
 
 
 @contextmanager
-def quiet(level: pycolmap.logging.Level = pycolmap.logging.ERROR) -> Iterator[None]:
-    """Let COLMAP log only what is of this level for as long as this lasts; not to be entered by two threads at once."""
+def quiet(level: pycolmap.logging.Level | None = None) -> Iterator[None]:
+    """Let COLMAP log only what is of this level, by default errors, for as long as this lasts; not to be entered by two
+    threads at once."""
     before = pycolmap.logging.minloglevel
-    pycolmap.logging.minloglevel = int(level)
+    pycolmap.logging.minloglevel = int(pycolmap.logging.ERROR if level is None else level)
     try:
         yield
     finally:

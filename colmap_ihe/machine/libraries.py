@@ -5,17 +5,46 @@ from __future__ import annotations
 import hashlib
 import zlib  # noqa: F401  before pycolmap, whose own zlib symbols would else be bound to the system's
 from functools import cache, lru_cache
-from importlib import metadata
+from importlib import import_module, metadata
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
-import cv2
-import numpy as np
-import PIL.Image  # noqa: F401
+from colmap_ihe.errors import CapabilityError
 
-import pycolmap as pycolmap  # isort: skip  after zlib, cv2 and PIL; others take it from here
-import rawpy
+if TYPE_CHECKING:
+    import pycolmap as pycolmap
 
 __version__ = "0.2.0"
+_MODULES = {"opencv": "cv2", "numpy": "numpy"}
+
+
+class _Later:
+    """Stand for pycolmap, which takes longer to import than all else: it is imported as something of it is used."""
+
+    def __getattr__(self, name: str) -> Any:
+        if name.startswith("__") and name != "__version__":  # what Python itself and test runners look for
+            raise AttributeError(name)
+        return getattr(_pycolmap(), name)
+
+
+if not TYPE_CHECKING:
+    pycolmap = _Later()
+
+
+@cache
+def _pycolmap() -> Any:
+    """Import pycolmap, after the libraries that it must not come before (docs/decisions/0003-import-order.md)."""
+    for name in ("cv2", "PIL.Image"):
+        import_module(name)
+    try:
+        module = import_module("pycolmap")
+    except ModuleNotFoundError as error:
+        raise CapabilityError(
+            "pycolmap is not installed: without it `fit`, `convert` and `develop` work, and nothing else",
+            hint="pip install pycolmap, where there is a wheel of it; on other machines see docs/systems.md",
+        ) from error
+    module.logging.alsologtostderr = False
+    return module
 
 
 def library_versions(*names: str) -> dict[str, str]:
@@ -25,13 +54,11 @@ def library_versions(*names: str) -> dict[str, str]:
 
 @cache
 def _version(name: str) -> str:
-    versions = {
-        "pycolmap": pycolmap.__version__,
-        "opencv": cv2.__version__,
-        "numpy": np.__version__,
-        "libraw": ".".join(map(str, rawpy.libraw_version)),
-    }
-    return versions.get(name) or metadata.version(name)
+    if name == "pycolmap":
+        return str(pycolmap.__version__)
+    if name == "libraw":
+        return ".".join(map(str, import_module("rawpy").libraw_version))
+    return str(import_module(_MODULES[name]).__version__) if name in _MODULES else metadata.version(name)
 
 
 def package_version(name: str) -> str | None:

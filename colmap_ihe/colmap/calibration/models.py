@@ -6,6 +6,7 @@ import shutil
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import TypeAlias
 
 import numpy as np
 
@@ -18,7 +19,7 @@ from colmap_ihe.colmap.part_databases import copy_with_cameras
 from colmap_ihe.errors import NativeError
 from colmap_ihe.machine.progress import SILENT, Progress
 
-Models = list[pycolmap.Reconstruction]
+Models: TypeAlias = "list[pycolmap.Reconstruction]"
 Outcomes = Sequence[Calibration | Apart | None]
 MapAgain = Callable[[Path], Models]
 

@@ -13,15 +13,17 @@ from colmap_ihe.colmap.native import called, fill, pycolmap
 from colmap_ihe.machine.progress import SILENT, Progress
 
 
+def _usual_options() -> pycolmap.IncrementalTriangulatorOptions:
+    return pycolmap.IncrementalTriangulatorOptions()
+
+
 @dataclass(frozen=True)
 class Triangulation:
     """Hold the matches of the database, COLMAP's options and limits for points, as its mapper has them, and how many
     threads may adjust poses, -1 for all."""
 
     graph: pycolmap.CorrespondenceGraph
-    options: pycolmap.IncrementalTriangulatorOptions = field(
-        default_factory=pycolmap.IncrementalTriangulatorOptions
-    )
+    options: pycolmap.IncrementalTriangulatorOptions = field(default_factory=_usual_options)
     most_error_px: float = 4.0
     least_angle: float = 1.5
     threads: int = -1

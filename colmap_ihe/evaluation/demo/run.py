@@ -19,6 +19,7 @@ from colmap_ihe.evaluation.demo.render import render_demo
 from colmap_ihe.evaluation.depth_errors import depth_errors, pooled
 from colmap_ihe.evaluation.truth import F32, F64, TrueImage, Truth, key_of, pose_errors, read_truth
 from colmap_ihe.machine.files import write_json
+from colmap_ihe.machine.libraries import library_versions
 from colmap_ihe.machine.progress import RunProgress
 from colmap_ihe.machine.scratch import scratch_folder
 from colmap_ihe.pipeline.reconstruct import Reconstruction, reconstruct
@@ -28,11 +29,12 @@ from colmap_ihe.project.options_file import project_options
 
 def demo(folder: Path, assignments: list[str], progress: RunProgress) -> Reconstruction:
     """Render the demo into `folder`, reconstruct it, and add its errors to the summary and the page. Raises
-    `ProjectError` for a folder with other photographs, and other `KnownError`s."""
+    `ProjectError` for a folder with other photographs, `CapabilityError` without pycolmap, and other `KnownError`s."""
     if (folder / "images").exists() and not (folder / "truth").exists():
         raise ProjectError(
             f"{folder}: holds photographs that are not the demo's", hint="name another folder for the demo"
         )
+    library_versions("pycolmap")  # raises where there is none, before minutes of rendering
     options = project_options(folder, assignments)
     with progress.stage("render") as stage_progress:
         render_demo(folder, progress=stage_progress)
