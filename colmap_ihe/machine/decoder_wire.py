@@ -200,6 +200,7 @@ class SharedArrayWriter:
             self._memory = mmap.mmap(self._fd, size)
 
     def _named(self, folder: Path) -> int:
+        folder.mkdir(exist_ok=True)  # where temporary files were cleaned up meanwhile
         return system.open_shared(folder / str(self._files), new=True)
 
 

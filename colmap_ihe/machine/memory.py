@@ -53,7 +53,7 @@ def keep_within(share: int) -> None:
 def available() -> int:
     """Return the bytes that this process may still take: of the machine, of its container where that has fewer, within
     its own limits (`ulimit -v` and `-d`), or of its own share. 0 if the system does not say."""
-    machine = _sizes("meminfo").get("MemAvailable") or system.free_memory()
+    machine = _sizes("meminfo").get("MemAvailable") or system.machine_memory()[1]
     rooms = [*([machine] if machine else []), *_cgroup_rooms(), *_limit_rooms()]
     if _share:
         rooms.append(_share - taken("self")[0])

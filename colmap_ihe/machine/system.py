@@ -153,13 +153,14 @@ def offer_to_be_killed(score: int) -> None:
         (PROC / "self/oom_score_adj").write_text(str(score), encoding="ascii")
 
 
-def free_memory() -> int:
-    """Return the bytes that are free on this machine by psutil, 0 if it does not say."""
+def machine_memory() -> tuple[int, int]:
+    """Return the bytes of this machine's memory, and of them those that are free, by psutil; 0 if it does not say."""
     import psutil
 
     with suppress(psutil.Error, OSError, RuntimeError):
-        return int(psutil.virtual_memory().available)
-    return 0
+        memory = psutil.virtual_memory()
+        return int(memory.total), int(memory.available)
+    return 0, 0
 
 
 def taken_memory(process: int | None) -> tuple[int, int]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import platform
 import shutil
 from collections.abc import Sequence
@@ -17,6 +16,7 @@ from colmap_ihe.machine import memory
 from colmap_ihe.machine.executor import local_executor
 from colmap_ihe.machine.libraries import __version__
 from colmap_ihe.machine.progress import SILENT
+from colmap_ihe.machine.system import machine_memory
 from colmap_ihe.machine.threads import local_workers
 from colmap_ihe.photographs.readable import find_photographs
 from colmap_ihe.photographs.survey import survey
@@ -33,7 +33,7 @@ def doctor(
     """Return what is installed, and what will run where; with a project also the memory and disk that its stages will
     take, and its dense stereo if every photograph is registered. Raises `KnownError`s of the project."""
     folder = _nearest(project or Path.cwd())
-    total = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") if hasattr(os, "sysconf") else 0
+    total, _ = machine_memory()
     packages = ("numpy", "opencv-python-headless", "rawpy", "pillow")
     return {
         "colmap-ihe": __version__,

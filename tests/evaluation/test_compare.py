@@ -20,6 +20,7 @@ from colmap_ihe.errors import CalibrationFileError, MappingError, OptionError
 from colmap_ihe.evaluation import compare as driver
 from colmap_ihe.evaluation.compare import compare
 from colmap_ihe.evaluation.tables import MethodResult, sentences, tables_of
+from colmap_ihe.machine import system
 from colmap_ihe.pipeline.given_calibration import given_calibration
 from colmap_ihe.project.folder import Project
 from colmap_ihe.project.options_file import load_options, project_options
@@ -69,7 +70,9 @@ def test_methods_side_by_side_and_resumed(
     assert [one.matching["all"]["pairs"] for one in few] == [2, 2]
     assert few[0].matching["all"]["inliers"] < found[0].matching["all"]["inliers"]
     shared = {p.resolve() for p in (project / "compare").glob("*/records/calibration")}
-    assert shared == {(project / "compare/records/calibration").resolve()}
+    assert (
+        shared == {(project / "compare/records/calibration").resolve()} or system.fcntl is None
+    )  # no links there
     cameras = project / "truth/cameras.json"  # another truth, other errors
     said = json.loads(cameras.read_text())
     next(iter(said["cameras"].values()))["cam_from_world"][0][3] += 0.5

@@ -406,6 +406,9 @@ def test_arrays_come_without_a_name_or_by_a_file(tmp_path: Path, folder: bool) -
     for seed, (pixels, numbers) in enumerate(held):
         np.testing.assert_array_equal(pixels, colours(seed))
         assert numbers.tolist() == [0, 1, 2, 3, 4]
+    if folder:  # which a cleaner of temporary files took
+        tmp_path.rmdir()
+        assert writer.put([colours()])[0]["file"] == 4
     with pytest.raises(ValueError, match="lost on the way"):
         wire.SharedArrayReader(tmp_path).arrays({"arrays": [{}], "is_new": True, "file": 7}, None)
 

@@ -12,6 +12,7 @@ from small_demo import QUICK, Make
 from colmap_ihe.cli import main
 from colmap_ihe.colmap.calibration_file import write_calibration
 from colmap_ihe.errors import OptionError
+from colmap_ihe.machine import system
 from colmap_ihe.machine.threads import local_workers
 from colmap_ihe.pipeline.repeat import differences_from, read_run
 from colmap_ihe.project.folder import Project
@@ -88,7 +89,8 @@ def test_a_record_holds_what_a_result_depends_on_and_not_whose_it_is(
     assert {"python", "pycolmap", "COLMAP", "numpy", "pillow", "code of colmap-ihe"} <= set(
         record["versions"]
     )
-    assert record["machine"]["cores"] >= 1 and record["machine"]["instructions"]
+    assert record["machine"]["cores"] >= 1
+    assert record["machine"]["instructions"] or system.fcntl is None  # as only Linux tells them
     assert "cluster" not in record["options"]
     assert [word for word in (str(project), "somebody", "login1") if word in text] == []
 
