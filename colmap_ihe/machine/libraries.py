@@ -26,6 +26,9 @@ class _Later:
             raise AttributeError(name)
         return getattr(_pycolmap(), name)
 
+    def __dir__(self) -> list[str]:
+        return dir(_pycolmap())
+
 
 if not TYPE_CHECKING:
     pycolmap = _Later()

@@ -34,6 +34,8 @@ AT_ONCE = getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0)
 """Flags of os.open: never wait for the other end of a pipe, and read bytes as they are."""
 SENDS_MEMORY = hasattr(os, "memfd_create")
 """Whether a process can send another one memory that has no name; else they share a file."""
+SHARES_LOCKS = fcntl is not None
+"""Whether several processes can hold a lock that keeps out others."""
 _TEMPORARY = getattr(os, "O_TEMPORARY", 0) | getattr(os, "O_SHORT_LIVED", 0) | getattr(os, "O_BINARY", 0)
 KILLED = 9
 """SIGKILL, on systems that have it."""

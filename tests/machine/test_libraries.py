@@ -87,6 +87,7 @@ def test_the_stand_in_is_pycolmap(monkeypatch: pytest.MonkeyPatch) -> None:
     assert pycolmap.Reconstruction is real.Reconstruction
     monkeypatch.setattr(real, "has_cuda", not real.has_cuda)
     assert pycolmap.has_cuda is real.has_cuda
+    assert dir(pycolmap) == dir(real)
     assert not hasattr(pycolmap, "no_such_thing") and not hasattr(pycolmap, "__test__")
 
 

@@ -129,6 +129,7 @@ def test_odd_things_called_like_photographs_are_left_out_and_named(photos: Path,
         convert_folder(photos, tmp_path / "strict", fit=FitOptions(method="rec709"), strict=True)
 
 
+@pytest.mark.posix
 def test_a_pipe_or_a_folder_is_never_waited_for(tmp_path: Path) -> None:
     os.mkfifo(tmp_path / "pipe")
     for place in (tmp_path / "pipe", tmp_path, Path("/dev/zero")):

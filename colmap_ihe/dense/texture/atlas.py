@@ -88,7 +88,12 @@ def pack(patches: Patches, largest: int) -> Atlas:
 
     Raises `CapabilityError` where the patches are too many.
     """
-    import xatlas  # here, for commands that make no texture
+    try:
+        import xatlas  # here, for commands that make no texture
+    except ModuleNotFoundError as error:
+        raise CapabilityError(
+            "xatlas is not installed, which the texture needs", hint="pip install xatlas, or use --no-mesh"
+        ) from error
 
     corners = patches.pixel[patches.faces]
     area = float(areas(corners).sum())

@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from colmap_ihe.errors import CapabilityError, ClusterError, OptionError
+from colmap_ihe.machine import system
 from colmap_ihe.machine.cluster.lease import end_lease, end_old_leases, new_lease
 from colmap_ihe.machine.cluster.task import SAME_ENVIRONMENT, Terms, check_terms, environment
 from colmap_ihe.machine.executor import local_executor
@@ -54,6 +55,11 @@ def connected(
 ) -> Iterator[ClusterExecutor]:
     """Give an executor over a cluster; when it is left, no task runs any more. `records`: a folder that all workers
     see, for the lease and the log. Raises as `workers_for`."""
+    if not system.SHARES_LOCKS:
+        raise CapabilityError(
+            "a cluster needs locks that several processes share, which this system has not",
+            hint="leave out --cluster, or run on Linux or macOS",
+        )
     address = options.address or ""
     count = local_count(address)
     try:
