@@ -39,6 +39,8 @@ def test_memory_is_of_the_largest_image_as_colmap_looks_at_it() -> None:
 def test_colmap_sees_rec709_of_a_colour_image(tmp_path: Path) -> None:
     rgb = np.random.default_rng(3).integers(0, 256, (40, 60, 3), dtype=np.uint8)
     Image.fromarray(rgb).save(tmp_path / "a.png")
-    seen = pycolmap.Bitmap.read(str(tmp_path / "a.png"), as_rgb=False).to_array()
+    read = pycolmap.Bitmap.read(str(tmp_path / "a.png"), as_rgb=False)
+    assert read is not None
+    seen = read.to_array()
     expected = to_grey(rgb, Weights(*FIXED["rec709"]))
     assert np.abs(seen.astype(int) - expected).max() <= 1
