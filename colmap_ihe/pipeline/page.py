@@ -25,12 +25,14 @@ from colmap_ihe.pipeline.page_size import page_within
 from colmap_ihe.pipeline.second_grey import lost_colour
 from colmap_ihe.pipeline.stage import RunContext, is_metric
 from colmap_ihe.pipeline.surface_view import surface_of
+from colmap_ihe.pipeline.survey_block import survey_block
 from colmap_ihe.project.folder import Project
 from colmap_ihe.project.options import Options
 from colmap_ihe.report import contents, pictures
 from colmap_ihe.report.camera_words import gain_in_words
 from colmap_ihe.report.contents import Contents, PhotographEntry
 from colmap_ihe.report.methods_sentence import citation, is_default, methods_sentence
+from colmap_ihe.report.survey_contents import SurveyBlock
 from colmap_ihe.report.survey_words import survey_in_words
 from colmap_ihe.report.tables import summary_rows, weights_in_words
 
@@ -103,11 +105,12 @@ def gather(run: RunContext, summary: Mapping[str, Any], progress: Progress) -> C
     matched = model_view.verified_matches(project.database, greys) if "matches" in records else None
     pairs = drawn_pairs(project, summary, grey_of, matched, photographs, compared, progress)
     cloud = _cloud(project, records, model) if model else None
+    block = _block(run, summary, model) if model else None
     took = round(time.monotonic() - began, 2)  # all but the writing
     return Contents(
         title=project.root.name,
-        result=_result(summary),
-        rows=summary_rows({**summary, "page_seconds": took}),
+        result=block.verdict.headline if block else f"{summary['images']} photographs, converted to grey.",
+        rows=[] if block else summary_rows({**summary, "page_seconds": took}),
         grey=_grey(summary, options, list(looks.values()), compared),
         photographs=photographs,
         cloud=cloud,
@@ -131,17 +134,12 @@ def gather(run: RunContext, summary: Mapping[str, Any], progress: Progress) -> C
         lost_colour=lost_colour(project, records, summary),
         survey_line=survey_in_words(summary),
         survey=records["survey"] if is_metric(records) else None,
+        block=block,
     )
 
 
-def _result(summary: Mapping[str, Any]) -> str:
-    if summary["registered_images"] is None:
-        return f"{summary['images']} photographs, converted to grey."
-    parts = [f"{summary['registered_images']} of {summary['images']} photographs are registered"]
-    if summary["dense_points"]:
-        parts.append(f"the dense cloud has {summary['dense_points']:,} points")
-    error = f"mean reprojection error {summary['mean_reprojection_error_px']:.2f} px"
-    return f"{', '.join(parts)}; {error}."
+def _block(run: RunContext, summary: Mapping[str, Any], model: model_view.ModelView) -> SurveyBlock:
+    return survey_block(run.project.database, run.records, summary, model, run.photographs_by_grey())
 
 
 def _larger_side(photographs: int) -> int:

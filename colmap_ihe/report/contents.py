@@ -13,6 +13,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from colmap_ihe.report.survey_contents import SurveyBlock
 from colmap_ihe.report.tables import Table
 
 
@@ -213,7 +214,7 @@ class Contents:
     what their calibration brought, in words; `points_by_images`: points by the number of images that see them;
     `matches` (n, n): verified inliers between photographs, in the order of `photographs`; `options` as YAML;
     `methods_sentence`: for a methods section, with the citation; `survey_line`: scale and accuracy in words, with the
-    record of the `survey` where the model is metric."""
+    record of the `survey` where the model is metric; `block`: the model as a surveyor asks for it."""
 
     title: str
     result: str
@@ -239,3 +240,4 @@ class Contents:
     lost_colour: LostColour | None = None
     survey_line: str = ""
     survey: Mapping[str, Any] | None = None
+    block: SurveyBlock | None = None
