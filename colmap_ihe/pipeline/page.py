@@ -38,6 +38,7 @@ from colmap_ihe.report.tables import summary_rows, weights_in_words
 
 _POINTS = 200_000  # of the cloud; a page is to be sent by mail
 _THUMBNAIL, _SLIDER, _TILE, _OVER = 240, 1000, 96, 1000  # pixels
+_SEEN = 1.0  # levels of 255, in the mean: less is what rounding to whole levels makes
 _SLIDERS, _TILES, _PICTURED = 4, 144, 400  # photographs; a larger set is shown in part
 _Records = Mapping[str, Mapping[str, Any]]
 _U8 = NDArray[np.uint8]
@@ -101,7 +102,9 @@ def gather(run: RunContext, summary: Mapping[str, Any], progress: Progress) -> C
     model = model_view.ModelView(run.model_folder, run.is_metric) if "sparse" in records else None
     photographs = _photographs(summary, grey_of, looks, model)
     greys = [grey_of.get(p.name, "") for p in photographs]
-    compared = not is_default(summary)  # else the grey would be compared with itself
+    compared = not is_default(summary) and _differs(
+        list(looks.values())
+    )  # else the grey is compared with itself
     matched = model_view.verified_matches(project.database, greys) if "matches" in records else None
     pairs = drawn_pairs(project, summary, grey_of, matched, photographs, compared, progress)
     cloud = _cloud(project, records, model) if model else None
@@ -131,7 +134,7 @@ def gather(run: RunContext, summary: Mapping[str, Any], progress: Progress) -> C
         options=yaml.safe_dump(options.as_yaml(), sort_keys=False),
         methods_sentence=methods_sentence(summary, options, library_versions("pycolmap")["pycolmap"]),
         citation=citation(summary, options),
-        lost_colour=lost_colour(project, records, summary),
+        lost_colour=lost_colour(project, records, summary, compared),
         survey_line=survey_in_words(summary),
         survey=records["survey"] if is_metric(records) else None,
         block=block,
@@ -156,6 +159,12 @@ def _look(project: Project, name: str, grey_name: str, larger_side: int) -> _Loo
         np.bincount(v.ravel(), minlength=256) for v in (grey[::2, ::2], pictures.rec709(colour[::2, ::2]))
     ]
     return _Look(name, thumbnail, larger, small, pictures.shrunk(grey, _THUMBNAIL), *tones)
+
+
+def _differs(looks: Sequence[_Look]) -> bool:
+    """Tell whether an eye can see that the grey of the set is not COLMAP's default."""
+    away = [np.abs(look.grey.astype(np.int16) - pictures.rec709(look.colour)).mean() for look in looks]
+    return bool(away) and float(np.mean(away)) >= _SEEN
 
 
 def _grey(

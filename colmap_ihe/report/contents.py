@@ -144,8 +144,8 @@ class Grey:
 @dataclass(frozen=True)
 class LostColour:
     """Tell what detail in colour the grey loses, in words, and show it in the photograph `name` that loses most, if
-    there is anything to see: places that the chosen grey loses, those that COLMAP's default does, and the grey with
-    what the second adds to it, if there is one."""
+    there is anything to see: places that the chosen grey loses, those that COLMAP's default does, if that is another,
+    and the grey with what the second adds to it, if there is one."""
 
     in_words: str
     name: str = ""
