@@ -32,12 +32,14 @@ from colmap_ihe.report import contents, pictures
 from colmap_ihe.report.camera_words import gain_in_words
 from colmap_ihe.report.contents import Contents, PhotographEntry
 from colmap_ihe.report.methods_sentence import citation, is_default, methods_sentence
+from colmap_ihe.report.model_picture import model_picture
 from colmap_ihe.report.survey_contents import SurveyBlock
 from colmap_ihe.report.survey_words import survey_in_words
 from colmap_ihe.report.tables import summary_rows, weights_in_words
 
 _POINTS = 200_000  # of the cloud; a page is to be sent by mail
 _THUMBNAIL, _SLIDER, _TILE, _OVER = 240, 1000, 96, 1000  # pixels
+_PICTURE = (480, 320)  # pixels, of the model in a list of several
 _SEEN = 1.0  # levels of 255, in the mean: less is what rounding to whole levels makes
 _SLIDERS, _TILES, _PICTURED = 4, 144, 400  # photographs; a larger set is shown in part
 _Records = Mapping[str, Mapping[str, Any]]
@@ -79,8 +81,12 @@ def seconds_in(summary_file: Path) -> float | None:
 def write_page(
     run: RunContext, summary: Mapping[str, Any], progress: Progress, warn: Callable[[str], None]
 ) -> Path:
-    """Write report/index.html of a project that is converted at least, and return it. Raises `KnownError`s."""
+    """Write report/index.html of a project that is converted at least, and model.jpg beside it, and return the page.
+    Raises `KnownError`s."""
     gathered = gather(run, summary, progress)
+    if gathered.cloud is not None and len(gathered.cloud.positions):
+        drawn = model_picture(gathered.surface, gathered.cloud, *_PICTURE)
+        write_bytes(run.project.picture_file, pictures.picture(drawn, "the model", max(_PICTURE)).jpeg)
     write_bytes(run.project.page_file, page_within(gathered, run.options.report.max_mb, warn))
     return run.project.page_file
 
