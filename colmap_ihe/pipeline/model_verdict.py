@@ -101,11 +101,11 @@ def _registered(summary: Mapping[str, Any]) -> _Finding:
     given, registered = summary["images"], summary["registered_images"]
     missing = given - registered
     if not missing:
-        return _Finding("good", f"All {given} photographs are registered.")
+        return _Finding("good", "All photographs are registered.")
     names = summary["unregistered"] or sorted(summary["left_out"])
     return _Finding(
         _level(missing / given, _MISSING),
-        f"{counted(missing, 'photograph')} of {given} {'is' if missing == 1 else 'are'} not in it.",
+        f"{counted(missing, 'photograph')} {'is' if missing == 1 else 'are'} not in it.",
         f"take photographs between {listed(names)} and their neighbours, or see why they were left out",
     )
 

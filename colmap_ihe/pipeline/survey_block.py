@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from colmap_ihe.colmap.checks.overlap import Places, places_of
-from colmap_ihe.colmap.observations import points_of_two
+from colmap_ihe.colmap.observations import Float64, points_of_two
 from colmap_ihe.pipeline.model_verdict import ModelFigures, verdict_of
 from colmap_ihe.pipeline.model_view import ModelView
 from colmap_ihe.pipeline.overlap_maps import camera_plan, overlap_map, views_of, weak_parts
@@ -33,7 +33,7 @@ def survey_block(
     measures = Measures(pixel_sizes(seen), view.extent, summary.get("metric") is True)
     fixes = fixes_of(database) if records["captures"]["with_gps"] else []
     facts = survey_facts(summary, records["captures"], measures, fixes)
-    residuals = [r for r in (residuals_of("points of the model", seen.errors_px),) if r is not None]
+    residuals = _residuals(seen.errors_px, records.get("survey", {}))
     doubts = sum(len(records.get(stage, {}).get("warnings", ())) for stage in ("sparse", "survey"))
     places = _places(view, database)
     if places is None:
@@ -79,10 +79,19 @@ def _square(places: Places, measures: Measures) -> str:
     return f"1/{round(longest / places.side)} of the model's longest side"
 
 
-def residuals_of(what: str, errors_px: np.typing.NDArray[np.floating]) -> Residuals | None:
+def _residuals(errors_px: Float64, survey: Mapping[str, Any]) -> list[Residuals]:
+    """Return the residuals of the points of the model, and of the surveyed and measured ones."""
+    sights = [length for point in survey.get("points", ()) for length in point.get("residuals_px", ())]
+    found = (
+        residuals_of("points of the model", errors_px),
+        residuals_of("named points of the survey", np.array(sights, np.float64)),
+    )
+    return [residuals for residuals in found if residuals is not None]
+
+
+def residuals_of(what: str, errors_px: Float64) -> Residuals | None:
     """Count errors (M,) in pixels by steps that suit them; None where none is known."""
-    errors = np.asarray(errors_px, np.float64)
-    errors = errors[np.isfinite(errors)]
+    errors = errors_px[np.isfinite(errors_px)]
     if not len(errors):
         return None
     most = float(np.percentile(errors, _MOST_PERCENT))

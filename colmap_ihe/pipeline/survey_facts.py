@@ -61,7 +61,6 @@ def survey_facts(
         ("what a pixel shows", _pixel_in_words(measures)),
         ("size of the model", _size_in_words(measures)),
         ("points", f"{summary['points3D']:,}"),
-        ("mean reprojection error", f"{summary['mean_reprojection_error_px']:.3f} px"),
         ("dense cloud", _dense(summary)),
         ("mesh", _mesh(summary)),
         *_truth(summary),

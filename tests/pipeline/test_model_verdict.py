@@ -37,7 +37,7 @@ def test_a_wall_that_many_photographs_see_is_a_good_model_and_asks_for_nothing()
     verdict = verdict_of(SUMMARY, figures_of(list(np.arange(-2, 15, 1.5)), reach=4))
     assert (verdict.level, verdict.headline) == ("good", "This is a good model.")
     assert verdict.paragraph.startswith(
-        "All 12 photographs are registered. 100 % of its places are seen by three"
+        "All photographs are registered. 100 % of its places are seen by three"
     )
     assert "certain to 0.02 %, 2 mm in a depth of 10 m" in verdict.paragraph
     assert verdict.advice == []
@@ -72,8 +72,8 @@ GOOD = ModelFigures(0.03, 0.0)
 @pytest.mark.parametrize(
     ("change", "level", "words"),
     [
-        ({"registered_images": 11, "unregistered": ["a.jpg"]}, "fair", "1 photograph of 12 is not in it"),
-        ({"registered_images": 8, "unregistered": list("abcd")}, "poor", "4 photographs of 12 are not in it"),
+        ({"registered_images": 11, "unregistered": ["a.jpg"]}, "fair", "1 photograph is not in it"),
+        ({"registered_images": 8, "unregistered": list("abcd")}, "poor", "4 photographs are not in it"),
         ({"mean_reprojection_error_px": 1.2}, "fair", "1.20 px off in the mean, more than features"),
         ({"mean_reprojection_error_px": 2.3}, "poor", "2.30 px off"),
         (

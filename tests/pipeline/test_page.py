@@ -44,7 +44,7 @@ def contents_of(project: Path, options: Options) -> Contents:
 def test_a_page_shows_the_whole_project(finished: Path, quick_options: MakeOptions) -> None:
     html = (finished / "report/index.html").read_text()
     assert "portico_01" in html
-    assert "All 8 photographs are registered." in html and "8 registered of 8" in html
+    assert "All photographs are registered." in html and "8 registered of 8" in html
     assert '<h2 id="cameras-heading">Cameras</h2>' in html and '<a href="calibration.yaml">' in html
     found = contents_of(finished, quick_options())
     assert found.calibration.startswith("Points that the calibration did not see are off by 0.")

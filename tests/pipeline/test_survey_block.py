@@ -11,7 +11,7 @@ from colmap_ihe.pipeline.model_view import ModelView
 from colmap_ihe.pipeline.records import read_record
 from colmap_ihe.pipeline.stages import STAGES
 from colmap_ihe.pipeline.summary import summarise
-from colmap_ihe.pipeline.survey_block import residuals_of, survey_block
+from colmap_ihe.pipeline.survey_block import _residuals, residuals_of, survey_block
 from colmap_ihe.project.folder import Project
 from colmap_ihe.project.options import Options
 
@@ -35,6 +35,16 @@ def test_a_project_has_verdict_dates_map_plan_and_residuals(finished: Path) -> N
     assert (block.plan.directions[:, 1] > 0.5).all()  # cameras stand below in the plan and look up in it
     [residuals] = block.residuals
     assert sum(residuals.counts) > 1000 and 0 < residuals.median_px < residuals.most_px < 4
+
+
+def test_sights_of_named_points_have_a_count_of_their_own() -> None:
+    survey = {
+        "points": [{"residuals_px": [0.3, 0.5]}, {"residuals_px": [0.4]}, {}]
+    }  # the last of an earlier version
+    points, sights = _residuals(np.array([1.0, 2.0]), survey)
+    assert (points.of, sum(points.counts)) == ("points of the model", 2)
+    assert (sights.of, sum(sights.counts), sights.median_px) == ("named points of the survey", 3, 0.4)
+    assert len(_residuals(np.array([1.0]), {})) == 1
 
 
 def test_residuals_are_counted_by_steps_and_long_ones_in_the_last() -> None:

@@ -11,7 +11,7 @@ from colmap_ihe.pipeline.survey_facts import Measures, survey_facts, taken_in_wo
 
 SUMMARY: dict[str, Any] = {
     "images": 3, "registered_images": 2, "left_out": {"c": "cannot be read"}, "points3D": 1234,
-    "mean_reprojection_error_px": 0.4567, "dense_points": None, "dense_backend": None,
+    "dense_points": None, "dense_backend": None,
     "dense_pixels_with_depth_percent": None, "mesh_faces": 10, "mesh_texture": None, "peak_memory_bytes": 2_500_000_000,
 }  # fmt: skip
 CAPTURES = {"images": 2, "taken": {"a": "2016:06:21 10:00:00", "b": "2016:06:21 10:14:59"}}
@@ -27,7 +27,6 @@ def test_rows_say_what_is_known_and_leave_out_the_rest() -> None:
         "what a pixel shows": "2.5 mm, by photograph 2 to 3 mm",
         "size of the model": "12.3 m across, 6 m high, 3 m deep (90 % of the points)",
         "points": "1,234",
-        "mean reprojection error": "0.457 px",
         "mesh": "10 triangles with vertex colours",
         "memory": "at most 2.5 GB in one process",
     }
