@@ -33,6 +33,7 @@ _FOCAL = (0.0005, 0.002)
 """Standard deviation of the focal length, as a share of it, which is the error of depths: 5 and 20 mm in 10 m."""
 _CHECK_GSD = (3.0, 6.0)
 """Times what a pixel shows: RMS of check points. Well-surveyed blocks reach 1 across and 1.5 to 3 in depth."""
+_MOST = 0.5  # share of places: of more it is the set as a whole that lacks photographs, and no part of it
 _TOLD = 0.05  # share of places: fewer are the edges that every set has, and not worth a word
 
 
@@ -114,7 +115,7 @@ def _overlap(figures: ModelFigures) -> _Finding:
     if figures.few is None:
         return _Finding("poor", "It has too few points to say what its photographs overlap in.")
     level = _level(figures.few, _FEW)
-    if figures.few > 0.5:
+    if figures.few > _MOST:
         said = (
             f"Most of it, {_percent(figures.few)} of its places, is seen by two photographs only,"
             " so nothing confirms its depths."
@@ -126,7 +127,11 @@ def _overlap(figures: ModelFigures) -> _Finding:
     else:
         said = f"{_percent(1 - figures.few)} of its places are seen by three photographs or more."
     advice = ""
-    if figures.few > _TOLD:
+    if figures.few > _MOST:
+        advice = (
+            "add photographs between and beside those that are there, until each place is on three or more"
+        )
+    elif figures.few > _TOLD:
         where = f", most at the {_parts(figures.few_parts)}" if figures.few_parts else ""
         advice = f"add photographs of the places that fewer than {_number(ENOUGH)} photographs see{where}"
     return _Finding(level, said, advice)
@@ -164,18 +169,19 @@ def _calibration(cameras: Sequence[Mapping[str, Any]]) -> _Finding | None:
         return _Finding(
             "fair",
             "Nothing says how certain the focal length is, for it was not calibrated.",
-            "let sparse.calibration be auto, with ten photographs or more of each camera",
+            "take ten photographs or more with each camera, and leave sparse.calibration at auto",
         )
     shares = [share for camera in cameras if (share := _focal_deviation(camera)) is not None]
     if not shares:
         return None
     level, worst = _level(max(shares), _FOCAL), max(shares)
-    said = f"The focal length is certain to {100 * worst:.2g} %, {10_000 * worst:.2g} mm in a depth of 10 m"
+    how = "certain" if level == "good" else "certain only"
+    said = f"The focal length is {how} to {100 * worst:.2g} %, {10_000 * worst:.2g} mm in a depth of 10 m."
     if level == "good":
-        return _Finding(level, f"{said}.")
+        return _Finding(level, said)
     return _Finding(
         level,
-        f"{said}, which is little.",
+        said,
         "take some photographs with the camera turned by 90°, and some from nearer and farther",
     )
 
