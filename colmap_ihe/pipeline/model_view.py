@@ -147,7 +147,9 @@ class ModelView:
             return ImageCoverage(0, None, 0.0)
         cells = np.clip((seen.block.pixels[mine] / seen.sizes[number] * _CELLS).astype(int), 0, _CELLS - 1)
         coverage = len(np.unique(cells[:, 0] * _CELLS + cells[:, 1])) / _CELLS**2
-        return ImageCoverage(int(mine.sum()), float(np.nanmean(seen.errors_px[mine])), coverage)
+        errors = seen.errors_px[mine]
+        known = errors[np.isfinite(errors)]
+        return ImageCoverage(int(mine.sum()), float(known.mean()) if len(known) else None, coverage)
 
     def points_by_images(self) -> Mapping[int, int]:
         """Count the points by the number of images that see them."""

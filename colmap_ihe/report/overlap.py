@@ -70,16 +70,26 @@ def map_drawing(overlap: OverlapMap) -> MapDrawing | None:
     corners = np.stack([overlap.cells[:, 0], height - 1 - overlap.cells[:, 1]], axis=1)
     kind = np.searchsorted([least for least, _ in _CLASSES], overlap.photographs, side="right") - 1
     parts = [
-        MapPart(words, _squares(corners[kind == number], 1), float(np.mean(kind == number)))
+        MapPart(words, _squares(corners[kind == number], 1.0, 0.0, 0.0), float(np.mean(kind == number)))
         for number, (_, words) in enumerate(_CLASSES)
     ]
     dots = "".join(f"M{x}.5 {y}.5h0" for x, y in corners[overlap.narrow].tolist())
     return MapDrawing(overlap.view, width, height, parts, dots)
 
 
-def _squares(corners: NDArray[np.generic], side: float) -> str:
-    """Return a path of squares with these top left corners, (n, 2)."""
-    return "".join(f"M{x:g} {y:g}h{side:g}v{side:g}h-{side:g}z" for x, y in corners.tolist())
+def _squares(cells: NDArray[np.int64], side: float, left: float, top: float) -> str:
+    """Return a path of squares (n, 2), by steps of `side` to the right and down from a corner; those beside one another
+    in a row are one."""
+    cells = cells[np.lexsort((cells[:, 0], cells[:, 1]))]
+    starts = np.ones(len(cells), bool)
+    starts[1:] = (np.diff(cells, axis=0) != (1, 0)).any(axis=1)
+    first = np.flatnonzero(starts)
+    lengths = np.diff(np.append(first, len(cells)))
+    path = []
+    for (column, row), length in zip(cells[first].tolist(), lengths.tolist(), strict=True):
+        x, y, wide = (round(value, 1) for value in (left + column * side, top + row * side, length * side))
+        path.append(f"M{x:g} {y:g}h{wide:g}v{round(side, 1):g}h-{wide:g}z")
+    return "".join(path)
 
 
 def plan_drawing(plan: CameraPlan, numbers: Mapping[str, int]) -> PlanDrawing:
@@ -102,7 +112,10 @@ def plan_drawing(plan: CameraPlan, numbers: Mapping[str, int]) -> PlanDrawing:
         for centre, look, name in zip(drawn(plan.centres), plan.directions, plan.names, strict=True)
     ]
     length = _round_length(_BAR_SHARE * room / scale)
-    ground = _squares(np.round(drawn(plan.ground) - side / 2, 1), round(side, 1))
+    corners = drawn(plan.ground) - side / 2
+    left_top = corners.min(axis=0)
+    steps = np.rint((corners - left_top) / side).astype(np.int64)
+    ground = _squares(steps, side, float(left_top[0]), float(left_top[1]))
     return PlanDrawing(plan.view, height, ground, cameras, length * scale, length)
 
 

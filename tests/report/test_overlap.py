@@ -10,14 +10,14 @@ from colmap_ihe.report.survey_contents import CameraPlan, OverlapMap
 
 
 def test_squares_stand_where_they_are_with_the_top_above() -> None:
-    cells = np.array([(0, 0), (2, 1), (1, 0)])
+    cells = np.array([(0, 0), (2, 1), (1, 0), (1, 1)])
     drawing = map_drawing(
-        OverlapMap("from above", cells, np.array([2, 12, 3]), np.array([False, False, True]))
+        OverlapMap("from above", cells, np.array([2, 12, 3, 11]), np.array([False, False, True, False]))
     )
     assert drawing is not None
     assert (drawing.width, drawing.height) == (3, 2)
     paths = {part.photographs: part.path for part in drawing.parts}
-    assert paths["1 or 2"] == "M0 1h1v1h-1z" and paths["10 or more"] == "M2 0h1v1h-1z"
+    assert paths["1 or 2"] == "M0 1h1v1h-1z" and paths["10 or more"] == "M1 0h2v1h-2z"
     assert paths["3"] == "M1 1h1v1h-1z" and paths["4 or 5"] == "" == paths["6 to 9"]
     assert sum(part.share for part in drawing.parts) == pytest.approx(1)
     assert drawing.narrow == "M1.5 1.5h0"

@@ -55,7 +55,7 @@ class Places:
 
 def places_of(points: Float64, point: Ints, image: Ints, centres: Float64) -> Places | None:
     """Return the places of points (P, 3); `image` (M,) sees `point` (M,), by number; `centres` (N, 3) of the cameras.
-    The background counts for none. None of fewer than two points."""
+    The background counts for none. None where no two points are together."""
     near = _near(points, point, image, centres)
     points, (point, image) = points[near], _of_points(near, point, image)
     if len(points) < _POINTS:
@@ -68,6 +68,8 @@ def places_of(points: Float64, point: Ints, image: Ints, centres: Float64) -> Pl
     cells, of_point, counts = np.unique(steps, axis=0, return_inverse=True, return_counts=True)
     of_point = of_point.ravel()
     kept = (counts >= _POINTS) & (np.bincount(of_point, inside, len(cells)) > 0)
+    if not kept.any():
+        return None
     number = np.cumsum(kept) - 1
     sums = np.stack([np.bincount(of_point, points[:, k], len(cells)) for k in range(3)], axis=1)
     middles = (sums / counts[:, None])[kept]

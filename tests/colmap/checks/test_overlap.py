@@ -41,5 +41,7 @@ def test_background_and_strays_are_no_places() -> None:
     assert places is not None
     assert np.abs(places.middles[:, 2]).max() < 1
     assert places_of(points[:1], point[:3], image[:3], centres) is None
+    apart = np.array([(0.0, 0, 0), (10, 0, 0), (0, 5, 0)])
+    assert places_of(apart, np.repeat([0, 1, 2], 3), np.tile([0, 1, 2], 3), centres) is None
     nothing = np.zeros(0, np.intp)
     assert places_of(np.zeros((0, 3)), nothing, nothing, centres) is None
