@@ -131,9 +131,9 @@ def _given_cylinder(numbers: Sequence[float], inside: bool, model: DrawnModel) -
     point = model.point(numbers[:3])
     if len(numbers) == 7:
         axis = np.array(numbers[3:6], np.float64)
-        return cylinder_frame(point, axis, numbers[6], model.cameras, inside)
+        return cylinder_frame(point, axis, numbers[6], model.up, model.cameras, inside=inside)
     point, radius = fitted_cylinder(model.mesh, model.up, point, numbers[3])
-    return cylinder_frame(point, model.up, radius, model.cameras, inside)
+    return cylinder_frame(point, model.up, radius, model.up, model.cameras, inside=inside)
 
 
 def _found(name: str, which: str, model: DrawnModel) -> tuple[str, DrawingFrame]:

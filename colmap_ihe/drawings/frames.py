@@ -120,11 +120,15 @@ def plane_of_points(points: Sequence[Float64], up: Float64, seen_from: Float64) 
 
 
 def cylinder_frame(
-    point: Float64, axis: Float64, radius: float, seen_from: Float64, inside: bool = False
+    point: Float64, axis: Float64, radius: float, up: Float64, seen_from: Float64, *, inside: bool = False
 ) -> CylinderFrame:
     """Return the frame of a cylinder whose drawing has the side towards `seen_from` (3,) in its middle; of one seen
-    from `inside` the side away from it. Raises ValueError for an axis or a radius of no length."""
+    from `inside` the side away from it. Its origin is at height zero if it is not level. Raises ValueError for an axis
+    or a radius of no length."""
     axis = _unit(axis)
+    axis = -axis if axis @ up < 0 else axis
+    if axis @ up > 0.02:
+        point = np.asarray(point - (point @ up) / (axis @ up) * axis)
     if not radius > 0:
         raise ValueError(f"a radius of {radius:g}")
     towards = np.asarray(seen_from - point, np.float64)

@@ -5,9 +5,10 @@ from __future__ import annotations
 from collections import defaultdict
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 
-from colmap_ihe.dense.camera import Float64, Int64
+from colmap_ihe.dense.camera import Float64, Int64, UInt8
 from colmap_ihe.dense.texture.mesh import Mesh
 from colmap_ihe.drawings.frames import PlaneFrame
 
@@ -99,3 +100,17 @@ def bounds_of(lines: list[Line]) -> tuple[float, float, float, float]:
     left, bottom = points.min(axis=0).tolist()
     right, top = points.max(axis=0).tolist()
     return left, bottom, right, top
+
+
+def lines_drawn(lines: list[Line], longest: int) -> UInt8:
+    """Return (H, W, 3) uint8: black lines on white, the longer side `longest` pixels."""
+    left, bottom, right, top = bounds_of(lines)
+    scale = 0.94 * longest / max(right - left, top - bottom, 1e-9)
+    margin = 0.03 * longest
+    width, height = (round(scale * n + 2 * margin) for n in (right - left, top - bottom))
+    picture = np.full((height, width, 3), 255, np.uint8)
+    for line in lines:
+        pixels = (line.points - (left, top)) * (scale, -scale) + margin
+        fine = np.rint(8 * pixels).astype(np.int32)[:, None]
+        cv2.polylines(picture, [fine], line.closed, (0, 0, 0), 2, cv2.LINE_AA, 3)
+    return picture

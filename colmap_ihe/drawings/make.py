@@ -15,7 +15,7 @@ from colmap_ihe.dense.texture.mesh import Mesh
 from colmap_ihe.drawings.colours import PaintedSurface, paint
 from colmap_ihe.drawings.frames import PlaneFrame
 from colmap_ihe.drawings.line_files import write_dxf, write_svg
-from colmap_ihe.drawings.lines import Layer, bounds_of, length_of, section
+from colmap_ihe.drawings.lines import Layer, bounds_of, length_of, lines_drawn, section
 from colmap_ihe.drawings.overview import Overview, overview_of
 from colmap_ihe.drawings.raster_files import Georeference, colour_file, files_of, relief_file
 from colmap_ihe.drawings.relief import (
@@ -39,7 +39,11 @@ ABOUT = "drawing.json"
 """The file of a drawing's folder that describes it, written last."""
 
 _QUALITY, _PREVIEW_QUALITY = 92, 80
-_PREVIEW, _PICTURE = 1600, 6000  # pixels, the longer side of the picture of the page, and of others
+_PREVIEW, _PREVIEW_RELIEF, _PICTURE = (
+    2000,
+    1200,
+    6000,
+)  # pixels, the longer side of pictures of the page and others
 _SMALLEST_PART = 100  # pixels: parts and holes with less area have no outline
 _RED, _BLUE, _BLACK, _BROWN = (190, 30, 45), (40, 70, 150), (0, 0, 0), (140, 90, 40)
 
@@ -128,7 +132,10 @@ def _write_maps(folder: Path, overview: Overview, most: float | None, setting: S
     _write_jpeg(folder / "hillshade.jpg", np.repeat(shade[..., None], 3, axis=2), _PICTURE)
     _write_jpeg(folder / "preview.jpg", overview.rgb, _PREVIEW, _PREVIEW_QUALITY)
     _write_jpeg(
-        folder / "preview-relief.jpg", _relief_picture(overview, shade, most), _PREVIEW, _PREVIEW_QUALITY
+        folder / "preview-relief.jpg",
+        _relief_picture(overview, shade, most),
+        _PREVIEW_RELIEF,
+        _PREVIEW_QUALITY,
     )
     names = ["hillshade.jpg", "preview.jpg", "preview-relief.jpg"]
     if most is None:
@@ -250,7 +257,8 @@ def draw_section(
             hint=f"the model reaches {reach}",
         )
     layers = [Layer("SECTION", lines, _BLACK, 0.35)]
-    files = _write_lines(folder, view, layers, setting)
+    files = [*_write_lines(folder, view, layers, setting), "preview.jpg"]
+    _write_jpeg(folder / "preview.jpg", lines_drawn(lines, _PREVIEW), _PREVIEW, _PREVIEW_QUALITY)
     left, bottom, right, top = bounds_of(lines)
     margin = 0.03 * max(right - left, top - bottom)
     bounds = (left - margin, bottom - margin, right + margin, top + margin)

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Executor
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
@@ -11,7 +12,7 @@ import numpy as np
 
 from colmap_ihe.colmap.field_of_view import pixels_of
 from colmap_ihe.colmap.native import pycolmap
-from colmap_ihe.dense.camera import Float32, Float64, UInt8
+from colmap_ihe.dense.camera import Float32, Float64, PinholeCamera, UInt8
 from colmap_ihe.dense.depth_maps import camera_of
 from colmap_ihe.dense.texture.agree import centre_colours, doubted
 from colmap_ihe.dense.texture.atlas import cut
@@ -25,6 +26,16 @@ from colmap_ihe.machine.executor import in_order
 from colmap_ihe.machine.progress import SILENT, Progress
 
 _AT_ONCE = 3  # photographs, each with values for all faces
+
+
+@dataclass(frozen=True)
+class Source:
+    """Hold an undistorted picture of a photograph: its `camera`; `read`, which returns it as (H, W, 3) uint8 RGB; and
+    `mask`, which returns (H, W) uint8, 0 where it must not be used, or None."""
+
+    camera: PinholeCamera
+    read: Callable[[], UInt8]
+    mask: Callable[[], UInt8 | None]
 
 
 def painted_surface(
@@ -41,11 +52,31 @@ def painted_surface(
     flat = pycolmap.Reconstruction(dense_dir / "sparse")
     images = sorted((flat.images[i] for i in flat.reg_image_ids()), key=lambda image: str(image.name))
     names = [str(image.name) for image in images]
-    views = [camera_of(flat, image.image_id) for image in images]
+    sources = [
+        Source(
+            camera_of(flat, image.image_id),
+            partial(read_colour, dense_dir / "images" / str(image.name)),
+            partial(read_mask, dense_dir, str(image.name)),
+        )
+        for image in images
+    ]
+    return paint_mesh(mesh, sources, full_photographs(model_dir, colour_dir, names), executor, progress)
+
+
+def paint_mesh(
+    mesh: Mesh,
+    sources: Sequence[Source],
+    photographs: Sequence[Photograph],
+    executor: Executor,
+    progress: Progress = SILENT,
+) -> PaintedSurface:
+    """Return a mesh with the `sources` that show its faces best, each an undistorted picture of the photograph of the
+    same row. Raises `Cancelled`, and what the sources raise."""
+    views = [source.camera for source in sources]
 
     def look(number: int) -> tuple[Float32, UInt8]:
-        quality = quality_in(mesh, views[number], partial(read_mask, dense_dir, names[number]))
-        return quality, centre_colours(mesh, views[number], read_colour(dense_dir / "images" / names[number]))
+        quality = quality_in(mesh, views[number], sources[number].mask)
+        return quality, centre_colours(mesh, views[number], sources[number].read())
 
     progress.start(len(views), "photographs looked through")
     candidates = Candidates.none(len(mesh.faces))
@@ -59,19 +90,14 @@ def painted_surface(
     labels, coloured = choose(candidates, mesh, pairs, len(views))
     patches = cut(mesh, labels, coloured, views, pairs)
     progress.start(len(views), "photographs compared at seams")
-    colours, seen = corner_colours(patches, _pictures(dense_dir, names, progress), mesh.colours)
+    colours, seen = corner_colours(patches, _pictures(sources, progress), mesh.colours)
     offsets = seam_offsets(patches, colours, seen)
-    return PaintedSurface(
-        patches,
-        full_photographs(model_dir, colour_dir, names),
-        offsets.astype(np.float32),
-        colours.astype(np.float32),
-    )
+    return PaintedSurface(patches, photographs, offsets.astype(np.float32), colours.astype(np.float32))
 
 
-def _pictures(dense_dir: Path, names: list[str], progress: Progress) -> Iterator[UInt8]:
-    for name in names:
-        yield read_colour(dense_dir / "images" / name)
+def _pictures(sources: Sequence[Source], progress: Progress) -> Iterator[UInt8]:
+    for source in sources:
+        yield source.read()
         progress.advance()
 
 

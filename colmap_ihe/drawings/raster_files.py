@@ -81,10 +81,10 @@ def _with_rasterio(
     path: Path, place: Georeference, dtype: np.dtype[Any], channels: int
 ) -> Iterator[WriteRows]:
     import rasterio
-    from rasterio.transform import from_origin
     from rasterio.windows import Window
 
     grid = place.grid
+    x, y = place.corner
     colour = {"photometric": "RGB", "alpha": "unspecified", "predictor": 2}
     profile: dict[str, Any] = {
         "driver": "GTiff",
@@ -92,7 +92,7 @@ def _with_rasterio(
         "height": grid.height,
         "count": channels,
         "dtype": dtype.name,
-        "transform": from_origin(*place.corner, grid.pixel, grid.pixel),
+        "transform": rasterio.Affine(grid.pixel, 0.0, x, 0.0, -grid.pixel, y),
         "BIGTIFF": "IF_SAFER",
         **_COMPRESSION,
         **(colour if channels > 1 else {"nodata": float("nan"), "predictor": 3}),

@@ -154,6 +154,17 @@ class LostColour:
 
 
 @dataclass(frozen=True)
+class Drawing:
+    """Show one drawing: its name, what is known of it, its pictures, and the addresses of its files with what they
+    are."""
+
+    name: str
+    facts: Sequence[tuple[str, str]]
+    pictures: Sequence[Picture]
+    files: Sequence[tuple[str, str]]
+
+
+@dataclass(frozen=True)
 class MethodFigures:
     """Show one method of a comparison in pictures of the same photographs: the grey, its difference from Rec.709, the
     verified matches of a pair, and the dense cloud as one camera sees it."""
@@ -213,7 +224,7 @@ class Contents:
     what their calibration brought, in words; `points_by_images`: points by the number of images that see them;
     `matches` (n, n): verified inliers between photographs, in the order of `photographs`; `options` as YAML;
     `methods_sentence`: for a methods section, with the citation; `survey_line`: scale and accuracy in words, with the
-    record of the `survey` where the model is metric."""
+    record of the `survey` where the model is metric; `drawings` of the project."""
 
     title: str
     result: str
@@ -239,3 +250,4 @@ class Contents:
     lost_colour: LostColour | None = None
     survey_line: str = ""
     survey: Mapping[str, Any] | None = None
+    drawings: Sequence[Drawing] = ()
