@@ -13,7 +13,7 @@ from colmap_ihe.dense.camera import Float64
 MOST_PIXELS = 1_000_000_000
 """Of a drawing: 4 GB as an orthophoto."""
 
-BAND_PIXELS = 16_000_000
+BAND_PIXELS = 8_000_000
 """That are in memory at a time."""
 
 BLOCK = 512

@@ -85,7 +85,7 @@ def _with_rasterio(
 
     grid = place.grid
     x, y = place.corner
-    colour = {"photometric": "RGB", "alpha": "unspecified", "predictor": 2}
+    colour = {"photometric": "RGB", "alpha": "NON-PREMULTIPLIED", "predictor": 2}
     profile: dict[str, Any] = {
         "driver": "GTiff",
         "width": grid.width,
@@ -95,7 +95,7 @@ def _with_rasterio(
         "transform": rasterio.Affine(grid.pixel, 0.0, x, 0.0, -grid.pixel, y),
         "BIGTIFF": "IF_SAFER",
         **_COMPRESSION,
-        **(colour if channels > 1 else {"nodata": float("nan"), "predictor": 3}),
+        **(colour if channels > 1 else {"nodata": float("nan")}),
     }
     if place.crs:
         profile["crs"] = place.crs

@@ -34,7 +34,7 @@ def test_geotiff_holds_pixels_place_and_system(tmp_path: Path) -> None:
         assert np.array_equal(np.moveaxis(file.read(), 0, 2), RGBA)
         assert file.crs.to_epsg() == 25832
         assert file.transform[:6] == (0.25, 0, 691_002, 0, -0.25, 5_334_007.5)
-        assert file.colorinterp[3].name == "alpha" and file.is_tiled
+        assert file.colorinterp[3].name == "alpha" and file.profile["tiled"]
     with rasterio.open(tmp_path / "relief.tif") as file:
         assert np.array_equal(file.read(1), RELIEF, equal_nan=True) and np.isnan(file.nodata)
     assert np.array_equal(tifffile.imread(tmp_path / "relief.tif"), RELIEF, equal_nan=True)
