@@ -44,6 +44,7 @@ _PREVIEW, _PREVIEW_RELIEF, _PICTURE = (
     1200,
     6000,
 )  # pixels, the longer side of pictures of the page and others
+_LIGHT = np.rint(np.linspace(0.35, 1, 256) * 255).astype(np.uint8)  # by the hillshade, over colours
 _SMALLEST_PART = 100  # pixels: parts and holes with less area have no outline
 _RED, _BLUE, _BLACK, _BROWN = (190, 30, 45), (40, 70, 150), (0, 0, 0), (140, 90, 40)
 
@@ -147,9 +148,10 @@ def _write_maps(folder: Path, overview: Overview, most: float | None, setting: S
 
 def _relief_picture(overview: Overview, shade: UInt8, most: float | None) -> UInt8:
     """Return deviations in colours, darker where the hillshade is."""
-    grey = shade[..., None].astype(np.float32) / 255
-    colour = deviation_colours(overview.out, most) if most is not None else np.full((1, 1, 3), 255)
-    return np.asarray(np.rint(colour * (0.35 + 0.65 * grey)), np.uint8)
+    light = np.repeat(_LIGHT[shade][..., None], 3, axis=2)
+    if most is None:
+        return light
+    return np.asarray(cv2.multiply(deviation_colours(overview.out, most), light, scale=1 / 255), np.uint8)
 
 
 def _write_jpeg(path: Path, rgb: UInt8, longest: int, quality: int = _QUALITY) -> None:

@@ -11,8 +11,8 @@ from colmap_ihe.dense.camera import Bool, Float32, UInt8
 from colmap_ihe.drawings.colours import Band
 from colmap_ihe.drawings.grid import BLOCK, PixelGrid
 
-MOST_PIXELS = 30_000_000
-"""Of an overview: a sheet of A1 at some 180 pixels an inch."""
+MOST_PIXELS = 20_000_000
+"""Of an overview: a sheet of A1 at some 150 pixels an inch."""
 
 
 @dataclass(frozen=True)

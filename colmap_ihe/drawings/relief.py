@@ -18,6 +18,7 @@ _PALE = (225, 225, 225)
 _COLOURS = np.array(
     ((33, 60, 140), (116, 173, 209), (247, 247, 247), (244, 140, 80), (165, 15, 38)), np.float64
 )
+_TINTS = 1025  # between the first colour and the last
 _NEAR = 0.02  # of the extent of a drawing: what is within may deviate, and what is beyond is something else
 _STEPS = 4  # contour lines on each side of the plane
 _LEVELS = 20  # contour lines over all heights of a plan
@@ -46,12 +47,14 @@ def deviation_range(out: Float32, extent: float) -> float:
 def deviation_colours(out: Float32, most: float) -> UInt8:
     """Return (H, W, 3) uint8: blue behind the plane, white on it, red in front; grey beyond `most`, white without a
     surface."""
-    share = (np.clip(np.nan_to_num(out) / most, -1, 1) + 1) / 2 * (len(_COLOURS) - 1)
-    places = np.arange(len(_COLOURS))
-    rgb = np.stack([np.interp(share, places, _COLOURS[:, k]) for k in range(3)], axis=-1)
-    rgb[np.abs(out) > most] = _PALE
-    rgb[np.isnan(out)] = 255
-    return np.asarray(np.rint(rgb).astype(np.uint8))
+    places = np.linspace(0, len(_COLOURS) - 1, _TINTS)
+    known = [np.interp(places, np.arange(len(_COLOURS)), _COLOURS[:, k]) for k in range(3)]
+    table = np.concatenate((np.rint(np.stack(known, axis=1)), [_PALE, (255, 255, 255)])).astype(np.uint8)
+    share = (np.clip(np.nan_to_num(out) / np.float32(most), -1, 1) + 1) / 2 * (_TINTS - 1)
+    index = np.rint(share).astype(np.uint16)
+    index[np.abs(out) > most] = _TINTS
+    index[np.isnan(out)] = _TINTS + 1
+    return table[index]
 
 
 def legend_stops(most: float) -> list[tuple[float, tuple[int, int, int]]]:
