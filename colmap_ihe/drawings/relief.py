@@ -54,7 +54,7 @@ def deviation_colours(out: Float32, most: float) -> UInt8:
     index = np.rint(share).astype(np.uint16)
     index[np.abs(out) > most] = _TINTS
     index[np.isnan(out)] = _TINTS + 1
-    return table[index]
+    return np.asarray(table[index], np.uint8)
 
 
 def legend_stops(most: float) -> list[tuple[float, tuple[int, int, int]]]:

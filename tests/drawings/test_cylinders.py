@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from colmap_ihe.dense.camera import Float64
 from colmap_ihe.dense.texture.mesh import Mesh
 from colmap_ihe.drawings.cylinders import fitted_cylinder
 
@@ -18,9 +19,10 @@ def half_tower(radius: float, noise: float) -> Mesh:
     wall = np.stack(np.meshgrid(np.linspace(5, 15, 60), [20.0], np.linspace(0, 6, 40)), axis=-1)[0].transpose(
         1, 0, 2
     )
-    vertices, faces = [], []
+    vertices: list[Float64] = []
+    faces = []
     for sheet in (places, wall):
-        rows = sum(map(len, vertices)) + np.arange(2400).reshape(40, 60)
+        rows = sum(len(part) for part in vertices) + np.arange(2400).reshape(40, 60)
         a, b, c, d = rows[:-1, :-1], rows[:-1, 1:], rows[1:, 1:], rows[1:, :-1]
         faces += [np.stack((a, b, c), -1).reshape(-1, 3), np.stack((a, c, d), -1).reshape(-1, 3)]
         vertices.append(sheet.reshape(-1, 3))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import xml.etree.ElementTree as ElementTree
 from pathlib import Path
+from typing import Any
 
 import ezdxf
 import numpy as np
@@ -22,7 +23,8 @@ def test_dxf_has_layers_in_metres_at_coordinates_of_the_survey(tmp_path: Path) -
     document = ezdxf.readfile(tmp_path / "a.dxf")  # type: ignore[attr-defined]
     assert document.header["$INSUNITS"] == 6
     assert not document.audit().errors
-    first, second = document.modelspace()
+    lines: Any = document.modelspace()
+    first, second = lines
     assert (first.dxf.layer, first.closed, second.dxf.layer, second.closed) == (
         "SECTION",
         True,

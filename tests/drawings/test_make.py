@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from typing import Any
 
 import ezdxf
 import numpy as np
@@ -43,7 +44,7 @@ def test_a_facade_becomes_all_its_files(tmp_path: Path) -> None:
     assert relief[row, column] == pytest.approx(0, abs=0.01)
     row, column = int((1.5 + 500 - place.f) / place.e), int((2.0 - place.c) / place.a)
     assert relief[row, column] == pytest.approx(-1000 * NICHE, abs=0.01)
-    space = ezdxf.readfile(tmp_path / "lines.dxf").modelspace()  # type: ignore[attr-defined]
+    space: Any = ezdxf.readfile(tmp_path / "lines.dxf").modelspace()  # type: ignore[attr-defined]
     outline = np.array(
         [p for line in space.query('LWPOLYLINE[layer=="OUTLINE"]') for p in line.get_points("xy")]
     )
@@ -58,7 +59,7 @@ def test_a_section_becomes_lines_in_metres(tmp_path: Path) -> None:
     view = View("low", "section", plane_frame(FOOT + 1.5 * UP, UP, UP))
     about = draw_section(tmp_path, view, wall_mesh(), SETTING)
     assert about["length"] == pytest.approx(WIDTH, abs=1e-4)
-    space = ezdxf.readfile(tmp_path / "lines.dxf").modelspace()  # type: ignore[attr-defined]
+    space: Any = ezdxf.readfile(tmp_path / "lines.dxf").modelspace()  # type: ignore[attr-defined]
     places = [np.array(line.get_points("xy")) - FOOT[:2] for line in space]
     out = np.concatenate(places) @ NORMAL[:2]
     assert set(out.round(4)) == {0.0, -NICHE}
