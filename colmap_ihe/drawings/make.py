@@ -86,9 +86,9 @@ def draw_surface(
     }
     papers = write_sheets(
         folder / "sheets.pdf",
-        _pages(overview, layers, most, setting),
+        _pages(overview, layers, about, setting),
         (grid.left, grid.bottom, grid.right, grid.top),
-        _sheet_text(view, setting, _notes(about)),
+        _sheet_text(view, setting, _notes(about, setting)),
     )
     about |= {"papers": papers, "files": [*files, "sheets.pdf"]}
     write_json(folder / ABOUT, about)
@@ -194,17 +194,19 @@ def _write_lines(folder: Path, view: View, layers: Sequence[Layer], setting: Set
 
 
 def _pages(
-    overview: Overview, layers: Sequence[Layer], most: float | None, setting: Setting
+    overview: Overview, layers: Sequence[Layer], about: Mapping[str, Any], setting: Setting
 ) -> list[SheetContent]:
+    most = about["deviation_range"]
     pages = [SheetContent("orthophoto", jpeg=_jpeg(overview.rgb), grid=overview.grid)]
     if most is None:
         shade = np.repeat(hillshade(overview.out, overview.grid.pixel)[..., None], 3, axis=2)
         pages.append(SheetContent("relief and contour lines", layers, _jpeg(shade), overview.grid))
         return pages
+    surface = "cylinder" if about["kind"] == "cylinder" else "plane"
     legend = [(1000 * value, colour) for value, colour in legend_stops(most)]
     picture = _jpeg(_relief_picture(overview, hillshade(overview.out, overview.grid.pixel), most))
     pages.append(
-        SheetContent("deviation from the plane", layers, picture, overview.grid, legend, setting.unit)
+        SheetContent(f"deviation from the {surface}", layers, picture, overview.grid, legend, setting.unit)
     )
     return pages
 
@@ -225,8 +227,9 @@ def _about(view: View, setting: Setting) -> dict[str, Any]:
     }
 
 
-def _notes(about: Mapping[str, Any]) -> list[str]:
-    notes = [f"pixels of {about['pixel_mm']:g} mm"] if about["pixel_mm"] else []
+def _notes(about: Mapping[str, Any], setting: Setting) -> list[str]:
+    notes = [setting.accuracy] if setting.accuracy else []
+    notes += [f"pixels of {about['pixel_mm']:g} mm"] if about["pixel_mm"] else []
     share = f"{about['holes_percent']:.1f} % of the rectangle shows no surface"
     if about["without_photograph_percent"] >= 0.05:
         share += f", {about['without_photograph_percent']:.1f} % has colours of the cloud"
@@ -265,7 +268,7 @@ def draw_section(
     margin = 0.03 * max(right - left, top - bottom)
     bounds = (left - margin, bottom - margin, right + margin, top + margin)
     length = length_of(lines)
-    notes = [f"{length:.2f} m of lines"] if setting.metric else []
+    notes = [setting.accuracy] if setting.accuracy else []
     text = _sheet_text(view, setting, notes)
     papers = write_sheets(folder / "sheets.pdf", [SheetContent("section", layers)], bounds, text)
     about = {

@@ -80,6 +80,11 @@ def _canvas(content: BytesIO, title: str) -> Any:
     return canvas
 
 
+def letters_without_font(text: str) -> str:
+    """Return the letters of a text that sheets show as question marks."""
+    return "".join(sorted({letter for letter in text if _plain(letter) != letter}))
+
+
 def _plain(text: str) -> str:
     return text.encode(_ENCODING, "replace").decode(_ENCODING)
 

@@ -46,7 +46,8 @@ class View:
 class Setting:
     """Hold what all drawings of a model have in common: whether it is `metric`; `offset` (3,), which is added to its
     coordinates to have those of `crs`, a system of a map or empty; `plan_crs`: of what the plan is in, where the
-    model's system is of degrees; the lines of the `title`; and by what a drawing is made, `made_by`."""
+    model's system is of degrees; the lines of the `title`; by what a drawing is made, `made_by`; and by what the
+    model is metric and how well, `accuracy`, in words."""
 
     metric: bool
     up: Float64
@@ -54,6 +55,7 @@ class Setting:
     plan_crs: str = ""
     title: Mapping[str, str] = field(default_factory=dict)
     made_by: str = "draw"
+    accuracy: str = ""
 
     @property
     def unit(self) -> str:

@@ -56,6 +56,8 @@ def draw(
         else:
             views = [view_of(_name(only), asked, options.drawings, model)]
         drawn = draw_views(run, model, views, BY_COMMAND, stage_progress, strict=True)
+    for warning in drawn.warnings:
+        progress.warn(warning)
     return drawn.drawings
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import shutil
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from importlib import import_module
 from pathlib import Path
@@ -18,6 +18,7 @@ from colmap_ihe.drawings.colours import PaintedSurface
 from colmap_ihe.drawings.make import ABOUT, draw_section, draw_surface
 from colmap_ihe.drawings.painted import painted_surface
 from colmap_ihe.drawings.raster_files import has_rasterio
+from colmap_ihe.drawings.sheet import letters_without_font
 from colmap_ihe.drawings.view import Setting, View, layout_of
 from colmap_ihe.errors import KnownError, OptionError, ProjectError
 from colmap_ihe.machine import locks
@@ -25,12 +26,15 @@ from colmap_ihe.machine.executor import threads_of
 from colmap_ihe.machine.files import read_json, replace_folder
 from colmap_ihe.machine.progress import Progress
 from colmap_ihe.pipeline.stage import RunContext
+from colmap_ihe.pipeline.survey_records import survey_summary
 from colmap_ihe.project.folder import Project
+from colmap_ihe.report.survey_words import survey_in_words
 from colmap_ihe.survey.frames import Frame
 
 BY_RUN, BY_COMMAND = "reconstruct", "draw"
 """What a drawing is made by, as drawing.json says."""
 
+_EARTH = 6_371_000.0  # metres: its radius; a metre high up is less of it on a map
 _LIBRARIES = ("contourpy", "ezdxf", "reportlab")
 
 
@@ -83,16 +87,17 @@ def drawn_model(run: RunContext) -> DrawnModel:
     return DrawnModel(read_mesh(run.project.mesh), np.asarray(up, np.float64), cameras, frame)
 
 
-def setting_of(model: DrawnModel, title: dict[str, str], maker: str) -> Setting:
-    """Return what the drawings of a model have in common."""
+def setting_of(model: DrawnModel, title: dict[str, str], maker: str, accuracy: str = "") -> Setting:
+    """Return what the drawings of a model have in common; `accuracy` of the survey in words."""
     frame = model.frame
     if frame is None:
         return Setting(False, model.up, title=title, made_by=maker)
     if frame.origin is None:
-        return Setting(True, model.up, frame.offset, frame.crs, title, maker)
+        return Setting(True, model.up, frame.offset, frame.crs, title, maker, accuracy)
     latitude, longitude, height = frame.origin
-    crs = f"+proj=aeqd +lat_0={latitude:.10f} +lon_0={longitude:.10f} +datum=WGS84 +units=m"
-    return Setting(True, model.up, (0.0, 0.0, height), crs, title, maker)
+    place = f"+lat_0={latitude:.10f} +lon_0={longitude:.10f} +k={1 + height / _EARTH:.10f}"
+    crs = f"+proj=tmerc {place} +datum=WGS84 +units=m"
+    return Setting(True, model.up, (0.0, 0.0, height), crs, title, maker, accuracy)
 
 
 def draw_views(
@@ -103,8 +108,9 @@ def draw_views(
     project = run.project
     if not locks.is_marked(project.drawings):
         locks.refuse_unmarked(project.drawings, "move it away: drawings are written there")
-    setting = setting_of(model, run.options.drawings.title, maker)
-    drawn, surface = Drawn(), None
+    title = run.options.drawings.title
+    setting = setting_of(model, title, maker, survey_in_words(survey_summary(run.records.get("survey", {}))))
+    drawn, surface = Drawn(warnings=_unprintable(title)), None
     views = _possible(views, model, setting, drawn, strict=strict)
     if any(view.kind != "section" for view in views):
         surface = _painted(run, model, progress)
@@ -118,13 +124,20 @@ def draw_views(
             temporary.mkdir()
             drawn.drawings[view.name] = _draw(temporary, view, model, surface, setting, progress)
             replace_folder(temporary, final)
-        except OptionError as error:
+        except (OptionError, ProjectError) as error:
             if strict:
                 raise
             drawn.warnings.append(f"not drawn: {error} ({error.hint})")
         finally:
             shutil.rmtree(temporary, ignore_errors=True)
     return drawn
+
+
+def _unprintable(title: Mapping[str, str]) -> list[str]:
+    text = "".join(f"{name}{value}" for name, value in title.items())
+    if not (odd := letters_without_font(text)):
+        return []
+    return [f"drawings.title: the fonts of the sheets have no {odd!r:.60}, which become question marks"]
 
 
 def _possible(

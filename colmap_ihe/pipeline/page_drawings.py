@@ -12,7 +12,7 @@ import simplejpeg
 from colmap_ihe.machine.files import read_at_most
 from colmap_ihe.pipeline.drawings import finished
 from colmap_ihe.project.folder import Project
-from colmap_ihe.report.contents import Drawing, Picture
+from colmap_ihe.report.contents import Drawing, FileLink, Picture
 
 _PICTURED = 12  # drawings with pictures; of others files are named
 _MOST_BYTES = 4_000_000  # of a picture
@@ -37,7 +37,8 @@ def drawings_of(project: Project) -> list[Drawing]:
     """Return the drawings of a project, by name. One that somebody changed into something else is left out."""
     shown: list[Drawing] = []
     for folder, about in finished(project):
-        if about.get("kind") in _KINDS and isinstance(about.get("files"), list):
+        kind = about.get("kind")
+        if isinstance(kind, str) and kind in _KINDS and isinstance(about.get("files"), list):
             shown.append(_drawing(folder, about, with_pictures=len(shown) < _PICTURED))
     return shown
 
@@ -49,7 +50,7 @@ def _drawing(folder: Path, about: Mapping[str, Any], *, with_pictures: bool) -> 
         alts["preview-relief.jpg"] = f"{folder.name}: relief{_range_of(about)}"
     pictures = [_picture(folder / name, alt) for name, alt in alts.items()] if with_pictures else []
     address = f"../drawings/{quote(folder.name)}"
-    files = [(words, f"{address}/{name}") for name, words in _WORDS.items() if name in about["files"]]
+    files = [FileLink(words, f"{address}/{name}") for name, words in _WORDS.items() if name in about["files"]]
     return Drawing(folder.name, _facts(about), [p for p in pictures if p is not None], files)
 
 
@@ -62,7 +63,8 @@ def _range_of(about: Mapping[str, Any]) -> str:
 
 def _facts(about: Mapping[str, Any]) -> list[tuple[str, str]]:
     scale = f"1:{about.get('scale')}" if about.get("metric") else "not to scale: the model is not metric"
-    facts = [("sheets", f"{scale}, {', '.join(map(str, about.get('papers', ())))}")]
+    papers = about.get("papers")
+    facts = [("sheets", ", ".join([scale, *map(str, papers if isinstance(papers, list) else [])]))]
     if isinstance(about.get("pixel_mm"), float):
         facts.append(("a pixel", f"{about['pixel_mm']:g} mm"))
     for name, words in (

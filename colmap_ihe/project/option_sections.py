@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from datetime import date
 from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
@@ -107,6 +108,17 @@ class DrawingsOptions(Section):
     """Lines of the title block of the sheets, by name."""
     views: dict[str, DrawingView] = Field(default_factory=dict)
     """Drawings by name; none is every façade that is found, the plan, and two sections."""
+
+    @field_validator("title", mode="before")
+    @classmethod
+    def _lines_are_text(cls, title: object) -> object:
+        """Take numbers and dates too, as YAML reads them."""
+        if not isinstance(title, dict):
+            return title
+        plain = (int, float, date)
+        return {
+            n: str(v) if isinstance(v, plain) and not isinstance(v, bool) else v for n, v in title.items()
+        }
 
     @field_validator("views")
     @classmethod

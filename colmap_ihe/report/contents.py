@@ -154,14 +154,21 @@ class LostColour:
 
 
 @dataclass(frozen=True)
+class FileLink:
+    """Lead to a file: in words what it is, and its address, relative to the page."""
+
+    words: str
+    address: str
+
+
+@dataclass(frozen=True)
 class Drawing:
-    """Show one drawing: its name, what is known of it, its pictures, and the addresses of its files with what they
-    are."""
+    """Show one drawing: its name, what is known of it, its pictures and its files."""
 
     name: str
     facts: Sequence[tuple[str, str]]
     pictures: Sequence[Picture]
-    files: Sequence[tuple[str, str]]
+    files: Sequence[FileLink]
 
 
 @dataclass(frozen=True)

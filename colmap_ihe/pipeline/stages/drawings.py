@@ -75,12 +75,13 @@ def _needs(options: Options, size: PhotoSetSize) -> StageNeeds:
 
 
 def _parts(options: Options, known: Known) -> list[Part]:
+    if options.drawings.enabled == "auto" and not known.metric:
+        return []
+    images, megapixels = known.registered, known.registered_megapixels
     return [
-        Part(
-            "drawings",
-            "photographs looked through",
-            0.2 * known.registered_megapixels + 0.06 * known.registered,
-        )
+        Part("drawings", "photographs looked through", 0.2 * megapixels + 0.06 * images),
+        Part("drawings", "photographs compared at seams", 0.042 * megapixels + 0.028 * images),
+        Part("drawings", "pictures and sheets", 15.0),
     ]
 
 
