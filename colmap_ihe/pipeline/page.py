@@ -20,6 +20,7 @@ from colmap_ihe.machine.files import read_json, write_bytes
 from colmap_ihe.machine.libraries import library_versions
 from colmap_ihe.machine.progress import Progress, RunProgress
 from colmap_ihe.pipeline import model_view
+from colmap_ihe.pipeline.page_drawings import drawings_of
 from colmap_ihe.pipeline.page_pairs import drawn_pairs
 from colmap_ihe.pipeline.page_size import page_within
 from colmap_ihe.pipeline.second_grey import lost_colour
@@ -144,6 +145,7 @@ def gather(run: RunContext, summary: Mapping[str, Any], progress: Progress) -> C
         survey_line=survey_in_words(summary),
         survey=records["survey"] if is_metric(records) else None,
         block=block,
+        drawings=drawings_of(project),
     )
 
 

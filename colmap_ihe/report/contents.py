@@ -155,6 +155,24 @@ class LostColour:
 
 
 @dataclass(frozen=True)
+class FileLink:
+    """Lead to a file: in words what it is, and its address, relative to the page."""
+
+    words: str
+    address: str
+
+
+@dataclass(frozen=True)
+class Drawing:
+    """Show one drawing: its name, what is known of it, its pictures and its files."""
+
+    name: str
+    facts: Sequence[tuple[str, str]]
+    pictures: Sequence[Picture]
+    files: Sequence[FileLink]
+
+
+@dataclass(frozen=True)
 class MethodFigures:
     """Show one method of a comparison in pictures of the same photographs: the grey, its difference from Rec.709, the
     verified matches of a pair, and the dense cloud as one camera sees it."""
@@ -214,7 +232,8 @@ class Contents:
     what their calibration brought, in words; `points_by_images`: points by the number of images that see them;
     `matches` (n, n): verified inliers between photographs, in the order of `photographs`; `options` as YAML;
     `methods_sentence`: for a methods section, with the citation; `survey_line`: scale and accuracy in words, with the
-    record of the `survey` where the model is metric; `block`: the model as a surveyor asks for it."""
+    record of the `survey` where the model is metric; `block`: the model as a surveyor asks for it; `drawings` of the
+    project."""
 
     title: str
     result: str
@@ -241,3 +260,4 @@ class Contents:
     survey_line: str = ""
     survey: Mapping[str, Any] | None = None
     block: SurveyBlock | None = None
+    drawings: Sequence[Drawing] = ()

@@ -13,6 +13,8 @@ from colmap_ihe.report.contents import (
     CameraPose,
     Cloud,
     Contents,
+    Drawing,
+    FileLink,
     Grey,
     ModelFrame,
     Pair,
@@ -212,6 +214,18 @@ def synthetic_contents(points: int = 20_000, photographs: int = 24, hostile: str
         options=f"fit:\n  method: decolorize{hostile}\n  step: 0.01\ndense:\n  max_image_size: 2000\n",
         methods_sentence=f"{hostile}Photographs were made grey with one set of weights, fitted to the whole set.",
         block=_block(names, hostile),
+        drawings=[
+            Drawing(
+                f"{hostile}north {number}",
+                [(f"{hostile}sheets", f"1:50, A3{hostile}")],
+                [
+                    coded(facade_picture(300, 200), f"{hostile}orthophoto"),
+                    coded(facade_picture(30, 20), "relief"),
+                ],
+                [FileLink(f"{hostile}sheets (PDF)", "../drawings/north/sheets.pdf")],
+            )
+            for number in range(2)
+        ],
         citation=f"{hostile}A. Author, B. Author (2025). One grey for a whole set. Journal of Surveying 12, 3.",
     )
 
