@@ -14,6 +14,9 @@ from colmap_ihe.colmap.native import pycolmap
 Float64 = NDArray[np.float64]
 Ints = NDArray[np.intp]
 _CROSSING_PX = 4.0  # by which the rays of a match may miss each other: what COLMAP lets pass for a point
+_LEAST_DEG = (
+    1.5  # between the rays of a match: at less they say no depth, and COLMAP makes no point of them either
+)
 _Pair = tuple[int, int]
 
 
@@ -126,9 +129,10 @@ def _crossings(
     base = centres[pair[1]] - centres[pair[0]]
     cosine = (first * second).sum(axis=1)
     crossed = 1 - cosine**2
-    with np.errstate(divide="ignore", invalid="ignore"):
-        along = (first @ base - cosine * (second @ base)) / crossed
-        beyond = (cosine * (first @ base) - second @ base) / crossed
+    wide = crossed > np.sin(np.radians(_LEAST_DEG)) ** 2
+    first, second, cosine, crossed = first[wide], second[wide], cosine[wide], crossed[wide]
+    along = (first @ base - cosine * (second @ base)) / crossed
+    beyond = (cosine * (first @ base) - second @ base) / crossed
     ends = centres[pair[0]] + along[:, None] * first, centres[pair[1]] + beyond[:, None] * second
     gap = np.linalg.norm(ends[1] - ends[0], axis=1)
     a_pixel = 1 / np.nan_to_num(observations.focal_px[list(pair)], nan=1000.0).min()
