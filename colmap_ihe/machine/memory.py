@@ -68,6 +68,13 @@ def taken(process: int | str) -> tuple[int, int]:
     return system.taken_memory(None if process == "self" else int(process))
 
 
+def most_taken() -> int:
+    """Return the most bytes that this process, or one that it started and that has ended, held; 0 if the system does
+    not say."""
+    own = taken("self")[1]
+    return max(own, system.most_of_children()) if own else 0
+
+
 def begin_sparing() -> None:
     """Begin this process anew as one that reserves little, where its address space or data are limited: else each
     thread has a heap of 64 MB, and each core a part of BLAS, from the loading of libraries on."""

@@ -11,6 +11,7 @@ import mmap
 import os
 import socket
 import struct
+import sys
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
@@ -174,6 +175,15 @@ def taken_memory(process: int | None) -> tuple[int, int]:
         sizes = psutil.Process(process).memory_info()
         return sizes.rss, getattr(sizes, "peak_wset", sizes.rss)
     return 0, 0
+
+
+def most_of_children() -> int:
+    """Return the most bytes of memory that one of the processes held which this one started and which have ended; 0
+    where the system does not say. Linux counts in kilobytes, macOS in bytes."""
+    if resource is None:
+        return 0
+    most = int(resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss)
+    return most if sys.platform == "darwin" else 1024 * most
 
 
 def limits() -> dict[str, int]:
