@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import errno
 import os
+import time
 from pathlib import Path
 
 import pytest
@@ -51,7 +52,7 @@ def test_a_file_that_a_viewer_holds_open_is_replaced_once_it_is_closed(
             raise refused.pop()
         return replace(source, target)
 
-    monkeypatch.setattr(files.time, "sleep", waits.append)
+    monkeypatch.setattr(time, "sleep", waits.append)
     monkeypatch.setattr(Path, "replace", held)
     files.write_bytes(tmp_path / "a.ply", b"new")
     assert (tmp_path / "a.ply").read_bytes() == b"new"
@@ -74,7 +75,7 @@ def test_a_file_that_a_viewer_holds_open_is_replaced_once_it_is_closed(
 def test_names_that_windows_keeps_for_itself(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     assert not files.is_name_of_windows(name)
     assert files.is_name_below(f"sub/{name}")
-    monkeypatch.setattr(files.os, "name", "nt")
+    monkeypatch.setattr(os, "name", "nt")
     assert not files.is_name_below(f"sub/{name}")
 
 

@@ -8,9 +8,12 @@ from pathlib import Path
 
 import pytest
 
-from colmap_ihe.errors import Cancelled, ClusterError
+from colmap_ihe.errors import Cancelled, CapabilityError, ClusterError
+from colmap_ihe.machine import system
+from colmap_ihe.machine.cluster.connect import connected
 from colmap_ihe.machine.cluster.lease import end_lease, end_old_leases, held, new_lease
 from colmap_ihe.machine.progress import SILENT, Silent
+from colmap_ihe.project.option_sections import ClusterOptions
 
 
 def test_its_end_waits_for_the_tasks(tmp_path: Path) -> None:
@@ -49,3 +52,13 @@ def test_a_task_that_comes_late_does_nothing(tmp_path: Path) -> None:
     assert list(tmp_path.iterdir()) == []
     with pytest.raises(FileNotFoundError), held(lease):
         pytest.fail("there is no such run")
+
+
+def test_without_shared_locks_there_is_no_cluster(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(system, "SHARES_LOCKS", False)
+    options = ClusterOptions(address="local:2")
+    with (
+        pytest.raises(CapabilityError, match="a cluster needs locks"),
+        connected(options, tmp_path, (), SILENT),
+    ):
+        pass

@@ -107,7 +107,8 @@ def _hide() -> None:
         method = getattr(pathlib.Path, name)
         setattr(pathlib.Path, name, _hidden_from_us(method, lambda path: str(path).startswith(FOLDERS)))
     exists = pathlib.Path.exists
-    pathlib.Path.exists = lambda path: exists(path) and not str(path).startswith(FOLDERS)  # type: ignore[method-assign]
+    seen = lambda path: exists(path) and not str(path).startswith(FOLDERS)  # noqa: E731
+    setattr(pathlib.Path, "exists", seen)  # noqa: B010
     pathlib.Path.symlink_to = _hidden_from_us(pathlib.Path.symlink_to, lambda _: True)  # type: ignore[method-assign]
 
 
