@@ -48,7 +48,7 @@ def agreed_colours(quality: Float32, colour: UInt8) -> Float32:
 
 
 def at_corners(faces: Int32, count: int, of_faces: Float32) -> Float64:
-    """Return (`count`, 3) float64 for corners: the mean of what `of_faces` (F, 3) says of the `faces` (F, 3) around each,
+    """Return (`count`, 3) float64 for corners: the mean of what `of_faces` (F, 3) says of the `faces` (F, 3) around it,
     without those of NaN; NaN where there is none."""
     known = np.flatnonzero(np.isfinite(of_faces).all(axis=1))
     corners = faces[known].ravel()

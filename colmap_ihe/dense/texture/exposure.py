@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from colmap_ihe.dense.camera import Float64, Int32, Int64, UInt8
+from colmap_ihe.dense.camera import Float64, Int32, UInt8
 
 _LEAST_VIEWS = 3  # of a face, for a median that one photograph does not decide
 _FACES = 30_000  # of those, evenly taken, are enough
@@ -23,7 +23,7 @@ def exposure_tables(view: Int32, colour: UInt8, count: int) -> UInt8:
     """Return (`count`, 256, 3) uint8: for each of so many photographs the levels of R, G and B that make it like the
     others, its own where nothing tells.
 
-    `view` (F, K) int32 are numbers of photographs, negative for none, `colour` (F, K, 3) uint8 what they show of a face.
+    `view` (F, K) int32 are numbers of photographs, negative for none, `colour` (F, K, 3) uint8 what they show of it.
     """
     gain, offset = np.ones((count, 3)), np.zeros((count, 3))
     rows = np.flatnonzero((view >= 0).sum(axis=1) >= _LEAST_VIEWS)
