@@ -79,7 +79,8 @@ class CameraPose:
 
     `box` (4,): left, top, right, bottom of the part between the corners, in shares of the picture. `grid` (G, G, 2):
     where a lattice of its pixels lies, in steps of the edges from the top left corner to the right and down; None where
-    the lens does not distort. `picture`: the photograph, larger than its thumbnail.
+    the lens does not distort. `picture`: the photograph, larger than its thumbnail. `size`: width and height in pixels
+    of the photograph as it is stored.
     """
 
     name: str
@@ -88,6 +89,7 @@ class CameraPose:
     box: NDArray[np.float64] | Sequence[float] = (0.0, 0.0, 1.0, 1.0)
     grid: NDArray[np.float64] | None = None
     picture: Picture | None = None
+    size: tuple[int, int] = (1, 1)
 
 
 @dataclass(frozen=True)
@@ -213,7 +215,7 @@ class Contents:
     what their calibration brought, in words; `points_by_images`: points by the number of images that see them;
     `matches` (n, n): verified inliers between photographs, in the order of `photographs`; `options` as YAML;
     `methods_sentence`: for a methods section, with the citation; `survey_line`: scale and accuracy in words, with the
-    record of the `survey` where the model is metric."""
+    record of the `survey` where the model is metric; `point_names` of its control."""
 
     title: str
     result: str
@@ -239,3 +241,4 @@ class Contents:
     lost_colour: LostColour | None = None
     survey_line: str = ""
     survey: Mapping[str, Any] | None = None
+    point_names: Sequence[str] = ()

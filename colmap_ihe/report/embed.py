@@ -98,8 +98,9 @@ def _camera(camera: CameraPose, grids: dict[str, int]) -> dict[str, Any]:
     text = json.dumps([_numbers(row.ravel()) for row in grid])
     return {
         "name": camera.name,
-        "centre": _numbers(camera.centre),
-        "corners": [_numbers(k) for k in camera.corners],
+        "centre": _numbers(camera.centre, 9),
+        "corners": [_numbers(k, 9) for k in camera.corners],
+        "size": list(camera.size),
         "box": [float(v) for v in camera.box],
         "grid": grids.setdefault(text, len(grids)),
         "picture": data_uri(camera.picture) if camera.picture else None,
@@ -150,5 +151,5 @@ def as_base64(data: bytes) -> str:
     return base64.b64encode(data).decode("ascii")
 
 
-def _numbers(values: NDArray[np.floating[Any]]) -> list[float]:
-    return [float(f"{v:.6g}") for v in values]
+def _numbers(values: NDArray[np.floating[Any]], digits: int = 8) -> list[float]:
+    return [float(f"{v:.{digits}g}") for v in values]
