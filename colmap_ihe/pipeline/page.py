@@ -232,7 +232,9 @@ def _cameras(
         if grey in model.names:
             picture = looks[name].larger if name in looks else None
             view = model.camera(grey)
-            poses.append(contents.CameraPose(name, view.centre, view.corners, view.box, view.grid, picture, view.size))
+            poses.append(
+                contents.CameraPose(name, view.centre, view.corners, view.box, view.grid, picture, view.size)
+            )
     return poses
 
 

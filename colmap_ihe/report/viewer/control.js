@@ -67,6 +67,7 @@ export function createControl({ part, cameras, lenses, addressOf, hides, radius 
   }
   function set(pixel) {
     if (!name.value.trim()) {
+      latest++; // what a change of the name began is not to speak after this
       name.focus();
       return say("Give the point its name first.");
     }
