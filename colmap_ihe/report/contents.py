@@ -45,15 +45,15 @@ class Cloud:
 class Surface:
     """Hold a mesh for the viewer, in the frame of the cloud.
 
-    `positions` and `normals` (V, 3) float32; `faces` (F, 3) int64, and `coarse_faces` on the same vertices, which are
-    drawn where there is no time for all. With a `texture`, `uv` (V, 2) float32 from its top
+    `positions` and `normals` (V, 3) float32; `faces` (F, 3) int64, and `coarser`: fewer and fewer on the same vertices,
+    which are drawn where there is no time for all. With a `texture`, `uv` (V, 2) float32 from its top
     left; without, `colours` (V, 3) uint8 sRGB. `faces_in_all`: of the mesh that it was cut from.
     """
 
     positions: NDArray[np.float32]
     normals: NDArray[np.float32]
     faces: NDArray[np.int64]
-    coarse_faces: NDArray[np.int64]
+    coarser: Sequence[NDArray[np.int64]]
     faces_in_all: int
     texture: Picture | None = None
     uv: NDArray[np.float32] | None = None
