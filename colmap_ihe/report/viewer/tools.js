@@ -58,6 +58,7 @@ export function createTools({ part, marks, data, scale, ask, canvas, title, cont
     if (points.length < ENOUGH[tool]) return say(`A ${tool} needs ${ENOUGH[tool]} places, ${points.length} ${points.length === 1 ? "is" : "are"} picked.`);
     const measurement = { kind: tool, points, text: "" };
     done.push(measurement);
+    part("measured").closest("details").open = true;
     points = [];
     list();
     if (measurement.kind !== "note") return say(inWords(measurement));
