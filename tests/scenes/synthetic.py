@@ -76,7 +76,7 @@ def facade_cloud(points: int) -> Cloud:
 
 
 def facade_surface(across: int = 60) -> Surface:
-    """The facade as a flat mesh 12 by 8 units at z = 0, textured; its coarser triangles are four and 16 times as large."""
+    """The facade as a flat mesh 12 by 8 units at z = 0, textured, and with triangles four and 16 times as large."""
     down = 2 * across // 3
     rows, columns = np.mgrid[0 : down + 1, 0 : across + 1]
     u, v = columns.ravel() / across, rows.ravel() / down

@@ -2,9 +2,9 @@
 
 Points are drawn into a neighbour, cheapest first, by the quadric error of Garland and Heckbert (1997). The neighbour
 stays where it is and keeps its place on the texture, so the texture stays right. Where patches of the texture meet, a
-point has a vertex in each: it goes only along the border, each of its vertices within its own patch, so no crack opens.
-Points at open borders stay. Many points go in one round, none beside another; which, is left to chance among the cheaper
-ones.
+point has a vertex in each: it goes only along the border, each of its vertices within its own patch, so no crack
+opens. Points at open borders stay. Many points go in one round, none beside another; which, is left to chance among the
+cheaper ones.
 """
 
 from __future__ import annotations

@@ -55,6 +55,7 @@ export function createTools({ part, marks, data, scale, ask, canvas, title, cont
   const lastDistance = () => done.findLast((m) => m.kind === "distance");
 
   function finish() {
+    if (!tool) return say("Choose a tool first.");
     if (points.length < ENOUGH[tool]) return say(`A ${tool} needs ${ENOUGH[tool]} places, ${points.length} ${points.length === 1 ? "is" : "are"} picked.`);
     const measurement = { kind: tool, points, text: "" };
     done.push(measurement);
