@@ -223,6 +223,33 @@ def test_a_known_distance_gives_the_scale_and_the_address_keeps_it(page: Page) -
     assert saved(page)["metres_per_unit"] == pytest.approx(2.5 / units, rel=1e-4)
 
 
+def test_a_metric_model_is_measured_in_metres(browser: Browser, tmp_path: Path) -> None:
+    """No scale can be entered, and none is taken from the address: it has one."""
+    made = synthetic_contents(3000, 4)
+    assert made.frame is not None
+    metric = dataclasses.replace(made, frame=dataclasses.replace(made.frame, metric=True))
+    (tmp_path / "page.html").write_text(render_page(metric), encoding="utf-8")
+    it = Opened(browser, f"{(tmp_path / 'page.html').as_uri()}#metres_per_unit=7")
+    open_tools(it.page)
+    it.page.locator("[data-tool=distance]").click()
+    picked(it.page, (0.35, 0.5), (0.6, 0.5))
+    it.page.locator("[data-tool=area]").click()
+    picked(it.page, (0.4, 0.3), (0.6, 0.3), (0.6, 0.5))
+    it.page.locator("[data-part=finish]").click()
+    it.page.locator("[data-tool=point]").click()
+    picked(it.page, (0.5, 0.5))
+    distance, area, point = it.page.locator("[data-part=measured] li").all_inner_texts()
+    content = saved(it.page)
+    length = np.linalg.norm(np.diff(content["items"][0]["points"], axis=0))
+    assert distance.startswith("Distance: ") and f"{length:.4g}"[:4] in distance and " m, height" in distance
+    assert " m², around it " in area and re.fullmatch(r"Point: X .*, Y .*, Z 30(\.0+)? m", point)
+    assert content["metres_per_unit"] == 1
+    assert not it.page.locator("[data-part=known]").is_visible()
+    assert "Lengths are in metres." in it.page.locator("section.wide").inner_text()
+    assert not it.errors
+    it.page.close()
+
+
 def test_the_section_box_cuts_the_model_and_what_is_picked(page: Page) -> None:
     canvas = page.locator(".stage canvas")
     open_tools(page)
