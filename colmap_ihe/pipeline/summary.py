@@ -100,8 +100,9 @@ def _is_measured(value: object) -> bool:
 
 
 def _camera(record: Mapping[str, Any], survey: Mapping[str, Any]) -> dict[str, Any]:
-    deviations = record["standard_deviations"]
-    adjusted = survey.get("camera_params", {}).get(str(record["camera_id"]), record["params"])
+    camera_id = str(record["camera_id"])
+    deviations = survey.get("camera_deviations", {}).get(camera_id, record["standard_deviations"])
+    adjusted = survey.get("camera_params", {}).get(camera_id, record["params"])
     return {
         **{name: record[name] for name in ("model", "width", "height", "photographs", "by")},
         "parameters": dict(zip(record["names"], adjusted, strict=True)),

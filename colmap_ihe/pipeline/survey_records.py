@@ -57,7 +57,8 @@ class PositionRecord(StrictModel):
 
 class SurveyRecord(StageRecord):
     """Describe how the model became metric. `method`: empty where it did not; `similarity` (3, 4) from the model in
-    workspace/sparse/0 into the frame, before it was adjusted; `camera_params` by camera id after that."""
+    workspace/sparse/0 into the frame, before it was adjusted; `camera_params` and `camera_deviations` by camera id,
+    after that."""
 
     method: str = ""
     frame: FrameRecord | None = None
@@ -67,6 +68,7 @@ class SurveyRecord(StageRecord):
     bars: list[BarRecord] = Field(default_factory=list)
     positions: list[PositionRecord] = Field(default_factory=list)
     camera_params: dict[str, list[float]] = Field(default_factory=dict)
+    camera_deviations: dict[str, list[float]] = Field(default_factory=dict)
     targets: Count = 0
 
 
@@ -83,6 +85,7 @@ def survey_record(result: Georeferenced, photographs: Mapping[str, str]) -> Surv
         positions=[
             PositionRecord(**{**vars(each), "image": photographs[each.image]}) for each in result.positions
         ],
+        camera_deviations={str(i): list(values) for i, values in result.camera_deviations.items()},
         warnings=list(result.warnings),
     )
 

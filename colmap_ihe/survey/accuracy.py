@@ -75,10 +75,10 @@ def points_of(
     final: Triangulation,
     frame: Frame,
     out: Mapping[str, str],
-    covariances: Mapping[str, F64] | None,
+    covariances: Mapping[str, F64],
 ) -> list[PointAccuracy]:
     """Return every point that is surveyed or seen, by name. `out`: what was left out, with reasons; `covariances`
-    (3, 3) of points that were adjusted."""
+    (3, 3) where the model was adjusted; else those of the sights alone."""
     results = []
     for name in sorted({*survey.points, *final.points, *final.not_located}):
         point, located = survey.points.get(name), final.points.get(name)
@@ -86,7 +86,7 @@ def points_of(
         if point and located is not None:
             surveyed = frame.to_model(np.array([point.xyz]))[0]
             delta = _three(located.xyz - surveyed)
-            spread = (covariances or {}).get(name, located.covariance)
+            spread = covariances.get(name, located.covariance)
             deviation = _three(np.sqrt(np.maximum(np.diag(spread), 0) + point.accuracy_m**2))
         reason = out.get(name) or final.not_located.get(name) or ("" if located else "no photograph shows it")
         residuals = [located.residuals_px[image] for image in located.used] if located else []

@@ -191,3 +191,13 @@ def test_a_position_far_from_where_control_points_put_it_is_left_out(block: Surv
     result, model = result_of(block, Survey(points=points, positions=positions))
     assert [p.image for p in result.positions if p.reason] == ["5.png"]
     assert camera_error(block, model) < 0.02
+
+
+def test_a_point_that_is_wrong_after_three_others_is_named(
+    block: SurveyBlock, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(module, "_ROUNDS", 1)
+    monkeypatch.setattr(module, "_TIMES", 0.0)
+    result, _ = result_of(block, Survey(points=points_of(block)))
+    assert any("mm from where the others put it though" in warning for warning in result.warnings)
+    assert not any("left out of the adjustment, " in warning for warning in result.warnings)
