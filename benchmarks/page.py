@@ -5,8 +5,8 @@ like its photographs, in a Chromium that draws in software.
 
 Frames are counted while a key turns the model at every frame for five seconds; each is read back, so that it is counted
 when it is drawn and not when it was asked for. The difference of colour is the mean, over the pixels that the mesh
-covers, between a photograph laid over the model and the model, in levels of 255; the second figure is after one gain and
-offset for each channel of the model, since photographs differ in exposure and flare and a texture has one.
+covers, between a photograph laid over the model and the model, in levels of 255; the second figure is after one gain
+and offset for each channel of the model, since photographs differ in exposure and flare and a texture has one.
 """
 
 from __future__ import annotations
