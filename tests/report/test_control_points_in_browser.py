@@ -85,8 +85,10 @@ def looked_at(page: Page, number: int) -> str:
     """Show a photograph; what is said of the point there."""
     page.locator("[data-part=control-said]").evaluate("(said) => { said.textContent = '' }")
     page.locator("[data-part=control-photograph]").select_option(str(number))
-    page.wait_for_function("document.querySelector('[data-part=control-said]').textContent !== ''")
-    return page.locator("[data-part=control-said]").inner_text()
+    said = page.locator("[data-part=control-said]")
+    while not said.inner_text():  # the policy of the page lets no function wait in it
+        page.wait_for_timeout(20)
+    return said.inner_text()
 
 
 def set_at(page: Page, number: int, pixel: NDArray[np.float64]) -> None:

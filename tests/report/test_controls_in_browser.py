@@ -91,8 +91,8 @@ def used(page: Page, control: Locator, kind: str) -> None:
             return
         box = control.bounding_box()
         assert box is not None
-        place = {"x": box["width"] * (0.3 if high else 0.7), "y": box["height"] / 2}
-        (control.tap if kind == "touch" else control.click)(position=place)  # type: ignore[operator]
+        x, y = box["width"] * (0.3 if high else 0.7), box["height"] / 2
+        (control.tap if kind == "touch" else control.click)(position={"x": x, "y": y})
     elif kind == "keyboard":
         control.focus()
         page.keyboard.press("ArrowLeft" if tag == "CANVAS" else "Space" if tag == "INPUT" else "Enter")
