@@ -397,7 +397,7 @@ def test_paper_is_filled_and_shows_the_charts(page: Page) -> None:
     pdfium = pytest.importorskip("pypdfium2", reason="pypdfium2 is not installed")
     with closing(pdfium.PdfDocument(page.pdf(format="A4", prefer_css_page_size=True))) as document:
         sheets = [sheet.render(scale=0.5).to_numpy()[..., :3] for sheet in document]
-    assert 5 < len(sheets) < 16
+    assert 5 < len(sheets) < 20
     edge = 16 / 297  # the margin of @page
     for sheet in sheets[:-1]:
         last = np.flatnonzero((sheet < 200).any(axis=(1, 2))).max() / len(sheet)
