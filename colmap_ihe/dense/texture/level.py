@@ -63,9 +63,15 @@ def _solve(ends: Int64, weight: Float64, difference: Float64, rest: Float64, sta
     `weight` (E, 1), and zero of each by `rest` (N, 1)."""
     count = len(start)
     diagonal = rest + np.bincount(ends.ravel(), np.repeat(weight, 2), count)[:, None]
+    first, second = np.ascontiguousarray(ends.T)  # read once a round
+    weights = np.ascontiguousarray(weight[:, 0])
 
     def times(offsets: Float64) -> Float64:
-        return rest * offsets + _scatter(ends, weight * (offsets[ends[:, 0]] - offsets[ends[:, 1]]), count)
+        sums = np.empty_like(offsets)
+        for k, column in enumerate(np.ascontiguousarray(offsets.T)):
+            pull = weights * (column[first] - column[second])
+            sums[:, k] = np.bincount(first, pull, count) - np.bincount(second, pull, count)
+        return rest * offsets + sums
 
     return _conjugate_gradients(times, _scatter(ends, weight * difference, count), diagonal, start)
 

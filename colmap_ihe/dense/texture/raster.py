@@ -91,7 +91,7 @@ def depth_picture(pixels: Float64, depths: Float64, size: tuple[int, int]) -> Fl
     with np.errstate(divide="ignore"):
         corner_inverse = 1 / depths
     for part in covered(pixels, size):
-        value = (corner_inverse[part.face] * part.weights).sum(axis=1).astype(np.float32)
+        value = np.einsum("nk,nk->n", corner_inverse[part.face], part.weights).astype(np.float32)
         np.maximum.at(inverse, part.pixel, value)
     with np.errstate(divide="ignore"):
         return np.asarray(1 / inverse, np.float32).reshape(size[1], size[0])
