@@ -28,7 +28,7 @@ def listed(start: str) -> list[Requirement]:
 def extras() -> dict[str, list[Requirement]]:
     section = PROJECT.split("[project.optional-dependencies]")[1].split("\n[")[0]
     names = re.findall(r"^(\w+) = \[", section, re.M)
-    return {name: listed(f"\n{name} = ") for name in names if name != "test"}
+    return {name: listed(f"\n{name} = ") for name in names if name not in ("docs", "test")}
 
 
 def test_all_that_an_image_may_hold_is_pinned_for_every_python() -> None:

@@ -6,6 +6,7 @@ import argparse
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
+from colmap_ihe.commandline import draw_arguments
 from colmap_ihe.commandline import shared_arguments as shared
 from colmap_ihe.commandline.display import Display
 from colmap_ihe.commandline.shared_arguments import Command, add, add_switch
@@ -54,6 +55,7 @@ def parser_of(functions: Mapping[str, CommandFunction]) -> argparse.ArgumentPars
     shared.add_project(status)
     shared.add_camera(status)
     _add_compare(command)
+    draw_arguments.add_draw(command)
     _add_targets(command)
     report = command("report", "Write the page of a project again: PROJECT/report/index.html, one file.")
     shared.add_project(report)

@@ -16,6 +16,7 @@ from colmap_ihe.batch.folder import BatchFolder
 from colmap_ihe.commandline.arguments import CommandFunction, parser_of
 from colmap_ihe.commandline.bars import print_batch, print_summary, print_table
 from colmap_ihe.commandline.display import Display, printable
+from colmap_ihe.commandline.draw_arguments import asked_view, draw_assignments
 from colmap_ihe.commandline.shared_arguments import camera_assignments, development, run_assignments
 from colmap_ihe.errors import KnownError
 from colmap_ihe.evaluation.compare import compare
@@ -27,6 +28,7 @@ from colmap_ihe.machine.cluster.connect import connected
 from colmap_ihe.pipeline.convert_folder import convert_folder, tried_in
 from colmap_ihe.pipeline.develop_folder import develop_folder
 from colmap_ihe.pipeline.doctor import doctor
+from colmap_ihe.pipeline.draw_project import draw
 from colmap_ihe.pipeline.fit_files import fit_files
 from colmap_ihe.pipeline.reconstruct import EndedEarlyError, Reconstruction, reconstruct
 from colmap_ihe.pipeline.repeat import read_run
@@ -216,6 +218,18 @@ def _compare(parsed: argparse.Namespace, display: Display) -> None:
     print(f"report    {parsed.project / 'compare' / 'index.html'}")
 
 
+def _draw(parsed: argparse.Namespace, display: Display) -> None:
+    only, asked = asked_view(parsed)
+    drawn = draw(
+        parsed.project, draw_assignments(parsed), parsed.images, only=only, asked=asked, progress=display
+    )
+    if _printed_as_json(parsed, display, drawn):
+        return
+    for name, about in drawn.items():
+        scale = f"1:{about['scale']} on {', '.join(about['papers'])}" if about["metric"] else "not to scale"
+        print(f"{name:<9} {parsed.project / 'drawings' / name} ({scale})")
+
+
 def _targets(parsed: argparse.Namespace, display: Display) -> None:
     pages = write_sheet(parsed.sheet, parsed.size, parsed.count, parsed.dictionary, parsed.first)
     names = [target_name(number) for number in range(parsed.first, parsed.first + parsed.count)]
@@ -260,6 +274,7 @@ _FUNCTIONS = (
     _develop,
     _status,
     _compare,
+    _draw,
     _targets,
     _report,
     _doctor,

@@ -80,8 +80,8 @@ class StageNeeds:
 @dataclass(frozen=True)
 class Known:
     """Hold what is known of a set while it runs, or likely where the stages have not come so far: `pixels` and
-    `raw_pixels` of all photographs, features of all images, inliers of all pairs, images in the model and points of the
-    dense cloud."""
+    `raw_pixels` of all photographs, features of all images, inliers of all pairs, images in the model, points of the
+    dense cloud, and whether it is known to be metric."""
 
     images: int
     pixels: int
@@ -91,6 +91,7 @@ class Known:
     inliers: int
     registered: int
     points: int | None = None
+    metric: bool = False
 
     @classmethod
     def from_records(cls, records: Mapping[str, Mapping[str, Any]]) -> Known:
@@ -109,6 +110,7 @@ class Known:
             records.get("matches", {}).get("inliers", int(features * (_FEWER if by_many else _INLIERS))),
             records["sparse"]["models"][0]["registered_images"] if "sparse" in records else images,
             records.get("dense", {}).get("points"),
+            bool(records.get("survey", {}).get("method")),
         )
 
     @property

@@ -75,6 +75,7 @@ def summarise(records: Mapping[str, Mapping[str, Any]], options: Options) -> dic
         "mesh_faces": mesh.get("faces"),
         "mesh_texture": [mesh["texture"]["width"], mesh["texture"]["height"]] if "texture" in mesh else None,
         "stages": {name: record["seconds"] for name, record in records.items()},
+        "peak_memory_bytes": max(record.get("peak_memory_bytes", 0) for record in records.values()) or None,
         "page_seconds": None,
         "warnings": [
             *(text for record in records.values() for text in record["warnings"]),
@@ -100,8 +101,9 @@ def _is_measured(value: object) -> bool:
 
 
 def _camera(record: Mapping[str, Any], survey: Mapping[str, Any]) -> dict[str, Any]:
-    deviations = record["standard_deviations"]
-    adjusted = survey.get("camera_params", {}).get(str(record["camera_id"]), record["params"])
+    camera_id = str(record["camera_id"])
+    deviations = survey.get("camera_deviations", {}).get(camera_id, record["standard_deviations"])
+    adjusted = survey.get("camera_params", {}).get(camera_id, record["params"])
     return {
         **{name: record[name] for name in ("model", "width", "height", "photographs", "by")},
         "parameters": dict(zip(record["names"], adjusted, strict=True)),

@@ -34,6 +34,7 @@ class PointRecord(StrictModel):
     error_px: float | None
     used: bool
     reason: str
+    residuals_px: list[float] = Field(default_factory=list)
 
 
 class BarRecord(StrictModel):
@@ -57,7 +58,8 @@ class PositionRecord(StrictModel):
 
 class SurveyRecord(StageRecord):
     """Describe how the model became metric. `method`: empty where it did not; `similarity` (3, 4) from the model in
-    workspace/sparse/0 into the frame, before it was adjusted; `camera_params` by camera id after that."""
+    workspace/sparse/0 into the frame, before it was adjusted; `camera_params` and `camera_deviations` by camera id,
+    after that."""
 
     method: str = ""
     frame: FrameRecord | None = None
@@ -67,6 +69,7 @@ class SurveyRecord(StageRecord):
     bars: list[BarRecord] = Field(default_factory=list)
     positions: list[PositionRecord] = Field(default_factory=list)
     camera_params: dict[str, list[float]] = Field(default_factory=dict)
+    camera_deviations: dict[str, list[float]] = Field(default_factory=dict)
     targets: Count = 0
 
 
@@ -78,11 +81,15 @@ def survey_record(result: Georeferenced, photographs: Mapping[str, str]) -> Surv
         frame=FrameRecord(crs=frame.crs, offset=frame.offset, origin=frame.origin) if result.method else None,
         similarity=None if result.similarity is None else result.similarity.tolist(),
         adjusted=result.adjusted,
-        points=[PointRecord(**vars(point)) for point in result.points],
+        points=[
+            PointRecord(**{**vars(point), "residuals_px": list(point.residuals_px)})
+            for point in result.points
+        ],
         bars=[BarRecord(**vars(bar)) for bar in result.bars],
         positions=[
             PositionRecord(**{**vars(each), "image": photographs[each.image]}) for each in result.positions
         ],
+        camera_deviations={str(i): list(values) for i, values in result.camera_deviations.items()},
         warnings=list(result.warnings),
     )
 

@@ -1,7 +1,7 @@
 """Name every path of a project folder, and guard the folder. No other module builds such a path.
 
 images/ masks/ calibration/ control/ project.yaml      the user's, never written to
-workspace/ colour/ report/ records/           ours
+workspace/ colour/ drawings/ report/ records/          ours
 """
 
 from __future__ import annotations
@@ -40,8 +40,11 @@ class Project:
         self.mesh = self.dense / "mesh.ply"
         """The surface with vertex colours; the textured one lies beside it."""
         self.colour = root / "colour"
+        self.drawings = root / "drawings"
+        """A folder for each drawing."""
         self.report = root / "report"
         self.page_file = self.report / "index.html"
+        self.picture_file = self.report / "model.jpg"
         self.summary_file = self.report / "summary.json"
         self.calibration_file = self.report / "calibration.yaml"
         self.georeference_file = self.report / "georeference.json"
@@ -102,7 +105,8 @@ class Project:
     def refuse_links(self) -> None:
         """Raise `ProjectError` where one of our folders is a link out of the project, or holds one: what we write and
         remove there would be somebody's elsewhere. Likewise for pipes and devices, which nobody reads to the end."""
-        for folder in (*self.made_folders, self.records, self.comparison):
+        drawings = (self.drawings,) if locks.is_marked(self.drawings) else ()
+        for folder in (*self.made_folders, self.records, self.comparison, *drawings):
             found = [folder] if folder.is_symlink() else []
             with room_on_disk(folder):
                 if folder.is_dir():

@@ -23,6 +23,7 @@ from colmap_ihe.grey.conversions import CONVERSIONS
 from colmap_ihe.grey.weights import FIXED, triplets
 from colmap_ihe.project.option_sections import (
     ClusterOptions,
+    DrawingsOptions,
     MachineOptions,
     ReportOptions,
     Section,
@@ -269,6 +270,7 @@ class Options(Section):
     survey: SurveyOptions = SurveyOptions()
     dense: DenseOptions = DenseOptions()
     mesh: MeshOptions = MeshOptions()
+    drawings: DrawingsOptions = DrawingsOptions()
     report: ReportOptions = ReportOptions()
     cluster: ClusterOptions = ClusterOptions()
     machine: MachineOptions = MachineOptions()

@@ -13,6 +13,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from colmap_ihe.report.survey_contents import SurveyBlock
 from colmap_ihe.report.tables import Table
 
 
@@ -143,14 +144,32 @@ class Grey:
 @dataclass(frozen=True)
 class LostColour:
     """Tell what detail in colour the grey loses, in words, and show it in the photograph `name` that loses most, if
-    there is anything to see: places that the chosen grey loses, those that COLMAP's default does, and the grey with
-    what the second adds to it, if there is one."""
+    there is anything to see: places that the chosen grey loses, those that COLMAP's default does, if that is another,
+    and the grey with what the second adds to it, if there is one."""
 
     in_words: str
     name: str = ""
     by_chosen: Picture | None = None
     by_default: Picture | None = None
     with_second: Picture | None = None
+
+
+@dataclass(frozen=True)
+class FileLink:
+    """Lead to a file: in words what it is, and its address, relative to the page."""
+
+    words: str
+    address: str
+
+
+@dataclass(frozen=True)
+class Drawing:
+    """Show one drawing: its name, what is known of it, its pictures and its files."""
+
+    name: str
+    facts: Sequence[tuple[str, str]]
+    pictures: Sequence[Picture]
+    files: Sequence[FileLink]
 
 
 @dataclass(frozen=True)
@@ -213,7 +232,8 @@ class Contents:
     what their calibration brought, in words; `points_by_images`: points by the number of images that see them;
     `matches` (n, n): verified inliers between photographs, in the order of `photographs`; `options` as YAML;
     `methods_sentence`: for a methods section, with the citation; `survey_line`: scale and accuracy in words, with the
-    record of the `survey` where the model is metric."""
+    record of the `survey` where the model is metric; `block`: the model as a surveyor asks for it; `drawings` of the
+    project."""
 
     title: str
     result: str
@@ -239,3 +259,5 @@ class Contents:
     lost_colour: LostColour | None = None
     survey_line: str = ""
     survey: Mapping[str, Any] | None = None
+    block: SurveyBlock | None = None
+    drawings: Sequence[Drawing] = ()

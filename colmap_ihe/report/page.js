@@ -34,6 +34,25 @@ for (const button of document.querySelectorAll("button[data-copies]")) {
     setTimeout(() => { button.textContent = label; }, 2500);
   });
 }
+for (const figure of document.querySelectorAll("[data-zoom]")) {
+  const [frame, image, said] = [".zoomed", "img", "output"].map((name) => figure.querySelector(name));
+  let times = 1;
+  const zoom = (by) => {
+    const middle = [0, 1].map((i) => (i ? frame.scrollTop + frame.clientHeight / 2 : frame.scrollLeft + frame.clientWidth / 2) / times);
+    times = by ? Math.min(Math.max(times * by, 1), 8) : 1;
+    image.style.width = `${100 * times}%`;
+    frame.scrollTo(middle[0] * times - frame.clientWidth / 2, middle[1] * times - frame.clientHeight / 2);
+    said.textContent = times > 1 ? `${times} times as large; scroll to move` : "";
+  };
+  figure.querySelector(".zoom").hidden = false;
+  for (const button of figure.querySelectorAll("button")) button.addEventListener("click", () => zoom(Number(button.dataset.by)));
+  frame.addEventListener("keydown", (event) => {
+    const by = { "+": 2, "=": 2, "-": 0.5, "0": 0 }[event.key];
+    if (by === undefined || event.ctrlKey || event.metaKey || event.altKey) return;
+    event.preventDefault();
+    zoom(by);
+  });
+}
 const opened = [], shown = [];
 addEventListener("beforeprint", () => {
   for (const part of document.querySelectorAll("details:not([open])")) {

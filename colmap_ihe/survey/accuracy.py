@@ -21,8 +21,8 @@ Metres3 = tuple[float, float, float]
 class PointAccuracy:
     """Describe one named point. `role`: control, check, or `seen` for one without coordinates. `delta_m`: where the
     photographs show it less where it was surveyed, x y z; `deviation_m`: the standard deviations expected of that;
-    `sights` photographs show it, `error_px` the root mean square of their residuals. `used`: whether it took part;
-    `reason`: why not, or why there is no delta."""
+    `sights` photographs show it, `error_px` the root mean square of their residuals, along one axis, and
+    `residuals_px` the lengths of these. `used`: whether it took part; `reason`: why not, or why there is no delta."""
 
     name: str
     role: str
@@ -33,6 +33,7 @@ class PointAccuracy:
     error_px: float | None
     used: bool
     reason: str = ""
+    residuals_px: tuple[float, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -75,10 +76,10 @@ def points_of(
     final: Triangulation,
     frame: Frame,
     out: Mapping[str, str],
-    covariances: Mapping[str, F64] | None,
+    covariances: Mapping[str, F64],
 ) -> list[PointAccuracy]:
     """Return every point that is surveyed or seen, by name. `out`: what was left out, with reasons; `covariances`
-    (3, 3) of points that were adjusted."""
+    (3, 3) where the model was adjusted; else those of the sights alone."""
     results = []
     for name in sorted({*survey.points, *final.points, *final.not_located}):
         point, located = survey.points.get(name), final.points.get(name)
@@ -86,7 +87,7 @@ def points_of(
         if point and located is not None:
             surveyed = frame.to_model(np.array([point.xyz]))[0]
             delta = _three(located.xyz - surveyed)
-            spread = (covariances or {}).get(name, located.covariance)
+            spread = covariances.get(name, located.covariance)
             deviation = _three(np.sqrt(np.maximum(np.diag(spread), 0) + point.accuracy_m**2))
         reason = out.get(name) or final.not_located.get(name) or ("" if located else "no photograph shows it")
         residuals = [located.residuals_px[image] for image in located.used] if located else []
@@ -101,6 +102,7 @@ def points_of(
                 float(np.sqrt(np.mean(np.sum(np.square(residuals), axis=1)) / 2)) if residuals else None,
                 bool(point and point.role == "control" and located is not None and name not in out),
                 reason,
+                tuple(float(np.hypot(*residual)) for residual in residuals),
             )
         )
     return results

@@ -25,12 +25,13 @@ Ints = NDArray[np.intp]
 class ControlTerms:
     """Hold what is measured, in metres and pixels, each with its standard deviations.
 
-    Of T named points `surveyed` (T, 3) and `accuracy_m` (T,), infinite for one that is only seen; of S sights `image`
-    and `point` (S,), `pixels` (S, 2) and `accuracy_px` (S,); of B bars `ends` (B, 2), `lengths` and `bar_accuracy_m`
-    (B,); of Q camera positions `at` (Q,), `centres` (Q, 3) and `centre_accuracy_m` (Q,). Points and images are told by
-    their numbers.
+    Of T named points `located` (T, 3), where the model has them, `surveyed` (T, 3) and `accuracy_m` (T,), infinite for
+    one that is only seen; of S sights `image` and `point` (S,), `pixels` (S, 2) and `accuracy_px` (S,); of B bars
+    `ends` (B, 2), `lengths` and `bar_accuracy_m` (B,); of Q camera positions `at` (Q,), `centres` (Q, 3) and
+    `centre_accuracy_m` (Q,). Points and images are told by their numbers.
     """
 
+    located: F64
     surveyed: F64
     accuracy_m: F64
     image: Ints
@@ -63,7 +64,7 @@ def rows_of(
     size = 6 * len(block.rotations) + len(values) + 3 * len(points)
     first = size - 3 * len(points)
     parts = [
-        _sights(terms, block, cameras, values, points, size),
+        rows_of_sights(terms, block, cameras, values, points),
         _surveyed(terms, points, first, size),
         _bars(terms, points, first, size),
         _positions(terms, block, size),
@@ -75,9 +76,11 @@ def rows_of(
     )
 
 
-def _sights(
-    terms: ControlTerms, block: Block, cameras: Sequence[FreeCamera], values: F64, points: F64, size: int
+def rows_of_sights(
+    terms: ControlTerms, block: Block, cameras: Sequence[FreeCamera], values: F64, points: F64
 ) -> Rows:
+    """Return the rows of where the named points (T, 3) are seen, and nothing else of `terms`."""
+    size = 6 * len(block.rotations) + len(values) + 3 * len(points)
     sights = replace(block, points=points, image=terms.image, point=terms.point, pixels=terms.pixels)
     seen = derivatives(sights, cameras, values)
     scaled = seen.residuals / terms.accuracy_px[:, None]

@@ -36,9 +36,27 @@ def control_files(folder: Path) -> list[Path]:
     and another program's list of the same points the list is not read."""
     files = sorted(f for f in folder.glob("*") if f.is_file() and not f.name.startswith("."))
     own = [f for f in files if f.name.casefold() in OWN]
-    lists = [f for f in files if f.name.casefold() == GCP_LIST or f.suffix.casefold() == ".xml"]
     replaced = {POINTS, OBSERVATIONS} & {f.name.casefold() for f in own}
-    return sorted([*own, *([] if replaced else lists)])
+    lists = [] if replaced else [f for f in files if _is_list(f)]
+    if not {POINTS, POSITIONS} & {f.name.casefold() for f in own}:
+        lists += [f for f in files if _is_table_of_others(f)]
+    return sorted([*own, *lists])
+
+
+def _is_list(file: Path) -> bool:
+    return file.name.casefold() == GCP_LIST or file.suffix.casefold() == ".xml"
+
+
+def _is_table_of_others(file: Path) -> bool:
+    own = file.name.casefold() in OWN
+    return not own and file.suffix.casefold() == ".csv" and other_programs.is_reference_table(file)
+
+
+def _read_other(file: Path) -> Control:
+    if file.name.casefold() == GCP_LIST:
+        return other_programs.read_gcp_list(file)
+    xml = file.suffix.casefold() == ".xml"
+    return other_programs.read_marker_xml(file) if xml else other_programs.read_reference_table(file)
 
 
 def read_control(folder: Path) -> Control:
@@ -49,25 +67,23 @@ def read_control(folder: Path) -> Control:
     unused = sorted(
         f.name for f in folder.glob("*") if f.is_file() and f not in used and f.name[0] not in ".~"
     )
-    others = [
-        other_programs.read_gcp_list(file) if name == GCP_LIST else other_programs.read_marker_xml(file)
-        for name, file in files.items()
-        if name not in OWN
-    ]
-    if len(others) > 1:
-        raise ControlFileError(
-            f"{folder}: has {len(others)} lists of points, {', '.join(sorted(set(files) - set(OWN)))}",
-            hint="keep the one that counts",
-        )
-    points = {p.name: p for other in others for p in other.points.values()}
+    others = {name: _read_other(file) for name, file in files.items() if name not in OWN}
+    for what in ("points", "sights", "positions"):
+        lists = [name for name, other in others.items() if getattr(other, what)]
+        if len(lists) > 1:
+            raise ControlFileError(
+                f"{folder}: has {len(lists)} lists of {what}, {', '.join(sorted(lists))}",
+                hint="keep the one that counts",
+            )
+    points = {p.name: p for other in others.values() for p in other.points.values()}
     if POINTS in files:
         points = _by_name(files[POINTS], read_table(files[POINTS], _POINT, _POINT_MORE, _point))
     return Control(
         points=points,
-        positions=_positions(files.get(POSITIONS)),
+        positions=_positions(files.get(POSITIONS)) or [p for o in others.values() for p in o.positions],
         scale_bars=_scale_bars(files.get(SCALE_BARS)),
-        sights=_sights(files.get(OBSERVATIONS)) or [s for other in others for s in other.sights],
-        crs=next((other.crs for other in others), ""),
+        sights=_sights(files.get(OBSERVATIONS)) or [s for other in others.values() for s in other.sights],
+        crs=next((other.crs for other in others.values() if other.crs), ""),
         unused=unused,
     )
 

@@ -19,12 +19,13 @@ from colmap_ihe.survey.accuracy import (
     points_of,
     positions_of,
 )
-from colmap_ihe.survey.adjustment import MOST_IMAGES, Controlled, adjust_with_control
+from colmap_ihe.survey.adjustment import MOST_IMAGES, adjust_with_control
 from colmap_ihe.survey.alignment import Aligned, Survey
 from colmap_ihe.survey.control_equations import ControlTerms
 from colmap_ihe.survey.frames import Frame
 from colmap_ihe.survey.observations import F64, LocatedPoint, Observation
 from colmap_ihe.survey.similarity import USUAL_LENGTH
+from colmap_ihe.survey.spread import Spread
 from colmap_ihe.survey.triangulate import Triangulation, triangulation
 
 _TIMES = 4.0  # standard deviations by which a point may be off, as the others are
@@ -35,7 +36,8 @@ _OWN_SHARE = 0.5  # of a tie point's deviation: a lens that is not quite known i
 @dataclass(frozen=True)
 class Georeferenced:
     """Hold what came of it: the `method`, empty for none, the frame, the similarity (3, 4) that the model was moved by
-    before it was adjusted, whether it was `adjusted`, its agreement with the survey, and sentences for the user."""
+    before it was adjusted, whether it was `adjusted`, its agreement with the survey, sentences for the user, and the
+    standard deviations of the parameters of each camera that was adjusted, by its id."""
 
     method: str = ""
     frame: Frame = field(default_factory=Frame)
@@ -46,6 +48,17 @@ class Georeferenced:
     positions: Sequence[PositionAccuracy] = ()
     triangulated: Triangulation | None = None
     warnings: Sequence[str] = ()
+    camera_deviations: Mapping[int, Sequence[float]] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class _Adjusted:
+    """Hold the named points that took part, in their order, how well all is known then, and the point that is still
+    wrong, with how far it is off."""
+
+    names: Sequence[str]
+    spread: Spread
+    wrong: tuple[str, str] | None = None
 
 
 def georeference(
@@ -68,35 +81,25 @@ def georeference(
     model.transform(pycolmap.Sim3d(aligned.similarity.matrix()))
     warnings += alignment.left_out_in_words(aligned)
     out = dict(aligned.left_out)
-    controlled = None
+    adjusted = None
     if aligned.method != alignment.FIXES:
-        if model.num_reg_images() > MOST_IMAGES:
-            warnings.append(
-                f"the model has {model.num_reg_images()} photographs, more than the {MOST_IMAGES} that are adjusted"
-                " with control: it is moved as a whole"
-            )
-        else:
-            try:
-                controlled = _adjusted(model, survey, observations, aligned.frame, out, free_params, progress)
-            except np.linalg.LinAlgError:
-                warnings.append(
-                    "the adjustment with control has no solution: the model is left as it was before it"
-                )
-            told = {*aligned.left_out}
-            warnings += [
-                f"{name} is left out of the adjustment, {out[name]}" for name in out if name not in told
-            ]
+        adjusted, told = _adjusted_and_told(
+            model, survey, observations, aligned.frame, out, free_params, progress
+        )
+        warnings += told
     final = triangulation(model, observations)
+    covariances = _covariances(model, survey, final.points, aligned.frame, adjusted) if adjusted else {}
     return Georeferenced(
         aligned.method,
         aligned.frame,
         aligned.similarity.matrix(),
-        controlled is not None,
-        points_of(survey, final, aligned.frame, out, controlled),
+        adjusted is not None,
+        points_of(survey, final, aligned.frame, out, covariances),
         bars_of(survey, final, out),
         positions_of(model, survey, aligned, out),
         final,
         warnings,
+        _camera_deviations(model, adjusted.spread) if adjusted else {},
     )
 
 
@@ -125,6 +128,36 @@ def _aligned(model: pycolmap.Reconstruction, survey: Survey, align: str) -> tupl
     return None, warnings
 
 
+def _adjusted_and_told(
+    model: pycolmap.Reconstruction,
+    survey: Survey,
+    observations: Sequence[Observation],
+    frame: Frame,
+    out: dict[str, str],
+    free_params: Mapping[int, Sequence[int]],
+    progress: Progress,
+) -> tuple[_Adjusted | None, list[str]]:
+    """Adjust as `_adjusted` does where that is possible, and say what does not fit or why it is not."""
+    if model.num_reg_images() > MOST_IMAGES:
+        return None, [
+            f"the model has {model.num_reg_images()} photographs, more than the {MOST_IMAGES} that are adjusted"
+            " with control: it is moved as a whole"
+        ]
+    before = set(out)
+    try:
+        adjusted = _adjusted(model, survey, observations, frame, out, free_params, progress)
+    except np.linalg.LinAlgError:
+        return None, ["the adjustment with control has no solution: the model is left as it was before it"]
+    told = [f"{name} is left out of the adjustment, {out[name]}" for name in out if name not in before]
+    if adjusted and adjusted.wrong:
+        name, away = adjusted.wrong
+        told.append(
+            f"{name} is {away} though {_ROUNDS - 1} points were left out of the adjustment: look at the survey's"
+            " points and at where they were clicked"
+        )
+    return adjusted, told
+
+
 def _adjusted(
     model: pycolmap.Reconstruction,
     survey: Survey,
@@ -133,11 +166,9 @@ def _adjusted(
     out: dict[str, str],
     free_params: Mapping[int, Sequence[int]],
     progress: Progress,
-) -> dict[str, F64] | None:
-    """Adjust with all control that fits, without what proves wrong then, worst first, which is added to `out`. Returns
-    the covariances (3, 3) of the named points; None where there is nothing to adjust by."""
-    controlled: Controlled | None = None
-    names: list[str] = []
+) -> _Adjusted | None:
+    """Adjust with all control that fits, without what proves wrong then, worst first, which is added to `out`; None
+    where there is nothing to adjust by."""
     progress.start(_ROUNDS, "adjustments with control")
     for number in range(_ROUNDS):
         located = triangulation(model, observations).points
@@ -145,15 +176,32 @@ def _adjusted(
         terms = _terms(model, survey, located, names, frame, out)
         if not (np.isfinite(terms.accuracy_m).any() or len(terms.lengths) or len(terms.at)):
             return None
-        start = np.array([located[name].xyz for name in names]).reshape(-1, 3)
-        controlled = adjust_with_control(model, terms, start, free_params, progress)
+        adjusted = _Adjusted(names, adjust_with_control(model, terms, free_params, progress))
         progress.advance()
-        worst = _worst(model, survey, observations, frame, names, controlled)
-        if worst is None or number == _ROUNDS - 1:
-            break
-        out[worst[0]] = worst[1]
-    assert controlled is not None
-    return dict(zip(names, controlled.covariances, strict=True))
+        wrong = _worst(survey, triangulation(model, observations).points, frame, adjusted)
+        if wrong is None or number == _ROUNDS - 1:
+            return replace(adjusted, wrong=wrong)
+        out[wrong[0]] = wrong[1]
+    raise AssertionError("the last round returns")
+
+
+def _covariances(
+    model: pycolmap.Reconstruction,
+    survey: Survey,
+    located: Mapping[str, LocatedPoint],
+    frame: Frame,
+    adjusted: _Adjusted,
+) -> dict[str, F64]:
+    """Return the covariances (3, 3) of all named points that have a place, whether they took part or not."""
+    apart = sorted(located.keys() - set(adjusted.names))
+    terms = _terms(model, survey, located, apart, frame, {})
+    covariances = [*adjusted.spread.of_points(), *adjusted.spread.of_points_apart(terms)]
+    return dict(zip([*adjusted.names, *apart], covariances, strict=True))
+
+
+def _camera_deviations(model: pycolmap.Reconstruction, spread: Spread) -> dict[int, Sequence[float]]:
+    camera_ids = sorted({model.images[i].camera_id for i in model.reg_image_ids()})
+    return dict(zip(camera_ids, spread.of_cameras(), strict=True))
 
 
 def _takes_part(name: str, survey: Survey, out: Mapping[str, str]) -> bool:
@@ -175,6 +223,7 @@ def _terms(
 ) -> ControlTerms:
     images = {str(model.images[i].name): n for n, i in enumerate(sorted(model.reg_image_ids()))}
     number = {name: n for n, name in enumerate(names)}
+    places = np.array([located[name].xyz for name in names]).reshape(-1, 3)
     surveyed, accuracy = np.zeros((len(names), 3)), np.full(len(names), np.inf)
     for name, n in number.items():
         if name in survey.points:
@@ -193,8 +242,9 @@ def _terms(
     ]
     bars = [b for b in survey.bars if b.first in number and b.second in number and b.name not in out]
     stood = [p for p in survey.positions if p.image in images and p.image not in out]
-    places = np.array([position.xyz for position in stood]).reshape(-1, 3)
+    centres = np.array([position.xyz for position in stood]).reshape(-1, 3)
     return ControlTerms(
+        located=places,
         surveyed=surveyed,
         accuracy_m=accuracy,
         image=np.array([image for image, *_ in sights], np.intp),
@@ -205,7 +255,7 @@ def _terms(
         lengths=np.array([bar.length_m for bar in bars]),
         bar_accuracy_m=np.array([bar.accuracy_m for bar in bars]),
         at=np.array([images[position.image] for position in stood], np.intp),
-        centres=frame.to_model(places) if len(places) else places,
+        centres=frame.to_model(centres) if len(centres) else centres,
         centre_accuracy_m=np.array([position.accuracy_m for position in stood]),
     )
 
@@ -216,22 +266,17 @@ def _tie_deviation(model: pycolmap.Reconstruction) -> float:
 
 
 def _worst(
-    model: pycolmap.Reconstruction,
-    survey: Survey,
-    observations: Sequence[Observation],
-    frame: Frame,
-    names: Sequence[str],
-    controlled: Controlled,
+    survey: Survey, located: Mapping[str, LocatedPoint], frame: Frame, adjusted: _Adjusted
 ) -> tuple[str, str] | None:
     """Return the control point that is off by most deviations, if by too many, and how far it is."""
-    located = triangulation(model, observations).points
+    names = adjusted.names
     used = [n for n, name in enumerate(names) if name in survey.points and name in located]
     if len(used) <= 3:
         return None
     surveyed = frame.to_model(np.array([survey.points[names[n]].xyz for n in used]))
     away = np.linalg.norm(np.array([located[names[n]].xyz for n in used]) - surveyed, axis=1)
     accuracy = np.array([survey.points[names[n]].accuracy_m for n in used])
-    variance = np.array([np.trace(controlled.covariances[n]) / 3 for n in used])
+    variance = np.trace(adjusted.spread.of_points()[used], axis1=1, axis2=2) / 3
     off = away / np.sqrt(accuracy**2 + variance)
     usual = max(1.0, float(np.median(off)) / USUAL_LENGTH)
     worst = int(np.argmax(off))

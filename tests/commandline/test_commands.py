@@ -103,7 +103,7 @@ def test_reconstruct_prints_its_summary(capsys: Captured, finished: Path) -> Non
     assert str(finished / "report/index.html") in text
     assert f"cameras   {finished / 'report/calibration.yaml'}" in text
     assert re.search(r"camera  .*focal length (39|40|41)\d\.\d ± \d", text)
-    assert re.search(r"dense \d+ s, mesh \d+ s, page \d+ s: ", text)
+    assert re.search(r"dense \d+ s, mesh \d+ s, drawings \d+ s, page \d+ s: ", text)
 
 
 def test_the_page_of_an_earlier_run_is_not_named(capsys: Captured, finished: Path) -> None:
@@ -133,7 +133,7 @@ def test_status_as_table_and_json(capsys: Captured, finished: Path) -> None:
     states = json_of(capsys, "status", finished, *SETTINGS)
     assert [(s["name"], s["state"]) for s in states] == [(name, "done") for name in STAGE_NAMES]
     states = json_of(capsys, "status", finished, *SETTINGS, "--set", "sparse.seed=3")
-    assert [s["state"] for s in states] == ["done"] * 5 + ["stale"] * 4
+    assert [s["state"] for s in states] == ["done"] * 5 + ["stale"] * 5
     text = output_of(capsys, "status", finished, *SETTINGS, "--set", "sparse.seed=3")
     assert "its options changed" in text
     assert "no such folder of photographs" in failure_of(capsys, "status", finished / "missing")

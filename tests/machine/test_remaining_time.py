@@ -100,6 +100,8 @@ def stages(until: str, **options: Any) -> list[str]:
 
 def test_the_road_has_the_parts_that_the_options_leave() -> None:
     road = ["fit", "convert", "features", "matches", "sparse", "survey", "dense", "mesh", "page"]
+    assert stages("drawings") == road  # of a model that is not metric
+    assert stages("drawings", drawings={"enabled": True}) == [*road[:8], "drawings", "page"]
     assert stages("mesh") == road
     assert stages("mesh", dense={"enabled": False}) == [*road[:6], "page"]
     assert stages("sparse") == [*road[:5], "page"]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 from typing import Any
 
@@ -233,3 +234,15 @@ def test_a_cluster_may_be_just_its_address(tmp_path: Path) -> None:
     cluster = load_options(written(tmp_path, "cluster: local:4\n"), ["cluster.patience=5"]).cluster
     assert (cluster.address, cluster.patience) == ("local:4", 5)
     assert load_options(None).cluster.address is None
+
+
+def test_lines_of_a_title_may_be_dates_and_numbers(tmp_path: Path) -> None:
+    (tmp_path / "project.yaml").write_text("drawings: {title: {date: 2026-05-12, sheet: 3, object: St Mary}}")
+    title = load_options(tmp_path / "project.yaml").drawings.title
+    assert title == {"date": "2026-05-12", "sheet": "3", "object": "St Mary"}
+
+
+@pytest.mark.parametrize("name", ["../x", "a/b", ".x", "", "a\\nb", "x" * 65])
+def test_a_drawing_is_called_like_a_folder(name: str) -> None:
+    with pytest.raises(OptionError, match="is no name of a drawing"):
+        load_options(None, [f"drawings.views={json.dumps({name: {'height': 1}})}"])

@@ -52,7 +52,13 @@ def spoilt(value: Any, payload: str) -> Any:
     if isinstance(value, Picture):
         return dataclasses.replace(value, alt=value.alt + payload)
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
-        names = {field.name for field in dataclasses.fields(value)} - {"kind", "page", "log", "lenses"}
+        names = {field.name for field in dataclasses.fields(value)} - {
+            "kind",
+            "page",
+            "log",
+            "lenses",
+            "address",
+        }
         changed = {name: spoilt(getattr(value, name), payload) for name in names}
         if isinstance(value, Contents):  # of a lens only what EXIF says is another's text
             lenses = [lens | {"exif": lens["exif"] | {"model": payload}} for lens in map(dict, value.lenses)]

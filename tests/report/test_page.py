@@ -54,6 +54,7 @@ def test_name_that_is_not_utf8_can_be_written() -> None:
         ({"points_by_images": {}}, "How many photographs see a point"), ({"cloud": None}, "The model"),
         ({"surface": None}, "The model"),
         ({"lenses": ()}, "Cameras"), ({"matches": None}, "Which photographs match"), ({"options": ""}, "All options"),
+        ({"drawings": ()}, "Drawings"),
     ],
 )  # fmt: skip
 def test_sections_without_contents_are_left_out(whole: str, left_out: dict[str, Any], heading: str) -> None:

@@ -7,6 +7,7 @@ import io
 import json
 import re
 from collections.abc import Callable, Iterator
+from contextlib import closing
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -363,6 +364,20 @@ def test_paper_shows_what_is_folded(page: Page) -> None:
     page.evaluate("dispatchEvent(new Event('afterprint'))")
     assert page.locator("details[open]").count() == 0
     assert page.pdf().startswith(b"%PDF")
+
+
+def test_paper_is_filled_and_shows_the_charts(page: Page) -> None:
+    pdfium = pytest.importorskip("pypdfium2", reason="pypdfium2 is not installed")
+    with closing(pdfium.PdfDocument(page.pdf(format="A4", prefer_css_page_size=True))) as document:
+        sheets = [sheet.render(scale=0.5).to_numpy()[..., :3] for sheet in document]
+    assert 5 < len(sheets) < 20
+    edge = 16 / 297  # the margin of @page
+    for sheet in sheets[:-1]:
+        last = np.flatnonzero((sheet < 200).any(axis=(1, 2))).max() / len(sheet)
+        assert (last - edge) / (1 - 2 * edge) > 0.5
+    page.emulate_media(media="print")
+    assert page.locator(".chart rect.bar:visible").count() > 10
+    page.emulate_media(media="screen")
 
 
 def test_paper_shows_every_photograph_and_pair(page: Page) -> None:

@@ -182,6 +182,7 @@ OPTIONS = {
     "survey": ("survey.gps_accuracy_m=3", "survey.gps_accuracy_m from 5.0 to 3.0"),
     "dense": ("dense.colmap={min_num_pixels: 4}", "dense.colmap.min_num_pixels from the default to 4"),
     "mesh": ("mesh.texture_size=512", "mesh.texture_size from 4096 to 512"),
+    "drawings": ("drawings.scale=20", "drawings.scale from 50 to 20"),
 }
 FIRST = {name: name for name in STAGE_NAMES} | {"features": "fit"}  # whose trial takes the features of COLMAP
 LIBRARIES = {

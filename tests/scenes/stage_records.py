@@ -51,4 +51,5 @@ def records() -> dict[str, dict[str, Any]]:
         | {"cameras": [camera], "held_out": held_out},
         "dense": whole | {"points": 99, "backend": "sgm", "pixels": 100, "pixels_with_depth": 60},
         "mesh": whole | {"files": ["mesh.ply"], "faces": 9, "texture": {"width": 9, "height": 9}},
+        "drawings": whole | {"files": ["front/sheets.pdf"]},
     }  # fmt: skip

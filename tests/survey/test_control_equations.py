@@ -25,6 +25,7 @@ def test_derivatives_are_those_of_the_residuals() -> None:
     numbers = np.array([0, 1, 2, 0, 1], np.intp)
     pixels = draw.uniform(300, 900, (5, 2))
     terms = ControlTerms(
+        points,
         points + 0.01,
         np.array([0.5, np.inf, 0.2]),
         images,

@@ -60,6 +60,9 @@ def test_check_points_are_as_good_as_the_covariance_says_and_the_bent_model_is_s
     assert expected is not None
     assert 0.4 < check / expected < 1.3
     assert all(not point.used for point in result.points if point.role == "check")
+    for point in result.points:
+        assert len(point.residuals_px) == point.sights > 1
+        assert point.error_px == pytest.approx((np.mean(np.square(point.residuals_px)) / 2) ** 0.5)
     monkeypatch.setattr(module, "MOST_IMAGES", 1)
     moved, _ = result_of(block, survey)
     assert not moved.adjusted
@@ -191,3 +194,13 @@ def test_a_position_far_from_where_control_points_put_it_is_left_out(block: Surv
     result, model = result_of(block, Survey(points=points, positions=positions))
     assert [p.image for p in result.positions if p.reason] == ["5.png"]
     assert camera_error(block, model) < 0.02
+
+
+def test_a_point_that_is_wrong_after_three_others_is_named(
+    block: SurveyBlock, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(module, "_ROUNDS", 1)
+    monkeypatch.setattr(module, "_TIMES", 0.0)
+    result, _ = result_of(block, Survey(points=points_of(block)))
+    assert any("mm from where the others put it though" in warning for warning in result.warnings)
+    assert not any("left out of the adjustment, " in warning for warning in result.warnings)

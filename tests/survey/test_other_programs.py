@@ -4,7 +4,11 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from colmap_ihe.survey.control import Sight
+import pytest
+
+from colmap_ihe.errors import ControlFileError
+from colmap_ihe.survey.control import CameraPosition, Sight, SurveyedPoint
+from colmap_ihe.survey.control_files import read_control
 from colmap_ihe.survey.other_programs import read_gcp_list, read_marker_xml
 
 MARKERS = """<document version="1.5.0"><chunk label="Chunk 1">
@@ -50,3 +54,46 @@ def test_markers_of_metashape(tmp_path: Path) -> None:
         ("DSC1.JPG", "point 1", 100.5, 200.25),
         ("DSC2.JPG", "point 1", 7, 8),
     ]
+
+
+SYSTEM = '# CoordinateSystem: PROJCS["ETRS89 / UTM zone 32N",AUTHORITY["EPSG","25832"]]'
+
+
+def test_the_reference_table_of_markers_of_metashape(tmp_path: Path) -> None:
+    (tmp_path / "export.csv").write_text(
+        f"\ufeff{SYSTEM}\n"
+        "#Label,Enable,X/Easting,Y/Northing,Z/Altitude,Accuracy_X/Y/Z_(m),Error_(m),X_error,X_est\n"
+        "P1,1,691234.5,5334765.25,512.3,0.002/0.002/0.005,0.01,0.01,691234.51\n"
+        "P2,0,691244.5,5334765.25,512.3,,0.01,0.01,1\n"
+        "seen only,1,,,,,,,5\n"
+        "# Total error,,,,,0.01\n"
+    )
+    control = read_control(tmp_path)
+    assert control.crs == SYSTEM.partition(": ")[2]
+    assert control.points == {
+        "P1": SurveyedPoint("P1", (691234.5, 5334765.25, 512.3), 0.005, "control"),
+        "P2": SurveyedPoint("P2", (691244.5, 5334765.25, 512.3), 0.01, "check"),
+    }
+    assert (control.positions, control.unused) == ([], [])
+
+
+def test_the_reference_table_of_cameras_of_metashape(tmp_path: Path) -> None:
+    (tmp_path / "cameras.csv").write_text(
+        '# CoordinateSystem: LOCAL_CS["Local Coordinates (m)"]\n'
+        "Label;X;Y;Z;Yaw;Pitch;Roll;Accuracy_(m)\n"
+        "DSC1.JPG;1;2;3;0;0;0;0.03\n"
+        "DSC2.JPG;a;2;3;0;0;0;0.03\n"
+    )
+    with pytest.raises(ControlFileError, match="line 4: is 'DSC2"):
+        read_control(tmp_path)
+    good = (tmp_path / "cameras.csv").read_text().replace(";a;", ";4;")
+    (tmp_path / "cameras.csv").write_text(good)
+    control = read_control(tmp_path)
+    assert control.positions[0] == CameraPosition("DSC1.JPG", (1, 2, 3), 0.03)
+    assert (len(control.positions), control.crs, control.points) == (2, "", {})
+    (tmp_path / "more.csv").write_text(good)
+    with pytest.raises(ControlFileError, match=r"2 lists of positions, cameras\.csv, more\.csv"):
+        read_control(tmp_path)
+    (tmp_path / "more.csv").write_text(good.replace("Label", "Name"))
+    with pytest.raises(ControlFileError, match="line 2: expected the columns Label"):
+        read_control(tmp_path)

@@ -2,7 +2,18 @@
 
 from __future__ import annotations
 
-from colmap_ihe.pipeline.stages import captures, convert, dense, features, fit, matches, mesh, sparse, survey
+from colmap_ihe.pipeline.stages import (
+    captures,
+    convert,
+    dense,
+    drawings,
+    features,
+    fit,
+    matches,
+    mesh,
+    sparse,
+    survey,
+)
 
 STAGES = (
     captures.STAGE,
@@ -14,5 +25,6 @@ STAGES = (
     survey.STAGE,
     dense.STAGE,
     mesh.STAGE,
+    drawings.STAGE,
 )
 STAGE_NAMES = tuple(stage.name for stage in STAGES)
