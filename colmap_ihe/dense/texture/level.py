@@ -105,16 +105,21 @@ def _conjugate_gradients(
     rest = target - times(start)
     scaled = rest / diagonal
     direction = scaled.copy()
-    energy = (rest * scaled).sum(axis=0)
+    energy = _products(rest, scaled)
     goal = _TOLERANCE**2 * np.maximum((target**2 / diagonal).sum(axis=0), 1e-30)
     for _ in range(_ROUNDS):
         if (energy <= goal).all():
             break
         image = times(direction)
-        step = energy / np.maximum((direction * image).sum(axis=0), 1e-300)
+        step = energy / np.maximum(_products(direction, image), 1e-300)
         solution += step * direction
         rest -= step * image
         scaled = rest / diagonal
-        before, energy = energy, (rest * scaled).sum(axis=0)
+        before, energy = energy, _products(rest, scaled)
         direction = scaled + energy / np.maximum(before, 1e-300) * direction
     return solution
+
+
+def _products(a: Float64, b: Float64) -> Float64:
+    """Return (3,), the scalar products of the columns of two (N, 3)."""
+    return np.asarray(np.einsum("nk,nk->k", a, b))
