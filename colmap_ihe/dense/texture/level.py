@@ -70,9 +70,15 @@ def _solve(ends: Int64, weight: Float64, difference: Float64, rest: Float64, sta
     `weight` (E, 1), and zero of each by `rest` (N, 1)."""
     count = len(start)
     diagonal = rest + np.bincount(ends.ravel(), np.repeat(weight, 2), count)[:, None]
+    first, second = np.ascontiguousarray(ends.T)  # read once a round
+    weights = np.ascontiguousarray(weight[:, 0])
 
     def times(offsets: Float64) -> Float64:
-        return rest * offsets + _scatter(ends, weight * (offsets[ends[:, 0]] - offsets[ends[:, 1]]), count)
+        sums = np.empty_like(offsets)
+        for k, column in enumerate(np.ascontiguousarray(offsets.T)):
+            pull = weights * (column[first] - column[second])
+            sums[:, k] = np.bincount(first, pull, count) - np.bincount(second, pull, count)
+        return rest * offsets + sums
 
     return _conjugate_gradients(times, _scatter(ends, weight * difference, count), diagonal, start)
 
@@ -106,16 +112,21 @@ def _conjugate_gradients(
     rest = target - times(start)
     scaled = rest / diagonal
     direction = scaled.copy()
-    energy = (rest * scaled).sum(axis=0)
+    energy = _products(rest, scaled)
     goal = _TOLERANCE**2 * np.maximum((target**2 / diagonal).sum(axis=0), 1e-30)
     for _ in range(_ROUNDS):
         if (energy <= goal).all():
             break
         image = times(direction)
-        step = energy / np.maximum((direction * image).sum(axis=0), 1e-300)
+        step = energy / np.maximum(_products(direction, image), 1e-300)
         solution += step * direction
         rest -= step * image
         scaled = rest / diagonal
-        before, energy = energy, (rest * scaled).sum(axis=0)
+        before, energy = energy, _products(rest, scaled)
         direction = scaled + energy / np.maximum(before, 1e-300) * direction
     return solution
+
+
+def _products(a: Float64, b: Float64) -> Float64:
+    """Return (3,), the scalar products of the columns of two (N, 3)."""
+    return np.asarray(np.einsum("nk,nk->k", a, b))
