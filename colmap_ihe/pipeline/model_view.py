@@ -50,13 +50,14 @@ class CameraView:
 
     `box` (4,): left, top, right, bottom of the part between the corners, in shares of the picture. `grid` (G, G, 2):
     where a lattice of its pixels lies, in steps of the edges from the top left corner to the right and down; with a
-    lens that does not distort (0, 0) to (1, 1) evenly.
+    lens that does not distort (0, 0) to (1, 1) evenly. `size`: its width and height in pixels.
     """
 
     centre: _F32
     corners: _F32
     box: _F64
     grid: _F64
+    size: tuple[int, int]
 
 
 class ModelView:
@@ -136,6 +137,7 @@ class ModelView:
             self.moved(world_from_cam * (corners * depth)),
             box,
             _between_corners(flat, corners),
+            (camera.width, camera.height),
         )
 
     def seen(self, name: str) -> ImageCoverage:

@@ -37,6 +37,7 @@ from colmap_ihe.report.model_picture import model_picture
 from colmap_ihe.report.survey_contents import SurveyBlock
 from colmap_ihe.report.survey_words import survey_in_words
 from colmap_ihe.report.tables import summary_rows, weights_in_words
+from colmap_ihe.survey.control_files import read_control
 
 _POINTS = 200_000  # of the cloud; a page is to be sent by mail
 _THUMBNAIL, _SLIDER, _TILE, _OVER = 240, 1000, 96, 1000  # pixels
@@ -144,6 +145,7 @@ def gather(run: RunContext, summary: Mapping[str, Any], progress: Progress) -> C
         lost_colour=lost_colour(project, records, summary, compared),
         survey_line=survey_in_words(summary),
         survey=records["survey"] if is_metric(records) else None,
+        point_names=sorted(read_control(project.control).names),
         block=block,
         drawings=drawings_of(project),
     )
@@ -245,7 +247,9 @@ def _cameras(
         if grey in model.names:
             picture = looks[name].larger if name in looks else None
             view = model.camera(grey)
-            poses.append(contents.CameraPose(name, view.centre, view.corners, view.box, view.grid, picture))
+            poses.append(
+                contents.CameraPose(name, view.centre, view.corners, view.box, view.grid, picture, view.size)
+            )
     return poses
 
 

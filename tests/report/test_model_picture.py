@@ -21,7 +21,7 @@ def red_wall() -> Surface:
     faces = np.stack([corner, corner + 1, corner + 60], axis=1)
     colours = np.tile(np.array([200, 20, 10], np.uint8), (len(places), 1))
     normals = np.tile(np.array([0, 0, 1], np.float32), (len(places), 1))
-    return Surface(places, normals, faces, faces, len(faces), colours=colours)
+    return Surface(places, normals, faces, [], len(faces), colours=colours)
 
 
 def test_a_wall_is_drawn_whole_lit_and_within_the_picture() -> None:
