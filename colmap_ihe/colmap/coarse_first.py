@@ -22,7 +22,6 @@ from colmap_ihe.machine.progress import Progress
 PIXELS_A_PLACE = 350
 """Of an image for each place of a feature in its own resolution: 380 to 550 in photographs of facades
 (benchmarks/coarse_first.md). An image with fewer pixels than this for each place of the cap is not tried."""
-_COLMAPS = pycolmap.SiftExtractionOptions()
 _THRESHOLD, _CAP = 0.75, 1.1
 """Shares of COLMAP's peak threshold and of its cap, of images without the doubled one: COLMAP finds a few percent more
 in their own resolution where that comes from the doubled one. More are found so, and the cap, which takes whole levels,
@@ -43,7 +42,7 @@ def may_start_coarse(extraction: pycolmap.FeatureExtractionOptions) -> bool:
         extraction.type == pycolmap.FeatureExtractorType.SIFT
         and sift.first_octave == -1
         and sift.num_octaves > 1
-        and sift.peak_threshold == _COLMAPS.peak_threshold
+        and sift.peak_threshold == pycolmap.SiftExtractionOptions().peak_threshold
         and not (sift.estimate_affine_shape or sift.domain_size_pooling)
         and not (extraction.use_gpu and cuda_devices())
         and is_large(extraction.eff_max_image_size() ** 2, extraction)

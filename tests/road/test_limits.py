@@ -49,6 +49,7 @@ def machine(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return proc
 
 
+@pytest.mark.posix
 @pytest.mark.usefixtures("machine")
 @pytest.mark.parametrize(("kind", "used"), [(resource.RLIMIT_AS, 1_000_000), (resource.RLIMIT_DATA, 300_000)])
 def test_limits_of_the_process_count(monkeypatch: pytest.MonkeyPatch, kind: int, used: int) -> None:
