@@ -237,13 +237,8 @@ def _notes(about: Mapping[str, Any], setting: Setting) -> list[str]:
 
 
 def _sheet_text(view: View, setting: Setting, notes: Sequence[str]) -> SheetText:
-    arrow = "y" if view.kind == "plan" else "up"
-    if view.kind == "plan" and setting.plan_crs:
-        arrow = "N"
-    elif setting.metric and view.kind != "plan":
-        arrow = "plumb"
     scale = view.scale if setting.metric else None
-    return SheetText(setting.title, view.name, notes, scale, setting.shift(view), arrow)
+    return SheetText(setting.title, view.name, notes, scale, setting.shift(view), setting.upwards(view))
 
 
 def draw_section(
