@@ -183,9 +183,8 @@ def _draw_block(canvas: Any, content: SheetContent, sheet: Sheet, text: SheetTex
     canvas.setFont("Helvetica-Bold", _LARGE)
     canvas.drawString(MARGIN + 3, top - _LARGE - 1.5, _plain(f"{text.name}: {content.heading}")[:60])
     canvas.setFont("Helvetica", _TEXT)
-    notes = list(text.notes)
-    if sheet.parts > 1:
-        notes.append(f"sheet {sheet.part} of {sheet.parts}, row by row from the top left")
+    part = [f"sheet {sheet.part} of {sheet.parts}, row by row from the top left"] if sheet.parts > 1 else []
+    notes = [*part, *text.notes]
     title = [f"{name}: {value}" for name, value in text.title.items()]
     _draw_columns(canvas, title, notes, (MARGIN + 3, top - _LARGE - 3, width / 2 - 6))
     _draw_arrow(canvas, MARGIN + width - 9, MARGIN + 5, text.arrow)
