@@ -5,8 +5,8 @@ like its photographs, in a Chromium that draws in software.
 
 Frames are counted while a key turns the model at every frame for five seconds; each is read back, so that it is counted
 when it is drawn and not when it was asked for. The difference of colour is the mean, over the pixels that the mesh
-covers, between a photograph laid over the model and the model, in levels of 255; the second figure is after the mean
-brightness of the two is made equal, since photographs differ in exposure and a texture has one.
+covers, between a photograph laid over the model and the model, in levels of 255; the second figure is after one gain
+and offset for each channel of the model, since photographs differ in exposure and flare and a texture has one.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ if TYPE_CHECKING:
 Rows = list[tuple[str, str]]
 
 _TURN = """(seconds) => new Promise((done) => {
-  const canvas = document.querySelector("canvas");
+  const canvas = document.querySelector(".stage canvas");
   const gl = canvas.getContext("webgl2");
   const drawn = [];
   const pixel = new Uint8Array(4);
@@ -112,7 +112,7 @@ def _measured(path: Path, seconds: float) -> Rows:
 
 def _likeness(page: Page) -> Rows:
     rows = []
-    for view in range(page.locator("[data-part=from] option").count() - 1)[:3]:
+    for view in range(page.locator("[data-part=from] option").count() - 1):
         page.locator("[data-mode=texture]").check()
         page.locator("[data-part=from]").select_option(str(view))
         photograph = _seen(page, "1", 1500)
@@ -121,16 +121,25 @@ def _likeness(page: Page) -> Rows:
         covered = np.abs(_seen(page, "0", 800) - mesh).max(axis=2) > 8
         covered &= np.abs(photograph - mesh).max(axis=2) > 0
         one, other = photograph[covered], mesh[covered]
-        raw, levelled = np.abs(one - other).mean(), np.abs(one - other * (one.mean() / other.mean())).mean()
-        rows.append((f"difference from photograph {view + 1}", f"{raw:.1f} levels, {levelled:.1f} levelled"))
+        raw, fitted = np.abs(one - other).mean(), np.abs(one - _fitted(other, one)).mean()
+        rows.append((f"difference from photograph {view + 1}", f"{raw:.1f} levels, {fitted:.1f} fitted"))
     return rows
+
+
+def _fitted(colours: NDArray[np.int64], goal: NDArray[np.int64]) -> NDArray[np.float64]:
+    """(N, 3): colours (N, 3), with a gain and an offset for each channel, as near to `goal` as they come."""
+    channels = []
+    for own, other in zip(colours.T, goal.T, strict=True):
+        gain, offset = np.polyfit(own, other, 1)
+        channels.append(gain * own + offset)
+    return np.stack(channels, axis=1)
 
 
 def _seen(page: Page, opacity: str, wait_ms: int) -> NDArray[np.int64]:
     """(H, W, 3): the canvas with the photograph over the model, between the buttons."""
     page.locator("[data-part=fade]").fill(opacity)
     page.wait_for_timeout(wait_ms)
-    picture = Image.open(io.BytesIO(page.locator("canvas").screenshot())).convert("RGB")
+    picture = Image.open(io.BytesIO(page.locator(".stage canvas").screenshot())).convert("RGB")
     return np.asarray(picture)[_BARS:-_BARS].astype(np.int64)
 
 

@@ -13,7 +13,9 @@ OUTSIDE = {"__main__", "cli", "errors"}
 WITHOUT_MODULE = {
     "commandline/test_convert", "dense/stereo/test_steps", "dense/texture/test_texture",
     "evaluation/test_surface_errors", "photographs/raw/test_sensors", "pipeline/stages/test_new_stage",
-    "report/test_batch_page", "report/test_hostile_pages", "report/test_page_in_browser",
+    "report/test_batch_page", "report/test_control_points_in_browser", "report/test_controls_in_browser",
+    "report/test_hostile_pages",
+    "report/test_page_in_browser",
 }  # fmt: skip
 THROUGH_OTHERS = {
     "__main__", "colmap/database", "colmap/database_probe", "colmap/features_on_workers",

@@ -13,8 +13,11 @@ from pathlib import Path
 from typing import Any, Literal
 from urllib.parse import quote
 
+import simplejpeg
+
 from colmap_ihe.batch.folder import BatchFolder
-from colmap_ihe.machine.files import read_json, write_bytes, write_json
+from colmap_ihe.errors import KnownError
+from colmap_ihe.machine.files import read_at_most, read_json, write_bytes, write_json
 from colmap_ihe.pipeline.job import Ending
 from colmap_ihe.project.folder import Project
 from colmap_ihe.report.charts import duration
@@ -38,8 +41,15 @@ _IN_WORDS: dict[State, tuple[str, _Kind]] = {
     "timed_out": ("out of time", "failed"),
 }
 _REFRESH_SECONDS = 10
+_PICTURE_BYTES = 1_000_000
 _COUNTED = {"points3D": "points", "dense_points": "dense points", "mesh_faces": "faces"}
-_FIGURES = ("images", "registered_images", "mean_reprojection_error_px", *_COUNTED)
+_FIGURES = ("images", "registered_images", "mean_reprojection_error_px", "check_rms_mm", *_COUNTED)
+_METRIC_BY = {
+    "control_points": "control points",
+    "scale_bars": "scale bars",
+    "positions": "positions",
+    "gps": "GPS",
+}
 
 
 @dataclass(frozen=True)
@@ -54,6 +64,7 @@ class ProjectState:
     progress: tuple[int, int] | None = None
     photographs: int | None = None
     figures: dict[str, Any] = field(default_factory=dict)
+    metric_by: str | None = None
     left_out: int = 0
     warnings: int = 0
     stages: dict[str, float] = field(default_factory=dict)
@@ -148,6 +159,7 @@ def project_state(folder: BatchFolder, project: Project, state: State, **values:
         "began": _text(record.get("began")),
         "ended": _text(record.get("ended")),
         "figures": {name: _number(summary.get(name)) for name in _FIGURES},
+        "metric_by": _text(summary.get("metric_by")),
         "left_out": _length(summary.get("left_out")),
         "warnings": _length(summary.get("warnings")),
         "stages": {str(n): s for n, s in stages.items() if _number(s)} if isinstance(stages, dict) else {},
@@ -177,13 +189,28 @@ def publish(folder: BatchFolder, state: BatchState, thumbnails: dict[str, Pictur
     contents = BatchContents(
         title=f"{folder.root.name}: {len(state.projects)} projects",
         result=f"{state.in_words()}.",
-        rows=[_row(project, thumbnails.get(project.name)) for project in state.projects],
+        rows=[
+            _row(project, _model_picture(folder, project) or thumbnails.get(project.name))
+            for project in state.projects
+        ],
         command=state.command,
         written=datetime.now().astimezone().strftime("%Y-%m-%d %H:%M:%S %Z"),
         again_s=_REFRESH_SECONDS if going_on else None,
         warnings=state.warnings,
     )
     write_bytes(folder.page_file, render_batch(contents).encode())
+
+
+def _model_picture(folder: BatchFolder, project: ProjectState) -> Picture | None:
+    """Return the picture of the model of a project that is done, if it can be read."""
+    if project.state != "done":
+        return None
+    try:
+        jpeg = read_at_most(Project.at(folder.root / project.name).picture_file, _PICTURE_BYTES)
+        height, width, *_ = simplejpeg.decode_jpeg_header(jpeg)
+    except (OSError, ValueError, KnownError):
+        return None
+    return Picture(jpeg, width, height, f"the model of {project.name}")
 
 
 def _relative(folder: BatchFolder, file: Path) -> str | None:
@@ -207,6 +234,10 @@ def facts_of(project: ProjectState) -> list[tuple[str, str]]:
         facts.append(("photographs", str(images)))
     if error is not None:
         facts.append(("mean reprojection error", f"{error:.2f} px"))
+    if project.metric_by in _METRIC_BY:
+        facts.append(("metres by", _METRIC_BY[project.metric_by]))
+        if figures.get("check_rms_mm") is not None:
+            facts.append(("check points", f"{figures['check_rms_mm']:.1f} mm RMS"))
     for name, words in _COUNTED.items():
         if figures.get(name) is not None:
             facts.append((words, f"{figures[name]:,}"))

@@ -11,8 +11,9 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from colmap_ihe.colmap.coarse_first import coarse_names, extract_coarse_first
 from colmap_ihe.colmap.extraction import extraction_bytes
-from colmap_ihe.colmap.native import called, pycolmap
+from colmap_ihe.colmap.native import pycolmap
 from colmap_ihe.colmap.part_databases import task_folder
 from colmap_ihe.machine.memory import workers_for
 from colmap_ihe.machine.progress import SILENT, Progress
@@ -27,9 +28,12 @@ def extract_arrays(
     options: pycolmap.FeatureExtractionOptions,
     task: str,
     progress: Progress = SILENT,
+    *,
+    octaves: str = "colmap",
 ) -> list[tuple[F32, U8]]:
     """Return keypoints as COLMAP has them, (N, 4 or 6) float32, and descriptors (N, 128) uint8 of each image, (H, W)
-    uint8, on as many threads as memory has room for. `task` names the work where that is told.
+    uint8, on as many threads as memory has room for. `task` names the work where that is told, `octaves` is that of
+    `FeaturesOptions`.
 
     The same images give the same features. Raises `NativeError`, `DiskFullError`, `Cancelled`, ValueError.
     """
@@ -45,14 +49,10 @@ def extract_arrays(
         for name, grey in zip(names, images, strict=True):
             header = f"P5\n{grey.shape[1]} {grey.shape[0]}\n255\n".encode()
             (folder / name).write_bytes(header + grey.tobytes())
-        called(
-            pycolmap.extract_features,
-            database := folder / "features.db",
-            folder,
-            image_names=names,
-            extraction_options=options,
-            progress=progress,
-        )
+        sizes = {name: (g.shape[1], g.shape[0]) for name, g in zip(names, images, strict=True)}
+        coarse = coarse_names(sizes, options) if octaves == "auto" else []
+        database = folder / "features.db"
+        extract_coarse_first(database, folder, names, coarse, options, progress)
         with pycolmap.Database.open(database) as opened:
             ids = {image.name: image.image_id for image in opened.read_all_images()}
             return [

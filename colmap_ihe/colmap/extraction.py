@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
-from colmap_ihe.colmap.native import apply_options, called, pycolmap
+from colmap_ihe.colmap.coarse_first import extract_coarse_first
+from colmap_ihe.colmap.native import apply_options, pycolmap
 from colmap_ihe.machine.progress import Progress
 from colmap_ihe.project.options import FeaturesOptions
 
@@ -40,20 +42,13 @@ def extract_apart(
     names: Sequence[str],
     extraction: pycolmap.FeatureExtractionOptions,
     progress: Progress,
+    coarse: Sequence[str] = (),
 ) -> None:
-    """Write a new database with the features of the named images; its cameras are of no account. Raises as
-    `extract_features`."""
+    """Write a new database with the features of the named images, of which `coarse` are extracted coarse first; its
+    cameras are of no account. Raises as `extract_features`."""
     reader = pycolmap.ImageReaderOptions()
     if masks is not None:
         reader.mask_path = masks
     pycolmap.Database.open(database).close()
-    called(
-        pycolmap.extract_features,
-        database,
-        grey,
-        image_names=list(names),
-        camera_mode=pycolmap.CameraMode.PER_IMAGE,
-        reader_options=reader,
-        extraction_options=extraction,
-        progress=progress,
-    )
+    given: dict[str, Any] = {"camera_mode": pycolmap.CameraMode.PER_IMAGE, "reader_options": reader}
+    extract_coarse_first(database, grey, names, coarse, extraction, progress, **given)

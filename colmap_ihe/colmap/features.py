@@ -10,13 +10,14 @@ from pathlib import Path
 from typing import Any
 
 from colmap_ihe.colmap.calibration_file import CalibratedCamera
+from colmap_ihe.colmap.coarse_first import coarse_names, extract_coarse_first
 from colmap_ihe.colmap.database import counting_rows
 from colmap_ihe.colmap.extraction import extraction_bytes, extraction_options
 from colmap_ihe.colmap.features_on_workers import extract_in_shards
 from colmap_ihe.colmap.image_import import assumed, image_groups, import_images
 from colmap_ihe.colmap.known_calibration import CalibrationUse, KnownCalibration, use_of
 from colmap_ihe.colmap.lower_thresholds import count_extracted_again, extract_again, lowers_thresholds
-from colmap_ihe.colmap.native import called, pycolmap
+from colmap_ihe.colmap.native import pycolmap
 from colmap_ihe.colmap.tried_features import TriedFeatures, copy_tried
 from colmap_ihe.errors import NativeError, OptionError
 from colmap_ihe.machine import memory
@@ -82,18 +83,17 @@ def extract_features(
         import_images(database, grey, groups, reader, known, progress)
     if tried is not None:
         copy_tried(tried, database, masks, options)
-    given: dict[str, Any] = {"image_names": list(names), "camera_mode": mode, "progress": progress}
+    sizes = _sizes(database)
+    coarse = coarse_names(sizes, extraction, masks) if options.octaves == "auto" else []
+    given: dict[str, Any] = {"camera_mode": mode, "reader_options": reader}
     if shares_memory(executor):
         if extraction.num_threads <= 0:
-            with pycolmap.Database.open(database) as opened:
-                sizes = [(c.width, c.height) for c in opened.read_all_cameras()]
-            needed = extraction_bytes(sizes, extraction, 1)
+            needed = extraction_bytes(list(sizes.values()), extraction, 1)
             extraction.num_threads = memory.workers_for("features", needed, local_workers())
         with counting_rows(database, "keypoints") as rows:
-            settings: dict[str, Any] = {"reader_options": reader, "extraction_options": extraction}
-            called(pycolmap.extract_features, database, grey, units_done=rows, **given, **settings)
+            extract_coarse_first(database, grey, names, coarse, extraction, progress, rows, **given)
     else:
-        extract_in_shards(database, grey, masks, options, parts, executor, progress)
+        extract_in_shards(database, grey, masks, options, coarse, parts, executor, progress)
     if lowers_thresholds(options):
         threads = extraction.num_threads
         extract_again(database, grey, masks, options, threads, parts, executor, progress)
@@ -104,6 +104,13 @@ def extract_features(
             hint="records/colmap.log.* says why; with camera.mode single all images need the same size",
         )
     return replace(counts, assumed=assumed(groups), calibration=use_of(database, known))
+
+
+def _sizes(database: Path) -> dict[str, tuple[int, int]]:
+    """Return the width and height of each image, by name."""
+    with pycolmap.Database.open(database) as opened:
+        cameras = {c.camera_id: (c.width, c.height) for c in opened.read_all_cameras()}
+        return {str(image.name): cameras[image.camera_id] for image in opened.read_all_images()}
 
 
 def count_features(database: Path, names: Sequence[str]) -> FeatureCounts:

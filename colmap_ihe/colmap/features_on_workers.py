@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shutil
+from collections.abc import Collection, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass
 from pathlib import Path
@@ -21,12 +22,14 @@ _SHARDS_A_WORKER = 4
 
 @dataclass(frozen=True)
 class _Shard:
-    """Hold a task: `ids` in the main database by name below `grey`, and the database to write to."""
+    """Hold a task: `ids` in the main database by name below `grey`, those extracted coarse first, and the database to
+    write to."""
 
     ids: dict[str, int]
     grey: Path
     masks: Path | None
     options: FeaturesOptions
+    coarse: Sequence[str]
     result: Path
 
 
@@ -35,12 +38,13 @@ def extract_in_shards(
     grey: Path,
     masks: Path | None,
     options: FeaturesOptions,
+    coarse: Collection[str],
     parts: Path,
     executor: Executor,
     progress: Progress,
 ) -> None:
-    """Extract features of every image of the database that has none. `parts`: a folder for unfinished work, which is
-    removed afterwards. Raises as `extract_features`."""
+    """Extract features of every image of the database that has none, of the images `coarse` coarse first. `parts`: a
+    folder for unfinished work, which is removed afterwards. Raises as `extract_features`."""
     with pycolmap.Database.open(database) as opened:
         images = [i for i in opened.read_all_images() if not opened.exists_keypoints(i.image_id)]
         progress.advance(opened.num_images() - len(images))
@@ -49,7 +53,8 @@ def extract_in_shards(
     shards = []
     for begin in range(0, len(images), size):
         ids = {str(image.name): image.image_id for image in images[begin : begin + size]}
-        shards.append(_Shard(ids, grey, masks, options, parts / f"features-{begin:06}.db"))
+        first = [name for name in ids if name in coarse]
+        shards.append(_Shard(ids, grey, masks, options, first, parts / f"features-{begin:06}.db"))
     results = in_order(executor, extract_shard, shards, progress=progress)
     for shard, by_own_id in zip(shards, results, strict=True):
         copy_features(shard.result, database, by_own_id)
@@ -65,7 +70,8 @@ def extract_shard(shard: _Shard) -> dict[int, int]:
     extraction = extraction_options(shard.options, threads=1)
     with task_folder() as folder:
         database = folder / "shard.db"
-        extract_apart(database, shard.grey, shard.masks, list(shard.ids), extraction, TaskProgress())
+        names, progress = list(shard.ids), TaskProgress()
+        extract_apart(database, shard.grey, shard.masks, names, extraction, progress, shard.coarse)
         with pycolmap.Database.open(database) as opened:
             ids = {image.image_id: shard.ids[image.name] for image in opened.read_all_images()}
         content = database.read_bytes()

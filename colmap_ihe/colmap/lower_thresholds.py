@@ -22,6 +22,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from colmap_ihe.colmap.coarse_first import places
 from colmap_ihe.colmap.database import writing
 from colmap_ihe.colmap.extraction import extract_apart, extraction_options
 from colmap_ihe.colmap.native import hush, pycolmap
@@ -156,18 +157,13 @@ def _below_the_cap(database: Path, masks: Path | None, cap: int) -> list[_Image]
             _Image(
                 str(image.name),
                 image.image_id,
-                _places(opened.read_keypoints(image.image_id)),
+                places(opened.read_keypoints(image.image_id)),
                 masks is not None and (masks / f"{image.name}.png").exists(),
             )
             for image in opened.read_all_images()
             if image.image_id not in noted and opened.exists_keypoints(image.image_id)
         ]
     return sorted((i for i in images if i.places < cap), key=lambda image: image.name)
-
-
-def _places(keypoints: F32) -> int:
-    """Return the number of different places: the cap counts these, and a place has a feature for each direction."""
-    return len(np.unique(keypoints[:, :2], axis=0)) if len(keypoints) else 0
 
 
 def extract_shard_again(shard: _Shard) -> _Shard:
@@ -203,7 +199,7 @@ def _lowered(
     by_share = defaultdict(list)
     for image_id in lowest.keys() - chosen.keys():
         first = round(by_id[image_id].places * (_MORE if finer else 1))
-        by_share[_share_for(cap, first, _places(lowest[image_id].keypoints))].append(by_id[image_id])
+        by_share[_share_for(cap, first, places(lowest[image_id].keypoints))].append(by_id[image_id])
     for share, some in sorted(by_share.items()):
         some.sort(key=lambda image: image.name)
         chosen |= _fitting(_extracted(shard, some, share, finer, progress), cap)
@@ -211,7 +207,7 @@ def _lowered(
 
 
 def _fitting(features: Mapping[int, _Features], cap: int) -> dict[int, _Features]:
-    return {i: found for i, found in features.items() if _places(found.keypoints) <= cap}
+    return {i: found for i, found in features.items() if places(found.keypoints) <= cap}
 
 
 def _share_for(cap: int, places: int, most: int) -> float:

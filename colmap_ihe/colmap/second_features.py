@@ -101,7 +101,8 @@ def _extracted(photographs: Sequence[Sequence[_Window]], options: FeaturesOption
     extraction.max_image_size = max((max(window.grey.shape) for window in windows), default=1)
     if lowers_thresholds(options):
         lower(extraction)  # here features have run out
-    found = iter(extract_arrays([w.grey for w in windows], extraction, "features of the second grey"))
+    greys = [window.grey for window in windows]
+    found = iter(extract_arrays(greys, extraction, "features of the second grey", octaves=options.octaves))
     return [_joined([_of_place(window, *next(found)) for window in some]) for some in photographs]
 
 

@@ -66,7 +66,8 @@ def add_pictures(
     """
     extraction = extraction_options(options)
     extraction.use_gpu = False
-    found = extract_arrays([grey for _, grey in pictures], extraction, "features of pairs", progress)
+    greys = [grey for _, grey in pictures]
+    found = extract_arrays(greys, extraction, "features of pairs", progress, octaves=options.octaves)
     with pycolmap.Database.open(database) as opened:
         first = opened.num_images() + 1
     ids = list(range(first, first + len(pictures)))

@@ -67,3 +67,8 @@ class PinholeCamera:
         with np.errstate(divide="ignore", invalid="ignore"):
             pixels = (in_camera @ self.K.T)[..., :2] / depth[..., None]
         return np.where((depth > 0)[..., None], pixels, np.nan), depth
+
+    def homogeneous(self, points: Float32) -> Float64:
+        """Return (..., 3), world points (..., 3) as pixels times depth, and depth along the optical axis."""
+        turned = points.astype(np.float64) @ (self.K @ self.rotation).T
+        return np.asarray(turned + self.K @ self.cam_from_world[:, 3])

@@ -168,12 +168,27 @@ def _depth(positions: Float32, faces: int) -> int:
     """Return the depth of the deepest octree that gives at most `_FINER` times the expected faces, and whose cells
     hold two points on average."""
     limit = min(_FINER * faces / _FACES_PER_CELL, len(positions) / 2)
+    occupied = _occupied(positions)
     depth = _DEPTHS[0]
     for deeper in _DEPTHS[1:]:
-        if len(np.unique(_cells(positions, _cells_per_unit(positions, deeper)))) > limit:
+        if occupied[deeper] > limit:
             break
         depth = deeper
     return depth
+
+
+def _occupied(positions: Float32) -> dict[int, int]:
+    """Return how many cells hold points at each of `_DEPTHS`: sorted along Morton's curve, the points of a cell of any
+    depth follow one another."""
+    deepest = _DEPTHS[-1]
+    cells = ((positions - positions.min(axis=0)) * _cells_per_unit(positions, deepest)).astype(np.int64)
+    code = np.zeros(len(cells), np.int64)
+    for bit in range(deepest):
+        for axis in range(3):
+            code |= ((cells[:, axis] >> bit) & 1) << (3 * bit + axis)
+    code.sort()
+    differing = code[1:] ^ code[:-1]
+    return {d: 1 + int(np.count_nonzero(differing >> (3 * (deepest - d)))) for d in _DEPTHS}
 
 
 def _trimmed(path: Path, points: Rows, cell: float, dense_dir: Path | None, progress: Progress) -> Mesh:

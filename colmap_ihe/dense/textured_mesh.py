@@ -17,9 +17,10 @@ from colmap_ihe.colmap.native import pycolmap
 from colmap_ihe.dense.camera import Float32, Float64, Int64, UInt8
 from colmap_ihe.dense.depth_maps import camera_of
 from colmap_ihe.dense.ply import read_mesh
-from colmap_ihe.dense.texture.agree import centre_colours, doubted
+from colmap_ihe.dense.texture.agree import agreed_colours, at_corners, centre_colours, doubted
 from colmap_ihe.dense.texture.atlas import Atlas, cut, pack
 from colmap_ihe.dense.texture.bake import bake, corner_colours
+from colmap_ihe.dense.texture.exposure import exposure_tables, with_table
 from colmap_ihe.dense.texture.level import seam_offsets
 from colmap_ihe.dense.texture.mesh import Mesh, neighbours, vertex_normals
 from colmap_ihe.dense.texture.seams import seam_points
@@ -79,7 +80,10 @@ def texture_mesh(
     ):
         candidates.add(number, quality, colour)
         progress.advance()
+    tables = exposure_tables(candidates.view, candidates.colour, len(views))
+    candidates.colour = tables[np.maximum(candidates.view, 0)[..., None], candidates.colour, np.arange(3)]
     candidates.quality = doubted(candidates.quality, candidates.colour)
+    agreed = agreed_colours(candidates.quality, candidates.colour)
     progress.start(1, "atlases")
     pairs = neighbours(mesh.faces)
     labels, coloured = choose(candidates, mesh, pairs, len(views))
@@ -88,12 +92,13 @@ def texture_mesh(
     points = seam_points(patches, atlas)
     progress.advance()
     progress.start(len(views), "photographs compared at seams")
-    colours, seen = corner_colours(patches, _pictures(paths, progress), mesh.colours)
+    colours, seen = corner_colours(patches, _pictures(paths, tables, progress), mesh.colours)
     progress.start(1, "seams")
-    offsets = seam_offsets(patches, colours, seen)
+    agreed_there = at_corners(patches.faces, len(colours), agreed)
+    offsets = seam_offsets(patches, colours, seen, agreed_there)
     progress.advance()
     progress.start(len(views), "photographs on the texture")
-    texture = bake(atlas, patches, _pictures(paths, progress), colours, offsets, points)
+    texture = bake(atlas, patches, _pictures(paths, tables, progress), colours, offsets, points)
     progress.start(1, "sets of files")
     up = np.array((0.0, 0.0, 1.0)) if z_is_up else None
     turn = upright([view.cam_from_world for view in views], up)
@@ -108,9 +113,10 @@ def texture_mesh(
     )
 
 
-def _pictures(paths: list[Path], progress: Progress) -> Iterator[UInt8]:
-    for path in paths:
-        yield read_colour(path)
+def _pictures(paths: list[Path], tables: UInt8, progress: Progress) -> Iterator[UInt8]:
+    """Yield the photographs, made alike."""
+    for path, table in zip(paths, tables, strict=True):
+        yield with_table(read_colour(path), table)
         progress.advance()
 
 

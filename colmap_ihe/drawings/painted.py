@@ -14,7 +14,7 @@ from colmap_ihe.colmap.field_of_view import pixels_of
 from colmap_ihe.colmap.native import pycolmap
 from colmap_ihe.dense.camera import Float32, Float64, PinholeCamera, UInt8
 from colmap_ihe.dense.depth_maps import camera_of
-from colmap_ihe.dense.texture.agree import centre_colours, doubted
+from colmap_ihe.dense.texture.agree import agreed_colours, at_corners, centre_colours, doubted
 from colmap_ihe.dense.texture.atlas import cut
 from colmap_ihe.dense.texture.bake import corner_colours
 from colmap_ihe.dense.texture.level import seam_offsets
@@ -86,12 +86,13 @@ def paint_mesh(
         candidates.add(number, quality, colour)
         progress.advance()
     candidates.quality = doubted(candidates.quality, candidates.colour)
+    agreed = agreed_colours(candidates.quality, candidates.colour)
     pairs = neighbours(mesh.faces)
     labels, coloured = choose(candidates, mesh, pairs, len(views))
     patches = cut(mesh, labels, coloured, views, pairs)
     progress.start(len(views), "photographs compared at seams")
     colours, seen = corner_colours(patches, _pictures(sources, progress), mesh.colours)
-    offsets = seam_offsets(patches, colours, seen)
+    offsets = seam_offsets(patches, colours, seen, at_corners(patches.faces, len(colours), agreed))
     return PaintedSurface(patches, photographs, offsets.astype(np.float32), colours.astype(np.float32))
 
 

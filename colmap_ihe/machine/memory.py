@@ -71,6 +71,13 @@ def taken(process: int | str) -> tuple[int, int]:
     return (sizes["VmRSS"], sizes["VmHWM"]) if {"VmRSS", "VmHWM"} <= sizes.keys() else (0, 0)
 
 
+def most_taken() -> int:
+    """Return the most bytes that this process, or one that it started and that has ended, held; 0 if the system does
+    not say."""
+    own = taken("self")[1]
+    return max(own, 1024 * resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss) if own else 0
+
+
 def begin_sparing() -> None:
     """Begin this process anew as one that reserves little, where its address space or data are limited: else each
     thread has a heap of 64 MB, and each core a part of BLAS, from the loading of libraries on."""

@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from colmap_ihe.colmap.field_of_view import certain_box, pixels_of
-from colmap_ihe.colmap.measures import images_seeing, upright
+from colmap_ihe.colmap.measures import upright
 from colmap_ihe.colmap.native import pycolmap
+from colmap_ihe.colmap.observations import Observations, observations_of
 from colmap_ihe.dense.ply import read_ply
 
 _F32 = NDArray[np.float32]
@@ -49,13 +50,14 @@ class CameraView:
 
     `box` (4,): left, top, right, bottom of the part between the corners, in shares of the picture. `grid` (G, G, 2):
     where a lattice of its pixels lies, in steps of the edges from the top left corner to the right and down; with a
-    lens that does not distort (0, 0) to (1, 1) evenly.
+    lens that does not distort (0, 0) to (1, 1) evenly. `size`: its width and height in pixels.
     """
 
     centre: _F32
     corners: _F32
     box: _F64
     grid: _F64
+    size: tuple[int, int]
 
 
 class ModelView:
@@ -70,9 +72,21 @@ class ModelView:
         poses = [self._model.images[i].cam_from_world().matrix() for i in self._by_name.values()]
         up = np.array((0.0, 0.0, 1.0)) if z_is_up else None
         self._rotation, self._middle, self._size = upright(poses, up), np.zeros(3), 1.0
+        self.extent = np.zeros(3, np.float32)
         if len(self._xyz):
             low, high = np.percentile(self._xyz, (5, 95), axis=0)
             self._middle, self._size = np.median(self._xyz, axis=0), float(np.linalg.norm(high - low)) or 1.0
+            self.extent = np.ptp(np.percentile(self.moved(self._xyz), (5, 95), axis=0), axis=0)
+
+    @property
+    def model(self) -> pycolmap.Reconstruction:
+        """Return the model itself."""
+        return self._model
+
+    @cached_property
+    def observations(self) -> Observations:
+        """Return what the photographs see of it, as arrays."""
+        return observations_of(self._model)
 
     @property
     def frame(self) -> tuple[_F64, _F64]:
@@ -123,24 +137,26 @@ class ModelView:
             self.moved(world_from_cam * (corners * depth)),
             box,
             _between_corners(flat, corners),
+            (camera.width, camera.height),
         )
 
     def seen(self, name: str) -> ImageCoverage:
-        image = self._model.images[self._by_name[name]]
-        camera = self._model.cameras[image.camera_id]
-        points = image.get_observation_points2D()
-        if not points:
+        """Return what one image sees of the points."""
+        seen = self.observations
+        number = seen.names.index(name)
+        mine = seen.block.image == number
+        if not mine.any():
             return ImageCoverage(0, None, 0.0)
-        places = np.array([p.xy for p in points]) / (camera.width, camera.height)
-        cells = np.clip((places * _CELLS).astype(int), 0, _CELLS - 1)
+        cells = np.clip((seen.block.pixels[mine] / seen.sizes[number] * _CELLS).astype(int), 0, _CELLS - 1)
         coverage = len(np.unique(cells[:, 0] * _CELLS + cells[:, 1])) / _CELLS**2
-        errors = [self._model.points3D[p.point3D_id].error for p in points]
-        seen = len({p.point3D_id for p in points})
-        return ImageCoverage(seen, float(np.mean(errors)), coverage)
+        errors = seen.errors_px[mine]
+        known = errors[np.isfinite(errors)]
+        return ImageCoverage(int(mine.sum()), float(known.mean()) if len(known) else None, coverage)
 
     def points_by_images(self) -> Mapping[int, int]:
         """Count the points by the number of images that see them."""
-        return dict(sorted(Counter(map(images_seeing, self._model.points3D.values())).items()))
+        counts = np.bincount(np.bincount(self.observations.block.point))
+        return {images: int(points) for images, points in enumerate(counts) if points}
 
 
 def _between_corners(flat: _F64, corners: _F64) -> _F64:

@@ -26,17 +26,23 @@ from colmap_ihe.pipeline.page_size import page_within
 from colmap_ihe.pipeline.second_grey import lost_colour
 from colmap_ihe.pipeline.stage import RunContext, is_metric
 from colmap_ihe.pipeline.surface_view import surface_of
+from colmap_ihe.pipeline.survey_block import survey_block
 from colmap_ihe.project.folder import Project
 from colmap_ihe.project.options import Options
 from colmap_ihe.report import contents, pictures
 from colmap_ihe.report.camera_words import gain_in_words
 from colmap_ihe.report.contents import Contents, PhotographEntry
 from colmap_ihe.report.methods_sentence import citation, is_default, methods_sentence
+from colmap_ihe.report.model_picture import model_picture
+from colmap_ihe.report.survey_contents import SurveyBlock
 from colmap_ihe.report.survey_words import survey_in_words
 from colmap_ihe.report.tables import summary_rows, weights_in_words
+from colmap_ihe.survey.control_files import read_control
 
 _POINTS = 200_000  # of the cloud; a page is to be sent by mail
 _THUMBNAIL, _SLIDER, _TILE, _OVER = 240, 1000, 96, 1000  # pixels
+_PICTURE = (480, 320)  # pixels, of the model in a list of several
+_SEEN = 1.0  # levels of 255, in the mean: less is what rounding to whole levels makes
 _SLIDERS, _TILES, _PICTURED = 4, 144, 400  # photographs; a larger set is shown in part
 _Records = Mapping[str, Mapping[str, Any]]
 _U8 = NDArray[np.uint8]
@@ -77,8 +83,12 @@ def seconds_in(summary_file: Path) -> float | None:
 def write_page(
     run: RunContext, summary: Mapping[str, Any], progress: Progress, warn: Callable[[str], None]
 ) -> Path:
-    """Write report/index.html of a project that is converted at least, and return it. Raises `KnownError`s."""
+    """Write report/index.html of a project that is converted at least, and model.jpg beside it, and return the page.
+    Raises `KnownError`s."""
     gathered = gather(run, summary, progress)
+    if gathered.cloud is not None and len(gathered.cloud.positions):
+        drawn = model_picture(gathered.surface, gathered.cloud, *_PICTURE)
+        write_bytes(run.project.picture_file, pictures.picture(drawn, "the model", max(_PICTURE)).jpeg)
     write_bytes(run.project.page_file, page_within(gathered, run.options.report.max_mb, warn))
     return run.project.page_file
 
@@ -100,15 +110,18 @@ def gather(run: RunContext, summary: Mapping[str, Any], progress: Progress) -> C
     model = model_view.ModelView(run.model_folder, run.is_metric) if "sparse" in records else None
     photographs = _photographs(summary, grey_of, looks, model)
     greys = [grey_of.get(p.name, "") for p in photographs]
-    compared = not is_default(summary)  # else the grey would be compared with itself
+    compared = not is_default(summary) and _differs(
+        list(looks.values())
+    )  # else the grey is compared with itself
     matched = model_view.verified_matches(project.database, greys) if "matches" in records else None
     pairs = drawn_pairs(project, summary, grey_of, matched, photographs, compared, progress)
     cloud = _cloud(project, records, model) if model else None
+    block = _block(run, summary, model) if model else None
     took = round(time.monotonic() - began, 2)  # all but the writing
     return Contents(
         title=project.root.name,
-        result=_result(summary),
-        rows=summary_rows({**summary, "page_seconds": took}),
+        result=block.verdict.headline if block else f"{summary['images']} photographs, converted to grey.",
+        rows=[] if block else summary_rows({**summary, "page_seconds": took}),
         grey=_grey(summary, options, list(looks.values()), compared),
         photographs=photographs,
         cloud=cloud,
@@ -129,21 +142,17 @@ def gather(run: RunContext, summary: Mapping[str, Any], progress: Progress) -> C
         options=yaml.safe_dump(options.as_yaml(), sort_keys=False),
         methods_sentence=methods_sentence(summary, options, library_versions("pycolmap")["pycolmap"]),
         citation=citation(summary, options),
-        lost_colour=lost_colour(project, records, summary),
+        lost_colour=lost_colour(project, records, summary, compared),
         survey_line=survey_in_words(summary),
         survey=records["survey"] if is_metric(records) else None,
+        point_names=sorted(read_control(project.control).names),
+        block=block,
         drawings=drawings_of(project),
     )
 
 
-def _result(summary: Mapping[str, Any]) -> str:
-    if summary["registered_images"] is None:
-        return f"{summary['images']} photographs, converted to grey."
-    parts = [f"{summary['registered_images']} of {summary['images']} photographs are registered"]
-    if summary["dense_points"]:
-        parts.append(f"the dense cloud has {summary['dense_points']:,} points")
-    error = f"mean reprojection error {summary['mean_reprojection_error_px']:.2f} px"
-    return f"{', '.join(parts)}; {error}."
+def _block(run: RunContext, summary: Mapping[str, Any], model: model_view.ModelView) -> SurveyBlock:
+    return survey_block(run.project.database, run.records, summary, model, run.photographs_by_grey())
 
 
 def _larger_side(photographs: int) -> int:
@@ -160,6 +169,12 @@ def _look(project: Project, name: str, grey_name: str, larger_side: int) -> _Loo
         np.bincount(v.ravel(), minlength=256) for v in (grey[::2, ::2], pictures.rec709(colour[::2, ::2]))
     ]
     return _Look(name, thumbnail, larger, small, pictures.shrunk(grey, _THUMBNAIL), *tones)
+
+
+def _differs(looks: Sequence[_Look]) -> bool:
+    """Tell whether an eye can see that the grey of the set is not COLMAP's default."""
+    away = [np.abs(look.grey.astype(np.int16) - pictures.rec709(look.colour)).mean() for look in looks]
+    return bool(away) and float(np.mean(away)) >= _SEEN
 
 
 def _grey(
@@ -232,7 +247,9 @@ def _cameras(
         if grey in model.names:
             picture = looks[name].larger if name in looks else None
             view = model.camera(grey)
-            poses.append(contents.CameraPose(name, view.centre, view.corners, view.box, view.grid, picture))
+            poses.append(
+                contents.CameraPose(name, view.centre, view.corners, view.box, view.grid, picture, view.size)
+            )
     return poses
 
 

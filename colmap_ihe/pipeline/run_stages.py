@@ -83,6 +83,7 @@ def _run_stage(stage: Stage, later: Sequence[Stage], run: RunContext, progress: 
         "threads": local_workers(),
         "seconds": round(time.monotonic() - began, 2),
         "resumed": run.resumed,
+        "peak_memory_bytes": memory.most_taken(),
         **result,
     }
     record["made"] = outputs.states_of(stage, project, record)

@@ -100,14 +100,15 @@ def second_of(records: Mapping[str, Record]) -> SecondGrey | None:
 
 
 def lost_colour(
-    project: Project, records: Mapping[str, Record], summary: Mapping[str, Any]
+    project: Project, records: Mapping[str, Record], summary: Mapping[str, Any], compared: bool
 ) -> LostColour | None:
-    """Return what the page shows of what the grey loses; None where nobody looked. Raises `ProjectError`."""
+    """Return what the page shows of what the grey loses, and if `compared`, COLMAP's default; None where nobody looked.
+    Raises `ProjectError`."""
     record = records["convert"].get("second")
     if record is None:
         return None
     second = second_of(records)
-    words = lost_in_words(summary)
+    words = lost_in_words(summary, compared)
     if second is not None:
         words += f" The second grey is {second_in_words(summary['second_grey'])}."
     worst = max(record["by_photograph"], key=lambda name: record["by_photograph"][name], default="")
@@ -122,8 +123,9 @@ def lost_colour(
             lost_places(grey, colour, noise), ("what the grey loses", "what Rec.709 loses"), strict=True
         )
     ]
+    default = marked[1] if compared else None
     shown = None
     if second is not None:
         combined, _ = second.combined(grey, colour)
         shown = pictures.picture(combined, f"{names[worst]} with the second grey", _PICTURE)
-    return LostColour(words, names[worst], marked[0], marked[1], shown)
+    return LostColour(words, names[worst], marked[0], default, shown)

@@ -56,10 +56,12 @@ class StrictModel(BaseModel):
 
 
 class StageRecord(StrictModel):
-    """Hold what a stage returns, which becomes its record on disk: what later stages, summary and page build on."""
+    """Hold what a stage returns, which becomes its record on disk: what later stages, summary and page build on.
+    `peak_memory_bytes`: the most that one process of the run held until the stage ended, 0 where nobody knows."""
 
     warnings: list[str] = []
     left_out: dict[str, str] = {}
+    peak_memory_bytes: Count = 0
 
 
 @dataclass(frozen=True)

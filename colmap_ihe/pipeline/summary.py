@@ -75,6 +75,7 @@ def summarise(records: Mapping[str, Mapping[str, Any]], options: Options) -> dic
         "mesh_faces": mesh.get("faces"),
         "mesh_texture": [mesh["texture"]["width"], mesh["texture"]["height"]] if "texture" in mesh else None,
         "stages": {name: record["seconds"] for name, record in records.items()},
+        "peak_memory_bytes": max(record.get("peak_memory_bytes", 0) for record in records.values()) or None,
         "page_seconds": None,
         "warnings": [
             *(text for record in records.values() for text in record["warnings"]),

@@ -23,7 +23,7 @@ _Faces = NDArray[np.int64]
 
 _TEXTURE = 4096  # pixels, the longest side that telephones draw
 _FACES = 300_000  # of a page
-_COARSE = 60_000  # drawn while the model turns, where all would take too long
+_COARSER = (60_000, 15_000)  # drawn while the model turns, where all would take too long
 
 
 def surface_of(project: Project, mesh_record: Mapping[str, Any], model: ModelView) -> Surface | None:
@@ -37,12 +37,12 @@ def surface_of(project: Project, mesh_record: Mapping[str, Any], model: ModelVie
 def _textured(project: Project, model: ModelView) -> Surface:
     mesh = read_textured(project.dense / "mesh.glb")
     pixels: NDArray[np.uint8] = simplejpeg.decode_jpeg(mesh.texture)
-    faces, coarse = _cut(mesh.vertices, mesh.faces)
+    faces = fewer_faces(mesh.vertices, mesh.faces, _FACES)
     return Surface(
         model.moved(mesh.vertices),
         model.turned(mesh.normals),
         faces,
-        coarse,
+        _coarser(mesh.vertices, faces),
         len(mesh.faces),
         texture=pictures.picture(pixels, "the texture of the mesh", _TEXTURE),
         uv=mesh.uv,
@@ -51,25 +51,36 @@ def _textured(project: Project, model: ModelView) -> Surface:
 
 def _coloured(project: Project, model: ModelView) -> Surface:
     mesh = read_mesh(project.mesh)
-    faces, coarse = _cut(mesh.vertices, mesh.faces.astype(np.int64))
+    faces = fewer_faces(mesh.vertices, mesh.faces.astype(np.int64), _FACES)
     normals = model.turned(vertex_normals(mesh))
-    return Surface(model.moved(mesh.vertices), normals, faces, coarse, len(mesh.faces), colours=mesh.colours)
+    return Surface(
+        model.moved(mesh.vertices),
+        normals,
+        faces,
+        _coarser(mesh.vertices, faces),
+        len(mesh.faces),
+        colours=mesh.colours,
+    )
 
 
-def _cut(vertices: NDArray[np.float32], faces: _Faces) -> tuple[_Faces, _Faces]:
-    """Return the triangles of the page, and those that are drawn while the model turns."""
-    of_page = fewer_faces(vertices, faces, _FACES)
-    return of_page, fewer_faces(vertices, of_page, _COARSE)
+def _coarser(vertices: NDArray[np.float32], faces: _Faces) -> list[_Faces]:
+    """Return fewer and fewer triangles in place of those of the page."""
+    levels = []
+    for most in _COARSER:
+        if len(faces) > most:
+            faces = fewer_faces(vertices, faces, most)
+            levels.append(faces)
+    return levels
 
 
 def lighter(surface: Surface, share: float) -> Surface:
     """Return a surface with that share of its triangles, of its texture's pixels, and of what it takes on a page."""
     most = round(share * len(surface.faces))
     faces = fewer_faces(surface.positions, surface.faces, most)
-    coarse = surface.coarse_faces if most > _COARSE else faces
+    coarser = _coarser(surface.positions, faces)
     texture = surface.texture
     if texture is not None:
         pixels: NDArray[np.uint8] = simplejpeg.decode_jpeg(texture.jpeg)
         side = round(share**0.5 * max(texture.width, texture.height))
         texture = pictures.picture(pixels, texture.alt, side)
-    return dataclasses.replace(surface, faces=faces, coarse_faces=coarse, texture=texture)
+    return dataclasses.replace(surface, faces=faces, coarser=coarser, texture=texture)

@@ -34,6 +34,7 @@ class PointRecord(StrictModel):
     error_px: float | None
     used: bool
     reason: str
+    residuals_px: list[float] = Field(default_factory=list)
 
 
 class BarRecord(StrictModel):
@@ -80,7 +81,10 @@ def survey_record(result: Georeferenced, photographs: Mapping[str, str]) -> Surv
         frame=FrameRecord(crs=frame.crs, offset=frame.offset, origin=frame.origin) if result.method else None,
         similarity=None if result.similarity is None else result.similarity.tolist(),
         adjusted=result.adjusted,
-        points=[PointRecord(**vars(point)) for point in result.points],
+        points=[
+            PointRecord(**{**vars(point), "residuals_px": list(point.residuals_px)})
+            for point in result.points
+        ],
         bars=[BarRecord(**vars(bar)) for bar in result.bars],
         positions=[
             PositionRecord(**{**vars(each), "image": photographs[each.image]}) for each in result.positions

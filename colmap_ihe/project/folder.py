@@ -44,6 +44,7 @@ class Project:
         """A folder for each drawing."""
         self.report = root / "report"
         self.page_file = self.report / "index.html"
+        self.picture_file = self.report / "model.jpg"
         self.summary_file = self.report / "summary.json"
         self.calibration_file = self.report / "calibration.yaml"
         self.georeference_file = self.report / "georeference.json"

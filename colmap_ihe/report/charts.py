@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from colmap_ihe.photographs.png import encode_png
 from colmap_ihe.report.contents import Contents, Grey
 from colmap_ihe.report.embed import as_base64
+from colmap_ihe.report.survey_contents import Residuals
 
 WIDTH, HEIGHT = 640, 200  # of a chart, in units of its drawing
 _HIGHEST_SHARE = 99.5
@@ -62,6 +63,25 @@ def tones_chart(grey: Grey) -> TonesChart | None:
     top *= 1.08
     outlines = [_outline(np.minimum(each / top, 1)) for each in tones]
     return TonesChart(outlines[0], outlines[1] if len(outlines) > 1 else "", bool((tones > top).any()))
+
+
+def residuals_chart(residuals: Residuals) -> list[Bar]:
+    """Return a bar for each step of the residuals; each fifth is labelled by where it begins, in pixels."""
+    most, total, step = max(residuals.counts, default=0), sum(residuals.counts), WIDTH / len(residuals.counts)
+    if not most:
+        return []
+    last = len(residuals.counts) - 1
+    return [
+        Bar(
+            f"{number * residuals.step_px:g}{'+' if number == last else ''}",
+            count,
+            count / total,
+            number * step + 0.1 * step,
+            0.8 * step,
+            HEIGHT * count / most,
+        )
+        for number, count in enumerate(residuals.counts)
+    ]
 
 
 def tracks_chart(points_by_images: Mapping[int, int]) -> list[Bar]:

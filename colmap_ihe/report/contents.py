@@ -13,6 +13,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from colmap_ihe.report.survey_contents import SurveyBlock
 from colmap_ihe.report.tables import Table
 
 
@@ -45,15 +46,15 @@ class Cloud:
 class Surface:
     """Hold a mesh for the viewer, in the frame of the cloud.
 
-    `positions` and `normals` (V, 3) float32; `faces` (F, 3) int64, and `coarse_faces` on the same vertices, which are
-    drawn where there is no time for all. With a `texture`, `uv` (V, 2) float32 from its top
+    `positions` and `normals` (V, 3) float32; `faces` (F, 3) int64, and `coarser`: fewer and fewer on the same vertices,
+    which are drawn where there is no time for all. With a `texture`, `uv` (V, 2) float32 from its top
     left; without, `colours` (V, 3) uint8 sRGB. `faces_in_all`: of the mesh that it was cut from.
     """
 
     positions: NDArray[np.float32]
     normals: NDArray[np.float32]
     faces: NDArray[np.int64]
-    coarse_faces: NDArray[np.int64]
+    coarser: Sequence[NDArray[np.int64]]
     faces_in_all: int
     texture: Picture | None = None
     uv: NDArray[np.float32] | None = None
@@ -79,7 +80,8 @@ class CameraPose:
 
     `box` (4,): left, top, right, bottom of the part between the corners, in shares of the picture. `grid` (G, G, 2):
     where a lattice of its pixels lies, in steps of the edges from the top left corner to the right and down; None where
-    the lens does not distort. `picture`: the photograph, larger than its thumbnail.
+    the lens does not distort. `picture`: the photograph, larger than its thumbnail. `size`: width and height in pixels
+    of the photograph as it is stored.
     """
 
     name: str
@@ -88,6 +90,7 @@ class CameraPose:
     box: NDArray[np.float64] | Sequence[float] = (0.0, 0.0, 1.0, 1.0)
     grid: NDArray[np.float64] | None = None
     picture: Picture | None = None
+    size: tuple[int, int] = (1, 1)
 
 
 @dataclass(frozen=True)
@@ -143,8 +146,8 @@ class Grey:
 @dataclass(frozen=True)
 class LostColour:
     """Tell what detail in colour the grey loses, in words, and show it in the photograph `name` that loses most, if
-    there is anything to see: places that the chosen grey loses, those that COLMAP's default does, and the grey with
-    what the second adds to it, if there is one."""
+    there is anything to see: places that the chosen grey loses, those that COLMAP's default does, if that is another,
+    and the grey with what the second adds to it, if there is one."""
 
     in_words: str
     name: str = ""
@@ -231,7 +234,8 @@ class Contents:
     what their calibration brought, in words; `points_by_images`: points by the number of images that see them;
     `matches` (n, n): verified inliers between photographs, in the order of `photographs`; `options` as YAML;
     `methods_sentence`: for a methods section, with the citation; `survey_line`: scale and accuracy in words, with the
-    record of the `survey` where the model is metric; `drawings` of the project."""
+    record of the `survey` where the model is metric; `block`: the model as a surveyor asks for it; `drawings` of the
+    project; `point_names` of its control."""
 
     title: str
     result: str
@@ -257,4 +261,6 @@ class Contents:
     lost_colour: LostColour | None = None
     survey_line: str = ""
     survey: Mapping[str, Any] | None = None
+    point_names: Sequence[str] = ()
+    block: SurveyBlock | None = None
     drawings: Sequence[Drawing] = ()

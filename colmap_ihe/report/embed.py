@@ -58,13 +58,13 @@ def surface_data(surface: Surface) -> Markup:
     Each array is `packed`: positions in 65,536 steps of the extent, normals in 127 of their length, places on the
     texture in 16,384 of its sides. Vertices stand in the order in which the triangles need them: it compresses best.
     """
-    order, faces, coarse = _in_order_of_use(surface.faces, surface.coarse_faces)
+    order, rank = _in_order_of_use(surface.faces)
     steps, low, extent = _in_steps(surface.positions[order].astype(np.float64))
     data: dict[str, Any] = {
         "positions": packed(steps),
         "normals": packed(np.rint(127 * surface.normals[order].astype(np.float64)).astype(np.int64)),
-        "faces": packed(faces.ravel()),
-        "coarse": packed(coarse.ravel()),
+        "faces": packed(rank[surface.faces].ravel()),
+        "coarser": [packed(rank[faces].ravel()) for faces in surface.coarser],
         "low": low.tolist(),
         "extent": extent.tolist(),
     }
@@ -98,8 +98,9 @@ def _camera(camera: CameraPose, grids: dict[str, int]) -> dict[str, Any]:
     text = json.dumps([_numbers(row.ravel()) for row in grid])
     return {
         "name": camera.name,
-        "centre": _numbers(camera.centre),
-        "corners": [_numbers(k) for k in camera.corners],
+        "centre": _numbers(camera.centre, 9),
+        "corners": [_numbers(k, 9) for k in camera.corners],
+        "size": list(camera.size),
         "box": [float(v) for v in camera.box],
         "grid": grids.setdefault(text, len(grids)),
         "picture": data_uri(camera.picture) if camera.picture else None,
@@ -116,14 +117,14 @@ def _in_steps(
     return steps.astype(np.int64), low, extent
 
 
-def _in_order_of_use(faces: _Rows, coarse: _Rows) -> tuple[_Rows, _Rows, _Rows]:
-    """Return the vertices (V,) that faces (F, 3) use, in the order of their first use, and both lists of faces with the
-    vertices counted in that order. `coarse` uses no others."""
+def _in_order_of_use(faces: _Rows) -> tuple[_Rows, _Rows]:
+    """Return the vertices (V,) that faces (F, 3) use, in the order of their first use, and the place in that order of
+    each vertex that is used."""
     used, first = np.unique(faces.ravel(), return_index=True)
     order = used[np.argsort(first)]
     rank = np.zeros(int(used.max(initial=0)) + 1, np.int64)
     rank[order] = np.arange(len(order))
-    return order, rank[faces], rank[coarse]
+    return order, rank
 
 
 def script_json(value: object) -> Markup:
@@ -150,5 +151,5 @@ def as_base64(data: bytes) -> str:
     return base64.b64encode(data).decode("ascii")
 
 
-def _numbers(values: NDArray[np.floating[Any]]) -> list[float]:
-    return [float(f"{v:.6g}") for v in values]
+def _numbers(values: NDArray[np.floating[Any]], digits: int = 8) -> list[float]:
+    return [float(f"{v:.{digits}g}") for v in values]

@@ -11,7 +11,7 @@ from importlib import resources
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
-from colmap_ihe.report import cameras, charts, survey
+from colmap_ihe.report import cameras, charts, overlap, survey
 from colmap_ihe.report.contents import BatchContents, Comparison, Contents
 from colmap_ihe.report.embed import cloud_data, data_uri, scene_data, surface_data
 
@@ -85,6 +85,9 @@ def _environment() -> Environment:
     environment.globals.update(
         tones_chart=charts.tones_chart,
         tracks_chart=charts.tracks_chart,
+        residuals_chart=charts.residuals_chart,
+        map_drawing=overlap.map_drawing,
+        plan_drawing=overlap.plan_drawing,
         match_picture=charts.match_picture,
         lens_charts=cameras.lens_charts,
     )

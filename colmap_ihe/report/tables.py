@@ -100,15 +100,17 @@ def _photographs(summary: Mapping[str, Any]) -> str:
     return f"{summary['images']}" + (f", {left_out} left out" if left_out else "")
 
 
-def lost_in_words(summary: Mapping[str, Any]) -> str:
-    """Return a sentence on the detail that shows in colour and not in grey; `summary` holds
-    `colour_detail_lost_percent`."""
+def lost_in_words(summary: Mapping[str, Any], compared: bool = True) -> str:
+    """Return a sentence on the detail that shows in colour and not in grey, and if `compared`, in COLMAP's default;
+    `summary` holds `colour_detail_lost_percent`."""
     lost = summary["colour_detail_lost_percent"]
-    default = "COLMAP's default grey" if summary["method"] != "rec709" else "Rec.709 of the colours"
-    return (
-        f"In {lost['grey']:.2f} % of the places with detail the grey keeps less than 0.3 of what colour shows;"
-        f" {default} in {lost['rec709']:.2f} %."
+    said = (
+        f"In {lost['grey']:.2f} % of the places with detail the grey keeps less than 0.3 of what colour shows"
     )
+    if not compared:
+        return f"{said}."
+    default = "COLMAP's default grey" if summary["method"] != "rec709" else "Rec.709 of the colours"
+    return f"{said}; {default} in {lost['rec709']:.2f} %."
 
 
 def second_in_words(second: Mapping[str, Any]) -> str:

@@ -21,8 +21,8 @@ Metres3 = tuple[float, float, float]
 class PointAccuracy:
     """Describe one named point. `role`: control, check, or `seen` for one without coordinates. `delta_m`: where the
     photographs show it less where it was surveyed, x y z; `deviation_m`: the standard deviations expected of that;
-    `sights` photographs show it, `error_px` the root mean square of their residuals. `used`: whether it took part;
-    `reason`: why not, or why there is no delta."""
+    `sights` photographs show it, `error_px` the root mean square of their residuals, along one axis, and
+    `residuals_px` the lengths of these. `used`: whether it took part; `reason`: why not, or why there is no delta."""
 
     name: str
     role: str
@@ -33,6 +33,7 @@ class PointAccuracy:
     error_px: float | None
     used: bool
     reason: str = ""
+    residuals_px: tuple[float, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -101,6 +102,7 @@ def points_of(
                 float(np.sqrt(np.mean(np.sum(np.square(residuals), axis=1)) / 2)) if residuals else None,
                 bool(point and point.role == "control" and located is not None and name not in out),
                 reason,
+                tuple(float(np.hypot(*residual)) for residual in residuals),
             )
         )
     return results

@@ -129,3 +129,15 @@ def test_mesh_files_go_round(tmp_path: Path) -> None:
         (tmp_path / "broken.ply").write_bytes(broken)
         with pytest.raises(ProjectError, match="cannot be read as a binary PLY file"):
             read_ply(tmp_path / "broken.ply")
+
+
+def test_the_cells_of_all_depths_are_counted_at_once() -> None:
+    points = np.random.default_rng(3).normal(size=(4000, 3)).astype(np.float32) * (4, 2, 0.1)
+    points = points.astype(np.float32)
+    expected = {
+        depth: len(np.unique(surface._cells(points, surface._cells_per_unit(points, depth))))
+        for depth in (5, 8, 13)
+    }
+    counted = surface._occupied(points)
+    assert {depth: counted[depth] for depth in expected} == expected
+    assert expected[5] < expected[8] < expected[13]

@@ -9,6 +9,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
+from synthetic import coded
 
 from colmap_ihe.cli import main
 from colmap_ihe.errors import NativeError
@@ -24,6 +26,7 @@ from colmap_ihe.pipeline.summary import summarise
 from colmap_ihe.project.folder import Project
 from colmap_ihe.project.options import Options
 from colmap_ihe.report.contents import Contents
+from colmap_ihe.report.pictures import rec709
 
 Make = Callable[..., Path]
 MakeOptions = Callable[..., Options]
@@ -41,7 +44,7 @@ def contents_of(project: Path, options: Options) -> Contents:
 def test_a_page_shows_the_whole_project(finished: Path, quick_options: MakeOptions) -> None:
     html = (finished / "report/index.html").read_text()
     assert "portico_01" in html
-    assert "8 of 8 photographs are registered" in html
+    assert "All photographs are registered." in html and "8 registered of 8" in html
     assert '<h2 id="cameras-heading">Cameras</h2>' in html and '<a href="calibration.yaml">' in html
     found = contents_of(finished, quick_options())
     assert found.calibration.startswith("Points that the calibration did not see are off by 0.")
@@ -77,9 +80,26 @@ def test_a_grey_is_compared_with_the_default_and_measured_once(
     assert found.grey is not None
     assert len(found.grey.tones_rec709) == 256
     assert all(pair.default is not None for pair in found.pairs)
+    assert found.lost_colour is not None and "default grey in" in found.lost_colour.in_words
     figures = re.findall(r"[\d,]+ verified matches", (project / "report/index.html").read_text())
     measured = json.loads((project / "report/summary.json").read_text())["tried"]["candidates"]["blue"]
     assert set(figures) == {f"{measured['inliers']:,} verified matches"}
+
+
+def look(grey: NDArray[np.uint8], colour: NDArray[np.uint8]) -> pages._Look:
+    none = np.zeros(256, np.int64)
+    return pages._Look("one", coded(colour, "a photograph"), None, colour, grey, none, none)
+
+
+def test_greys_that_no_eye_can_tell_from_the_default_do_not_differ() -> None:
+    colour = np.full((20, 30, 3), 100, np.uint8)
+    default = rec709(colour)
+    assert not pages._differs([])
+    assert not pages._differs([look(default, colour)])
+    half = default.copy()
+    half[::2] += 1
+    assert not pages._differs([look(half, colour)])
+    assert pages._differs([look(half + np.uint8(1), colour)])
 
 
 def test_the_default_is_not_compared_with_itself(new_project: Make, quick_options: MakeOptions) -> None:
@@ -91,6 +111,8 @@ def test_the_default_is_not_compared_with_itself(new_project: Make, quick_option
     assert (len(found.grey.tones_chosen), len(found.grey.tones_rec709), found.sliders) == (256, 0, [])
     assert found.pairs and all(pair.default is None for pair in found.pairs)
     assert "minus Rec.709" not in (project / "report/index.html").read_text()
+    assert found.lost_colour is not None and "Rec.709" not in found.lost_colour.in_words
+    assert found.lost_colour.by_default is None
     assert found.citation == ""
 
 

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import base64
 import dataclasses
 import re
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
-from batch_contents import contents
+from batch_contents import contents, thumbnail
 from html_elements import HOSTILE, Elements
 
 from colmap_ihe.batch.folder import BatchFolder
@@ -81,6 +82,9 @@ def test_figures_are_as_a_person_reads_them() -> None:
         ("left out", "1"),
         ("time", "2 min 30 s"),
     ]
+    metric = dataclasses.replace(one, figures=FIGURES | {"check_rms_mm": 2.59}, metric_by="control_points")
+    assert facts_of(metric)[2:4] == [("metres by", "control points"), ("check points", "2.6 mm RMS")]
+    assert facts_of(dataclasses.replace(one, metric_by="magic")) == facts_of(one)
     assert facts_of(ProjectState("a", "waiting", photographs=7)) == [("photographs", "7")]
     assert facts_of(ProjectState("a", "waiting")) == []
 
@@ -99,6 +103,17 @@ def test_json_has_what_the_records_say(folder: BatchFolder) -> None:
     assert (other["registered_images"], other["seconds"], other["stages"]) == (None, None, {})
     assert "about 90 s left" in state(folder, "running").in_words()
     assert "watching for more" in dataclasses.replace(state(folder, "watching"), remaining_s=None).in_words()
+
+
+def test_a_finished_project_is_shown_by_its_model(folder: BatchFolder) -> None:
+    project = Project.at(folder.root / "arch")
+    jpeg = thumbnail().jpeg
+    project.picture_file.write_bytes(jpeg)
+    Project.at(folder.root / "b%20c?d#e").picture_file.write_bytes(b"no picture")
+    publish(folder, state(folder), {"b%20c?d#e": thumbnail("a photograph")})
+    shown = {a["alt"]: a["src"] for tag, a in Elements(folder.page_file.read_text()).tags if tag == "img"}
+    assert set(shown) == {"the model of arch", "a photograph"}
+    assert (shown["the model of arch"] or "").endswith(base64.b64encode(jpeg).decode())
 
 
 def test_a_name_that_is_not_utf8_can_be_written(folder: BatchFolder) -> None:

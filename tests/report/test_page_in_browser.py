@@ -7,6 +7,7 @@ import io
 import json
 import re
 from collections.abc import Callable, Iterator
+from contextlib import closing
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -91,14 +92,14 @@ def test_the_model_is_drawn(page: Page, scheme: str, mode: str) -> None:
     page.emulate_media(color_scheme="dark" if scheme == "dark" else "light")
     page.locator(f"[data-mode={mode}]").check()
     page.wait_for_timeout(500)
-    drawn = pixels(page.locator("canvas"))
+    drawn = pixels(page.locator(".stage canvas"))
     background = drawn[200, 4]
     assert (np.abs(drawn.astype(int) - background).max(axis=2) > 20).mean() > 0.03
     assert (background > 128).all() == (scheme == "light")
 
 
 def test_keys_and_choices_change_the_picture(page: Page) -> None:
-    canvas = page.locator("canvas")
+    canvas = page.locator(".stage canvas")
     canvas.focus()
     seen = {"": pixels(canvas)}
     acts: dict[str, Callable[[], object]] = {
@@ -128,7 +129,7 @@ def test_keys_and_choices_change_the_picture(page: Page) -> None:
 
 
 def test_home_comes_back(page: Page) -> None:
-    canvas = page.locator("canvas")
+    canvas = page.locator(".stage canvas")
     canvas.focus()
     before = pixels(canvas)
     for key in ("ArrowLeft", "ArrowUp", "-", "Home"):
@@ -139,7 +140,7 @@ def test_home_comes_back(page: Page) -> None:
 
 def test_nothing_is_drawn_while_nothing_changes(page: Page) -> None:
     page.evaluate(
-        "window.drawn = 0; document.querySelector('canvas').addEventListener('drawn', () => { window.drawn++ })"
+        "window.drawn = 0; document.querySelector('.stage canvas').addEventListener('drawn', () => { window.drawn++ })"
     )
     page.wait_for_timeout(600)
     assert page.evaluate("window.drawn") == 0
@@ -147,7 +148,7 @@ def test_nothing_is_drawn_while_nothing_changes(page: Page) -> None:
 
 def picked(page: Page, *places: tuple[float, float]) -> None:
     """Click places of the canvas, in shares of it."""
-    canvas = page.locator("canvas")
+    canvas = page.locator(".stage canvas")
     box = canvas.bounding_box()
     assert box is not None
     for x, y in places:
@@ -223,8 +224,35 @@ def test_a_known_distance_gives_the_scale_and_the_address_keeps_it(page: Page) -
     assert saved(page)["metres_per_unit"] == pytest.approx(2.5 / units, rel=1e-4)
 
 
+def test_a_metric_model_is_measured_in_metres(browser: Browser, tmp_path: Path) -> None:
+    """No scale can be entered, and none is taken from the address: it has one."""
+    made = synthetic_contents(3000, 4)
+    assert made.frame is not None
+    metric = dataclasses.replace(made, frame=dataclasses.replace(made.frame, metric=True))
+    (tmp_path / "page.html").write_text(render_page(metric), encoding="utf-8")
+    it = Opened(browser, f"{(tmp_path / 'page.html').as_uri()}#metres_per_unit=7")
+    open_tools(it.page)
+    it.page.locator("[data-tool=distance]").click()
+    picked(it.page, (0.35, 0.5), (0.6, 0.5))
+    it.page.locator("[data-tool=area]").click()
+    picked(it.page, (0.4, 0.3), (0.6, 0.3), (0.6, 0.5))
+    it.page.locator("[data-part=finish]").click()
+    it.page.locator("[data-tool=point]").click()
+    picked(it.page, (0.5, 0.5))
+    distance, area, point = it.page.locator("[data-part=measured] li").all_inner_texts()
+    content = saved(it.page)
+    length = np.linalg.norm(np.diff(content["items"][0]["points"], axis=0))
+    assert distance.startswith("Distance: ") and f"{length:.4g}"[:4] in distance and " m, height" in distance
+    assert " m², around it " in area and re.fullmatch(r"Point: X .*, Y .*, Z 30(\.0+)? m", point)
+    assert content["metres_per_unit"] == 1
+    assert not it.page.locator("[data-part=known]").is_visible()
+    assert "Lengths are in metres." in it.page.locator("section.wide").inner_text()
+    assert not it.errors
+    it.page.close()
+
+
 def test_the_section_box_cuts_the_model_and_what_is_picked(page: Page) -> None:
-    canvas = page.locator("canvas")
+    canvas = page.locator(".stage canvas")
     open_tools(page)
     before = pixels(canvas).astype(int)
 
@@ -266,7 +294,7 @@ def test_a_picture_is_saved_and_the_screen_is_filled(page: Page) -> None:
     assert picture.shape[0] > 300 and picture.std() > 20
     page.locator("[data-part=screen]").click()
     page.wait_for_timeout(600)
-    box = page.locator("canvas").bounding_box()
+    box = page.locator(".stage canvas").bounding_box()
     assert (
         box is not None and box["width"] > 1000 and page.evaluate("document.fullscreenElement.id") == "viewer"
     )
@@ -279,7 +307,7 @@ def test_without_a_mesh_points_are_drawn(browser: Browser, tmp_path: Path) -> No
     it = Opened(browser, (tmp_path / "page.html").as_uri())
     it.still()
     assert it.page.locator("[data-mode]").count() == 3
-    drawn = pixels(it.page.locator("canvas")).astype(int)
+    drawn = pixels(it.page.locator(".stage canvas")).astype(int)
     assert (np.abs(drawn - drawn[200, 4]).max(axis=2) > 60).mean() > 0.1
     open_tools(it.page)
     it.page.locator("[data-tool=point]").click()
@@ -298,7 +326,7 @@ def test_vertex_colours_are_drawn_as_they_are(browser: Browser, tmp_path: Path) 
     it = Opened(browser, (tmp_path / "page.html").as_uri())
     it.page.locator("[data-side=front]").click()
     it.page.wait_for_timeout(500)
-    drawn = pixels(it.page.locator("canvas")).astype(int)[250:350, 400:600]
+    drawn = pixels(it.page.locator(".stage canvas")).astype(int)[250:350, 400:600]
     assert np.abs(drawn - [200, 60, 20]).max() <= 3
     assert not it.errors
     it.page.close()
@@ -306,7 +334,7 @@ def test_vertex_colours_are_drawn_as_they_are(browser: Browser, tmp_path: Path) 
 
 def test_the_mesh_looks_like_the_photograph_from_its_camera(page: Page) -> None:
     """Mean difference of colour, where the mesh is; half a percent of the picture aside more than doubles it."""
-    canvas = page.locator("canvas")
+    canvas = page.locator(".stage canvas")
     page.locator("[data-part=from]").select_option("3")
     page.locator("[data-part=fade]").fill("1")
     page.wait_for_timeout(500)
@@ -365,6 +393,20 @@ def test_paper_shows_what_is_folded(page: Page) -> None:
     assert page.pdf().startswith(b"%PDF")
 
 
+def test_paper_is_filled_and_shows_the_charts(page: Page) -> None:
+    pdfium = pytest.importorskip("pypdfium2", reason="pypdfium2 is not installed")
+    with closing(pdfium.PdfDocument(page.pdf(format="A4", prefer_css_page_size=True))) as document:
+        sheets = [sheet.render(scale=0.5).to_numpy()[..., :3] for sheet in document]
+    assert 5 < len(sheets) < 20
+    edge = 16 / 297  # the margin of @page
+    for sheet in sheets[:-1]:
+        last = np.flatnonzero((sheet < 200).any(axis=(1, 2))).max() / len(sheet)
+        assert (last - edge) / (1 - 2 * edge) > 0.5
+    page.emulate_media(media="print")
+    assert page.locator(".chart rect.bar:visible").count() > 10
+    page.emulate_media(media="screen")
+
+
 def test_paper_shows_every_photograph_and_pair(page: Page) -> None:
     page.emulate_media(media="print")
     page.evaluate("dispatchEvent(new Event('beforeprint'))")
@@ -393,7 +435,7 @@ def test_fingers_turn_and_pinch(browser: Browser, address: str) -> None:
     page = context.new_page()
     page.goto(address)
     page.wait_for_timeout(700)
-    canvas = page.locator("canvas")
+    canvas = page.locator(".stage canvas")
     canvas.scroll_into_view_if_needed()
     box = canvas.bounding_box()
     assert box is not None
@@ -430,6 +472,6 @@ def test_without_webgl_a_sentence_stands_there(browser: Browser, address: str) -
     it.page.add_init_script("HTMLCanvasElement.prototype.getContext = () => null")
     it.page.goto(address)
     assert "WebGL is missing" in it.page.locator("#no-viewer").inner_text()
-    assert not it.page.locator("canvas").is_visible()
+    assert not it.page.locator(".stage canvas").is_visible()
     assert not it.errors
     it.page.close()

@@ -23,6 +23,7 @@ from colmap_ihe.report.contents import (
     Slider,
     Surface,
 )
+from colmap_ihe.report.survey_contents import CameraPlan, OverlapMap, Residuals, SurveyBlock, Verdict
 
 _WEIGHTS = (0.61, 0.34, 0.05)
 coded = partial(pictures.picture, longest=960)
@@ -78,7 +79,7 @@ def facade_cloud(points: int) -> Cloud:
 
 
 def facade_surface(across: int = 60) -> Surface:
-    """The facade as a flat mesh 12 by 8 units at z = 0, textured; its coarse triangles are four times as large."""
+    """The facade as a flat mesh 12 by 8 units at z = 0, textured, and with triangles four and 16 times as large."""
     down = 2 * across // 3
     rows, columns = np.mgrid[0 : down + 1, 0 : across + 1]
     u, v = columns.ravel() / across, rows.ravel() / down
@@ -89,7 +90,7 @@ def facade_surface(across: int = 60) -> Surface:
         positions,
         normals,
         _squares(number),
-        _squares(number[::2, ::2]),
+        [_squares(number[::2, ::2]), _squares(number[::4, ::4])],
         4 * across * down,
         texture=coded(facade_picture(1200, 800), "texture"),
         uv=np.stack([u, v], axis=1).astype(np.float32),
@@ -212,6 +213,7 @@ def synthetic_contents(points: int = 20_000, photographs: int = 24, hostile: str
         versions={"colmap-ihe": "0.1.0", "pycolmap": "4.2.0", f"opencv{hostile}": "5.0.0"},
         options=f"fit:\n  method: decolorize{hostile}\n  step: 0.01\ndense:\n  max_image_size: 2000\n",
         methods_sentence=f"{hostile}Photographs were made grey with one set of weights, fitted to the whole set.",
+        block=_block(names, hostile),
         drawings=[
             Drawing(
                 f"{hostile}north {number}",
@@ -225,6 +227,33 @@ def synthetic_contents(points: int = 20_000, photographs: int = 24, hostile: str
             for number in range(2)
         ],
         citation=f"{hostile}A. Author, B. Author (2025). One grey for a whole set. Journal of Surveying 12, 3.",
+    )
+
+
+def _block(names: list[str], hostile: str) -> SurveyBlock:
+    """A wall of 30 by 20 places that fewer photographs see at its sides, and a row of cameras."""
+    cells = np.stack([n.ravel() for n in np.meshgrid(np.arange(30), np.arange(20), indexing="ij")], axis=1)
+    seen = np.minimum(cells[:, 0], 29 - cells[:, 0]) + 1
+    centres = np.stack([np.linspace(0, 12, len(names)), np.full(len(names), -9.0)], axis=1)
+    return SurveyBlock(
+        Verdict(
+            "fair",
+            "This model is usable, with care.",
+            f"It is sound{hostile}.",
+            [f"add {hostile}photographs"],
+        ),
+        [("photographs", f"23 registered of 24{hostile}"), (f"taken{hostile}", "2026-05-01")],
+        [OverlapMap("from the front", cells, seen, seen == 3)],
+        "0.41 m",
+        CameraPlan(
+            "from above",
+            cells.astype(np.float64) * 0.4,
+            0.4,
+            centres,
+            np.tile((0.0, 1.0), (len(names), 1)),
+            names,
+        ),
+        [Residuals(f"points{hostile}", [50, 30, 15, 5], 0.2, 0.2, 0.55)],
     )
 
 

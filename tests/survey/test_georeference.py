@@ -60,6 +60,9 @@ def test_check_points_are_as_good_as_the_covariance_says_and_the_bent_model_is_s
     assert expected is not None
     assert 0.4 < check / expected < 1.3
     assert all(not point.used for point in result.points if point.role == "check")
+    for point in result.points:
+        assert len(point.residuals_px) == point.sights > 1
+        assert point.error_px == pytest.approx((np.mean(np.square(point.residuals_px)) / 2) ** 0.5)
     monkeypatch.setattr(module, "MOST_IMAGES", 1)
     moved, _ = result_of(block, survey)
     assert not moved.adjusted

@@ -5,7 +5,7 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
-from colmap_ihe.dense.camera import Float32, PinholeCamera, UInt8
+from colmap_ihe.dense.camera import Float32, Float64, Int32, PinholeCamera, UInt8
 from colmap_ihe.dense.texture.bake import sample
 from colmap_ihe.dense.texture.mesh import Mesh
 
@@ -34,3 +34,25 @@ def doubted(quality: Float32, colour: UInt8) -> Float32:
     most = np.maximum(np.float32(_MOST_LEVELS), _MOST_SPREAD * np.nanmedian(away, axis=1, keepdims=True))
     result[rows] = np.where(away > most, -quality[rows], quality[rows])
     return result
+
+
+def agreed_colours(quality: Float32, colour: UInt8) -> Float32:
+    """Return (F, 3) float32: the median colour of a face in the views of positive `quality` (F, K), whose `colour`
+    (F, K, 3) is; NaN where less than three show it."""
+    clear = quality > 0
+    rows = np.flatnonzero(clear.sum(axis=1) >= _LEAST_VIEWS)
+    result = np.full((len(quality), 3), np.nan, np.float32)
+    values = np.where(clear[rows, :, None], colour[rows].astype(np.float32), np.nan)
+    result[rows] = np.nanmedian(values, axis=1)
+    return result
+
+
+def at_corners(faces: Int32, count: int, of_faces: Float32) -> Float64:
+    """Return (`count`, 3) float64 for corners: the mean of what `of_faces` (F, 3) says of the `faces` (F, 3) around it,
+    without those of NaN; NaN where there is none."""
+    known = np.flatnonzero(np.isfinite(of_faces).all(axis=1))
+    corners = faces[known].ravel()
+    shares = np.bincount(corners, minlength=count)
+    sums = [np.bincount(corners, np.repeat(values, 3), count) for values in of_faces[known].T]
+    with np.errstate(invalid="ignore"):
+        return np.asarray(np.stack(sums, axis=1) / shares[:, None])

@@ -3,8 +3,9 @@
 What photographs of different exposure, or of different angles to the light, show of one place is made alike where they
 meet, and changes smoothly away from there. Waechter, Moehrle and Goesele 2014 ("Let There Be Color!"), section 4.2,
 after Lempitsky and Ivanov 2007: one offset for each corner of the cut mesh, so that the sums of colour and offset agree
-on both sides of each seam and offsets of neighbours differ little. Solved by conjugate gradients with a diagonal
-preconditioner.
+on both sides of each seam and offsets of neighbours differ little. Over many seams such offsets add up to colours that
+no photograph shows, so each is drawn a little to what the photographs of the place agree on. Solved by conjugate
+gradients with a diagonal preconditioner.
 """
 
 from __future__ import annotations
@@ -18,15 +19,17 @@ from colmap_ihe.dense.texture.atlas import Patches
 
 _SMOOTH = 0.1  # weight of the difference between neighbours in a patch; of Waechter's lambda, the inverse
 _REST = 1e-4  # weight of an offset itself, which holds the mean
+_DRAWN = 1e-3  # the same, of its distance from where photographs agree: over some ten vertices, so that seams stay shut
 _HELD = 1e4  # the same, of a corner that is to stay
 _TOLERANCE, _ROUNDS = 3e-4, 600
 
 
-def seam_offsets(patches: Patches, colours: Float64, seen: Bool) -> Float64:
+def seam_offsets(patches: Patches, colours: Float64, seen: Bool, agreed: Float64) -> Float64:
     """Return (P, 3) float64: what to add to the colours of each corner of the cut mesh.
 
     `colours` (P, 3) are those of its photograph there; `seen` (P,) is False where no photograph shows it: such a corner
-    follows its neighbours, and does not draw them.
+    follows its neighbours, and does not draw them. `agreed` (P, 3) are the colours by all photographs there, from which
+    the levelled ones are not to drift away; NaN where that is not known.
     """
     if colours.shape != (len(patches.vertex), 3):
         raise ValueError(f"{colours.shape=}, expected ({len(patches.vertex)}, 3)")
@@ -37,7 +40,11 @@ def seam_offsets(patches: Patches, colours: Float64, seen: Bool) -> Float64:
     difference = np.zeros((len(ends), 3))
     difference[: len(seams)] = colours[seams[:, 1]] - colours[seams[:, 0]]
     both = np.asarray(seen[ends].all(axis=1))
-    offsets = _levelled(patches, ends, difference, is_seam, both, np.full((len(colours), 1), _REST))
+    known = seen & np.isfinite(agreed).all(axis=1)
+    goal = np.where(known[:, None], agreed - colours, 0.0)
+    rest = np.where(known, _DRAWN, _REST)[:, None]
+    to_go = difference - (goal[ends[:, 0]] - goal[ends[:, 1]])
+    offsets = goal + _levelled(patches, ends, to_go, is_seam, both, rest)
     left = difference - (offsets[ends[:, 0]] - offsets[ends[:, 1]])
     held = np.where(seen, _HELD, _REST)[:, None]
     followed = _levelled(patches, ends, left, is_seam, ~both, held)
@@ -63,9 +70,15 @@ def _solve(ends: Int64, weight: Float64, difference: Float64, rest: Float64, sta
     `weight` (E, 1), and zero of each by `rest` (N, 1)."""
     count = len(start)
     diagonal = rest + np.bincount(ends.ravel(), np.repeat(weight, 2), count)[:, None]
+    first, second = np.ascontiguousarray(ends.T)  # read once a round
+    weights = np.ascontiguousarray(weight[:, 0])
 
     def times(offsets: Float64) -> Float64:
-        return rest * offsets + _scatter(ends, weight * (offsets[ends[:, 0]] - offsets[ends[:, 1]]), count)
+        sums = np.empty_like(offsets)
+        for k, column in enumerate(np.ascontiguousarray(offsets.T)):
+            pull = weights * (column[first] - column[second])
+            sums[:, k] = np.bincount(first, pull, count) - np.bincount(second, pull, count)
+        return rest * offsets + sums
 
     return _conjugate_gradients(times, _scatter(ends, weight * difference, count), diagonal, start)
 
@@ -99,16 +112,21 @@ def _conjugate_gradients(
     rest = target - times(start)
     scaled = rest / diagonal
     direction = scaled.copy()
-    energy = (rest * scaled).sum(axis=0)
+    energy = _products(rest, scaled)
     goal = _TOLERANCE**2 * np.maximum((target**2 / diagonal).sum(axis=0), 1e-30)
     for _ in range(_ROUNDS):
         if (energy <= goal).all():
             break
         image = times(direction)
-        step = energy / np.maximum((direction * image).sum(axis=0), 1e-300)
+        step = energy / np.maximum(_products(direction, image), 1e-300)
         solution += step * direction
         rest -= step * image
         scaled = rest / diagonal
-        before, energy = energy, (rest * scaled).sum(axis=0)
+        before, energy = energy, _products(rest, scaled)
         direction = scaled + energy / np.maximum(before, 1e-300) * direction
     return solution
+
+
+def _products(a: Float64, b: Float64) -> Float64:
+    """Return (3,), the scalar products of the columns of two (N, 3)."""
+    return np.asarray(np.einsum("nk,nk->k", a, b))

@@ -31,8 +31,10 @@ def covered(corners: Float64, size: tuple[int, int]) -> Iterator[Covered]:
     width, height = size
     sound: Bool = np.asarray(np.isfinite(corners).all(axis=(1, 2)))
     bounded = np.clip(np.where(sound[:, None, None], corners, 0), -1e6, 1e6)
-    low = np.clip(np.ceil(bounded.min(axis=1) - 0.5), 0, (width, height)).astype(np.int64)
-    high = np.clip(np.floor(bounded.max(axis=1) - 0.5) + 1, 0, (width, height)).astype(np.int64)
+    a, b, c = (bounded[:, k] for k in range(3))
+    least, most = np.minimum(np.minimum(a, b), c), np.maximum(np.maximum(a, b), c)
+    low = np.clip(np.ceil(least - 0.5), 0, (width, height)).astype(np.int64)
+    high = np.clip(np.floor(most - 0.5) + 1, 0, (width, height)).astype(np.int64)
     span = np.maximum(high - low, 0) * sound[:, None]
     count = span[:, 0] * span[:, 1]
     faces = np.flatnonzero(count)
@@ -47,21 +49,22 @@ def covered(corners: Float64, size: tuple[int, int]) -> Iterator[Covered]:
 
 def _inside(corners: Float64, faces: Int64, low: Int64, span: Int64, count: Int64, width: int) -> Covered:
     """Return those pixels in the boxes of `faces` that are inside the triangles."""
-    face = np.repeat(faces, count[faces])
-    starts = np.repeat(np.cumsum(count[faces]) - count[faces], count[faces])
-    row, column = np.divmod(np.arange(len(face)) - starts, span[face, 0])
-    column, row = column + low[face, 0], row + low[face, 1]
-    a, b, c = (corners[:, k] for k in range(3))
+    number = np.repeat(np.arange(len(faces)), count[faces])
+    starts = np.cumsum(count[faces]) - count[faces]
+    row, column = np.divmod(np.arange(len(number)) - starts[number], span[faces, 0][number])
+    column, row = column + low[faces, 0][number], row + low[faces, 1][number]
+    a, b, c = (corners[faces, k] for k in range(3))
     double_area = _cross(b - a, c - a)
     with np.errstate(divide="ignore", invalid="ignore"):
-        scale = np.where(double_area == 0, np.nan, 1 / double_area)[face]
-    point = np.stack((column + 0.5, row + 0.5), axis=1) - a[face]
-    second = _cross(point, (c - a)[face]) * scale
-    third = _cross((b - a)[face], point) * scale
+        scale = np.where(double_area == 0, np.nan, 1 / double_area)[:, None]
+        (b_x, b_y), (c_x, c_y) = ((b - a) * scale).T, ((c - a) * scale).T
+    x, y = column + 0.5 - a[:, 0][number], row + 0.5 - a[:, 1][number]
+    second = x * c_y[number] - y * c_x[number]
+    third = b_x[number] * y - b_y[number] * x
     first = 1 - second - third
-    inside = (first >= _INSIDE) & (second >= _INSIDE) & (third >= _INSIDE)
+    inside = np.flatnonzero((first >= _INSIDE) & (second >= _INSIDE) & (third >= _INSIDE))
     weights = np.stack((first[inside], second[inside], third[inside]), axis=1)
-    return Covered((row * width + column)[inside], face[inside], weights)
+    return Covered(row[inside] * width + column[inside], faces[number[inside]], weights)
 
 
 def barycentric(a: Float64, b: Float64, c: Float64, point: Float64) -> Float64:
@@ -91,7 +94,7 @@ def depth_picture(pixels: Float64, depths: Float64, size: tuple[int, int]) -> Fl
     with np.errstate(divide="ignore"):
         corner_inverse = 1 / depths
     for part in covered(pixels, size):
-        value = (corner_inverse[part.face] * part.weights).sum(axis=1).astype(np.float32)
+        value = np.einsum("nk,nk->n", corner_inverse[part.face], part.weights).astype(np.float32)
         np.maximum.at(inverse, part.pixel, value)
     with np.errstate(divide="ignore"):
         return np.asarray(1 / inverse, np.float32).reshape(size[1], size[0])

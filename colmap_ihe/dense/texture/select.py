@@ -98,17 +98,19 @@ def _seen(corners: Float32, view: PinholeCamera, nearest: Float32) -> tuple[Bool
     off that in the picture.
     """
     width, height = view.size
-    farthest = cv2.dilate(nearest, np.ones((3, 3), np.uint8))
-    closest = cv2.erode(nearest, np.ones((_MARGIN_PX, _MARGIN_PX), np.uint8))
+    farthest = cv2.dilate(nearest, np.ones((3, 3), np.uint8)).ravel()
+    closest = cv2.erode(nearest, np.ones((_MARGIN_PX, _MARGIN_PX), np.uint8)).ravel()
     seen, clear = np.ones((2, len(corners)), bool)
+    by_corner = np.ascontiguousarray(view.homogeneous(corners).transpose(2, 1, 0))
     for weights in _SAMPLES:
-        pixels, depth = view.project(np.einsum("k,fkc->fc", weights, corners))
-        with np.errstate(invalid="ignore"):
-            column, row = np.floor(pixels).T
-            inside = (column >= 1) & (row >= 1) & (column < width - 1) & (row < height - 1)
-        column, row = (np.where(inside, v, 0).astype(np.intp) for v in (column, row))
-        seen &= inside & (depth < (1 + _BEHIND) * farthest[row, column])
-        clear &= closest[row, column] > (1 - _BEFORE) * depth
+        # homogeneous pixels of a point in a face are the same mean of its corners' as the point
+        across, down, depth = (sum(w * v for w, v in zip(weights, c, strict=True) if w) for c in by_corner)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            column, row = np.floor(across / depth), np.floor(down / depth)
+            inside = (depth > 0) & (column >= 1) & (row >= 1) & (column < width - 1) & (row < height - 1)
+        place = np.where(inside, row * width + column, 0).astype(np.intp)
+        seen &= inside & (depth < (1 + _BEHIND) * farthest[place])
+        clear &= closest[place] > (1 - _BEFORE) * depth
     return seen, clear
 
 

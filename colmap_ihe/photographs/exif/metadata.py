@@ -46,7 +46,8 @@ class Metadata:
     """Hold what a photograph says of itself. `exif` is a TIFF structure to write into another file, or empty; lengths
     are in millimetres, `exposure_s` in seconds, 0 where unknown; `pixels_per_mm` is the resolution on the sensor;
     `serial` is the camera's; `profile` names the colours of its RGB numbers; `problem` says in a few words what could
-    not be read; `projection` of a panorama, as "equirectangular", empty for a photograph through one lens."""
+    not be read; `projection` of a panorama, as "equirectangular", empty for a photograph through one lens; `taken`:
+    when, as EXIF writes it."""
 
     exif: bytes = b""
     make: str = ""
@@ -65,6 +66,7 @@ class Metadata:
     pages: int = 1
     problem: str = ""
     projection: str = ""
+    taken: str = ""
 
 
 def read_metadata(path: Path, kind: str) -> Metadata:
@@ -110,6 +112,7 @@ def describe(block: bytes, other: Metadata | None = None) -> Metadata:
         serial=_text(shot.get(Tag.SERIAL)),
         orientation=orientation if orientation in range(1, 9) else 1,
         has_gps=blocks.has_fix(directories.gps),
+        taken=_text(shot.get(Tag.TAKEN)),
     )
 
 

@@ -39,7 +39,8 @@ def _require_recipe(values: dict[str, Any]) -> dict[str, Any]:
 
 
 class CapturesRecord(StageRecord):
-    """Count the photographs that can be used; `pixels` of all, `largest` of one; `recipes` by photograph."""
+    """Count the photographs that can be used; `pixels` of all, `largest` of one; `recipes` by photograph; `taken`: when
+    each was, as EXIF writes it, of those that say it."""
 
     images: Count
     raw: Count = 0
@@ -51,6 +52,7 @@ class CapturesRecord(StageRecord):
     recipes: dict[str, Annotated[dict[str, Any], AfterValidator(_require_recipe)]]
     development: dict[str, Any] = Field(default_factory=dict)
     ignored: list[Any] = Field(default_factory=list)
+    taken: dict[str, str] = Field(default_factory=dict)
     left_out: dict[str, str]
 
 
@@ -90,6 +92,7 @@ def run(run: RunContext, progress: Progress) -> CapturesRecord:
         development=prepared.steps,
         recipes=recipes,
         ignored=list(run.discovery.ignored),
+        taken={s.capture.name: s.metadata.taken for s in run.surveyed if s.metadata.taken},
         left_out=left_out,
         warnings=[
             *set_warnings.copies(run.surveyed, run.contents),

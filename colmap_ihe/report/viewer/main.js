@@ -1,9 +1,11 @@
 // The viewer of a page: mesh, cloud and cameras. scripts/build-viewer makes ../viewer.js of it and of its neighbours here.
 
-import { ColorManagement, LinearSRGBColorSpace, Scene, WebGLRenderer } from "three";
+import { ColorManagement, LinearSRGBColorSpace, Ray, Scene, WebGLRenderer } from "three";
+import { createControl } from "./control.js";
 import { decode, frameOf, pointsOf } from "./cloud.js";
 import { read } from "./data.js";
 import { createEdl } from "./edl.js";
+import { createLens } from "./lens.js";
 import { createLoop } from "./loop.js";
 import { createMarks } from "./marks.js";
 import { createPhotographs } from "./photographs.js";
@@ -15,6 +17,8 @@ import { createTools, download } from "./tools.js";
 import { createView } from "./view.js";
 
 const STILL_RATIO = 1.5; // least pixels of the drawing to one of the page where nothing moves, against stairs at edges
+
+const BESIDE = 0.01; // of the distance: what stands so near before a place is the surface that it lies on
 
 const viewer = document.getElementById("viewer");
 const part = (name) => viewer.querySelector(`[data-part="${name}"]`);
@@ -74,9 +78,20 @@ async function start() {
   const section = createSection(cuts, [points.object, ...(surface ? [surface.object] : [])], {
     cloud, front: view.front, part, scene: over, ask: loop.ask,
   });
-  const tools = createTools({
-    part, marks, data, scale: createScale(data.metric), ask: loop.ask, canvas, title: document.title,
+  const control = part("control-name") && createControl({
+    part, cameras: data.cameras, lenses: data.cameras.map((camera) => createLens(camera, data.grids[camera.grid])),
+    addressOf: photographs.addressOf, hides, radius: frame.radius,
   });
+  const tools = createTools({
+    part, marks, data, scale: createScale(data.metric), ask: loop.ask, canvas, title: document.title, control,
+  });
+
+  // Whether the mesh stands between an eye and a place on it.
+  function hides(eye, place) {
+    const away = place.distanceTo(eye), ray = new Ray(eye, place.clone().sub(eye).normalize());
+    const first = surface && onSurface(surface, ray, { keeps: () => true });
+    return Boolean(first) && first.distanceTo(eye) < (1 - BESIDE) * away;
+  }
 
   function resize() {
     const { clientWidth: width, clientHeight: height } = canvas;

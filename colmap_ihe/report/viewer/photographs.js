@@ -86,6 +86,8 @@ export function createPhotographs({ cameras, grids }, ask) {
   group.add(frusta(cameras));
   let pictures = null, over = null, latest = 0;
 
+  const addressOf = (index) => cameras[index].picture ?? images.get(cameras[index].name)?.src;
+
   async function fill() {
     const across = Math.max(1, Math.ceil(Math.sqrt(cameras.length)));
     const map = new CanvasTexture(await mosaic(cameras, images));
@@ -115,7 +117,7 @@ export function createPhotographs({ cameras, grids }, ask) {
     hide(scene);
     const number = latest;
     const camera = cameras[index];
-    const address = camera.picture ?? images.get(camera.name)?.src;
+    const address = addressOf(index);
     if (!address) return;
     const image = new Image();
     image.src = address;
@@ -135,5 +137,5 @@ export function createPhotographs({ cameras, grids }, ask) {
     over.material.opacity = opacity;
     ask();
   }
-  return { group, fill, under, show, hide, fade, get open() { return Boolean(over); } };
+  return { group, addressOf, fill, under, show, hide, fade, get open() { return Boolean(over); } };
 }

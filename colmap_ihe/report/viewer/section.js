@@ -56,7 +56,10 @@ export function createSection(uniforms, objects, { cloud, front, part, scene, as
     return [0, 1, 2].every((axis) => inside.getComponent(axis) >= uniforms.sectionLow.value.getComponent(axis)
       && inside.getComponent(axis) <= uniforms.sectionHigh.value.getComponent(axis));
   }
-  on.addEventListener("change", show);
+  on.addEventListener("change", () => {
+    if (on.checked) sliders[0].closest("details").open = true;
+    show();
+  });
   for (const slider of sliders) slider.addEventListener("input", () => { on.checked = true; show(); });
   part("section-reset").addEventListener("click", reset);
   return { keeps };

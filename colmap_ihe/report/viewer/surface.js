@@ -9,6 +9,7 @@ import { RAMP, SECTION } from "./shading.js";
 
 const LOOKS = { texture: 0, clay: 1, normals: 2, height: 3, grey: 4 };
 const UV_STEPS = 16383;
+const LITTLE = 0.2, AMPLE = 0.6; // of the effort of all triangles: below and above which the fewest and more are drawn
 
 const VERTEX = `
 #ifdef COLOURED
@@ -97,7 +98,7 @@ async function geometryOf(data) {
 export async function surfaceOf(id, frame, weights, section) {
   const data = read(id);
   if (!data) return null;
-  const [all, few] = await Promise.all([data.faces, data.coarse].map(async (faces) => {
+  const levels = await Promise.all([data.faces, ...data.coarser].map(async (faces) => {
     return new BufferAttribute(Uint32Array.from(await unpacked(faces)), 1);
   }));
   const [geometry, picture] = await Promise.all([geometryOf(data), data.texture ? pictureOf(data.texture) : null]);
@@ -113,11 +114,16 @@ export async function surfaceOf(id, frame, weights, section) {
   object.position.set(...data.low);
   object.scale.set(...data.extent);
   object.frustumCulled = false;
-  const shape = { positions: geometry.getAttribute("position").array, faces: all.array };
-  geometry.setIndex(few);
-  // All triangles, or fewer where the effort, a share, does not reach; how many those are.
+  const shape = { positions: geometry.getAttribute("position").array, faces: levels[0].array };
+  let level = levels.length - 1; // in the first picture, which is not to wait
+  geometry.setIndex(levels[level]);
+  // All triangles, or fewer where the effort, a share, does not reach; how many those are. A level once left comes back
+  // only where there is much more time than it needs, else the model would flicker.
   function thin(effort) {
-    geometry.setIndex(effort < 1 && few.count < all.count ? few : all);
+    if (effort >= 1) level = 0;
+    else if (effort < LITTLE) level = levels.length - 1;
+    else if (level === 0 || effort > AMPLE) level = Math.min(1, levels.length - 1);
+    geometry.setIndex(levels[level]);
     return geometry.index.count / 3;
   }
   return {

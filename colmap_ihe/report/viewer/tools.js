@@ -4,10 +4,11 @@ import { areaOf, inModel, lengthOf } from "./geometry.js";
 import { areaInWords, lengthInWords, placeInWords } from "./words.js";
 
 const START = "click a place, or bring it to the cross with the keys and press Enter.";
-const ENOUGH = { distance: 2, polyline: 2, area: 3, point: 1, note: 1 };
+const NAMES = { control: "Control point" };
+const ENOUGH = { distance: 2, polyline: 2, area: 3, point: 1, note: 1, control: 1 };
 const WHOLE = { distance: 2, point: 1, note: 1 }; // after so many points a measurement is done
 
-export function createTools({ part, marks, data, scale, ask, canvas, title }) {
+export function createTools({ part, marks, data, scale, ask, canvas, title, control }) {
   const buttons = [...document.querySelectorAll("#viewer [data-tool]")];
   const done = [];
   let tool = "", points = [];
@@ -54,9 +55,11 @@ export function createTools({ part, marks, data, scale, ask, canvas, title }) {
   const lastDistance = () => done.findLast((m) => m.kind === "distance");
 
   function finish() {
+    if (!tool) return say("Choose a tool first.");
     if (points.length < ENOUGH[tool]) return say(`A ${tool} needs ${ENOUGH[tool]} places, ${points.length} ${points.length === 1 ? "is" : "are"} picked.`);
     const measurement = { kind: tool, points, text: "" };
     done.push(measurement);
+    part("measured").closest("details").open = true;
     points = [];
     list();
     if (measurement.kind !== "note") return say(inWords(measurement));
@@ -65,6 +68,10 @@ export function createTools({ part, marks, data, scale, ask, canvas, title }) {
   }
   function pick(point) {
     if (!point) return say("Nothing there. Pick again.");
+    if (tool === "control") {
+      choose("");
+      return control.pick(point);
+    }
     points.push(point);
     if (points.length === WHOLE[tool]) return finish();
     list();
@@ -77,7 +84,7 @@ export function createTools({ part, marks, data, scale, ask, canvas, title }) {
     for (const button of buttons) button.setAttribute("aria-pressed", String(button.dataset.tool === tool));
     document.getElementById("viewer").classList.toggle("measuring", Boolean(tool));
     list();
-    say(tool ? `${tool === "note" ? "Note" : tool[0].toUpperCase() + tool.slice(1)}: ${START}` : "");
+    say(tool ? `${NAMES[tool] ?? tool[0].toUpperCase() + tool.slice(1)}: ${START}` : "");
     if (tool) canvas.focus({ preventScroll: true });
   }
   function undo() {

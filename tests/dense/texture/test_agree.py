@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from colmap_ihe.dense.camera import PinholeCamera
-from colmap_ihe.dense.texture.agree import centre_colours, doubted
+from colmap_ihe.dense.texture.agree import agreed_colours, at_corners, centre_colours, doubted
 from colmap_ihe.dense.texture.mesh import Mesh
 
 STONE, SKY = (150, 120, 90), (170, 200, 240)
@@ -37,3 +37,16 @@ def test_colours_are_those_at_the_centres() -> None:
     picture = np.zeros((100, 100, 3), np.uint8)
     picture[:50, :50], picture[50:, 50:] = STONE, SKY
     assert np.abs(centre_colours(mesh, view, picture) - np.array([STONE, SKY], float)).max() < 3
+
+
+def test_photographs_agree_on_the_median_of_three_that_show_a_face() -> None:
+    quality = np.array([[9, 5, 4, -3], [9, 5, 0, 0]], np.float32)
+    colour = np.array([[STONE, STONE, SKY, SKY]] * 2, np.uint8)
+    agreed = agreed_colours(quality, colour)
+    assert agreed[0].tolist() == list(STONE) and np.isnan(agreed[1]).all()
+
+
+def test_colours_of_faces_at_their_corners() -> None:
+    faces = np.array([[0, 1, 2], [1, 2, 3], [4, 5, 6]], np.int32)
+    corners = at_corners(faces, 7, np.array([[10, 10, 10], [30, 30, 30], [np.nan] * 3], np.float32))
+    assert corners[:4, 0].tolist() == [10, 20, 20, 30] and np.isnan(corners[4:]).all()

@@ -42,15 +42,18 @@ def test_a_sphere_stays_one() -> None:
     assert fewer.is_watertight
 
 
-def test_patches_of_the_texture_keep_the_vertices_where_they_meet() -> None:
-    """Two sheets side by side, whose vertices at the common edge stand twice."""
+def test_patches_of_the_texture_still_meet() -> None:
+    """Two sheets side by side, whose vertices at the common edge stand twice: they go along it, in both alike."""
     vertices, faces = sheet(20)
     both = np.concatenate([vertices, vertices + np.array([1, 0, 0])])
-    fewer = fewer_faces(both, np.concatenate([faces, faces + len(vertices)]), 100)
-    seam = np.flatnonzero(np.isclose(both[:, 0], 1))
-    assert len(seam) == 42 and np.isin(seam, fewer).all()
+    fewer = fewer_faces(both, np.concatenate([faces, faces + len(vertices)]), 140)
+    assert len(fewer) <= 150
     assert ((fewer < len(vertices)).all(axis=1) | (fewer >= len(vertices)).all(axis=1)).all()
-    assert areas(both, fewer).sum() == pytest.approx(2)
+    seam = [np.flatnonzero(np.isclose(part[:, 0], 1)) for part in (vertices, both)]
+    left, right = np.intersect1d(seam[0], fewer), np.intersect1d(seam[1][21:], fewer)
+    assert 2 <= len(left) < 15
+    assert np.array_equal(both[left], both[right])
+    assert (areas(both, fewer) > 0).all() and areas(both, fewer).sum() == pytest.approx(2)
 
 
 def test_what_is_few_enough_is_left_as_it_is() -> None:

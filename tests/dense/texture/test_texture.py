@@ -94,7 +94,7 @@ def textured(mesh: Mesh, views: list[PinholeCamera], pictures: list[UInt8], *, l
     atlas = pack(patches, 1024)
     points = seam_points(patches, atlas)
     colours, seen = corner_colours(patches, pictures, mesh.colours)
-    offsets = seam_offsets(patches, colours, seen)
+    offsets = seam_offsets(patches, colours, seen, np.full_like(colours, np.nan))
     if not level:
         offsets, points = 0 * offsets, SeamPoints(points.texel[:0], points.patch[:0], points.coloured[:0])
     texture = bake(atlas, patches, pictures, colours, offsets, points)
@@ -211,6 +211,17 @@ def test_photographs_of_different_exposure_meet_without_a_seam(level: bool) -> N
         assert jump[across].mean() > 15
 
 
+def test_levelled_colours_do_not_drift_from_what_photographs_agree_on() -> None:
+    """Two photographs that differ by 30 levels: where all others agree on the brighter one, it is not halved."""
+    mesh, views = grid(20), [camera(x=-1.05), camera(x=1.05)]
+    patches = patched(mesh, views)
+    colours = np.where(patches.label[:, None] == 0, 100.0, 130.0) * np.ones(3)
+    seen = np.ones(len(colours), bool)
+    for agreed, expected in ((np.nan, 115), (130.0, 130)):
+        offsets = seam_offsets(patches, colours, seen, np.full_like(colours, agreed))
+        assert np.abs(colours + offsets - expected).mean() < 3
+
+
 def test_details_that_differ_meet_at_a_seam() -> None:
     """Two photographs show stripes, one of them shifted by half a period: offsets of corners cannot level that."""
     mesh, views = grid(20), [camera(x=-1.05), camera(x=1.05)]
@@ -225,7 +236,7 @@ def test_details_that_differ_meet_at_a_seam() -> None:
     assert (atlas.source[atlas.faces] == patches.faces).all()
     assert set(points.patch.ravel()) == {0, 1}
     colours, seen = corner_colours(patches, pictures, mesh.colours)
-    offsets = seam_offsets(patches, colours, seen)
+    offsets = seam_offsets(patches, colours, seen, np.full_like(colours, np.nan))
     none = SeamPoints(points.texel[:0], points.patch[:0], points.coloured[:0])
     steps = []
     for at in (none, points):

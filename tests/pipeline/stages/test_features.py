@@ -48,3 +48,30 @@ def test_small_photographs_are_expected_to_take_two_extractions(
         images=10, pixels=10 * pixels, raw_pixels=0, with_gps=0, features=0, inliers=0, registered=10
     )
     assert [part.unit for part in STAGE.parts(options, known)] == units
+
+
+@pytest.mark.parametrize(
+    ("features", "recorded"),
+    [
+        ({}, "auto"),
+        ({"octaves": "colmap"}, None),
+        ({"max_image_size": 1600}, None),  # no image is large for COLMAP's cap
+        ({"colmap": {"sift": {"first_octave": 0}}}, None),
+    ],
+)
+def test_octaves_decide_features_only_where_an_image_may_be_large(
+    features: dict[str, Any], recorded: str | None
+) -> None:
+    values = STAGE.options_of(Options.model_validate({"features": features}))
+    assert values["features"].get("octaves") == recorded
+
+
+def test_large_photographs_are_expected_to_take_a_third_of_the_time() -> None:
+    known = Known(
+        images=10, pixels=60_000_000, raw_pixels=0, with_gps=0, features=0, inliers=0, registered=10
+    )
+    seconds = [
+        STAGE.parts(Options.model_validate({"features": {"octaves": octaves}}), known)[0].seconds
+        for octaves in ("auto", "colmap")
+    ]
+    assert seconds == pytest.approx([0.165 * 60 + 4, 0.55 * 60 + 4])

@@ -1,0 +1,171 @@
+"""Compare features of large photographs: COLMAP's, coarse first, and OpenCV's SIFT, with the models made of them.
+
+    python benchmarks/coarse_first.py [fountain-p11] [sceaux] [portico-1 ...] [--size 1500] [--cap 3000] [--seeds 3]
+
+The photographs are made grey and scaled to a size of the longer side in pixels; `portico-N` is the demo's scene
+rendered anew with seed N and eight views. `--cap` is `max_num_features`: with 3,000 at 1,500 pixels it binds as
+COLMAP's 8,192 do at 2,500. `colmap` is `features.octaves: colmap`, `auto` the default, `opencv` the SIFT of OpenCV at
+half of COLMAP's threshold, its descriptors made as COLMAP's and its coarsest features kept. For each: features,
+verified matches, and of mappings with seeds from 0 on the means of registered photographs, points, points in more than
+three photographs, reprojection error and position error where poses are known. Core seconds are of features, and of
+matching.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import tempfile
+from collections.abc import Mapping
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+import cv2
+import numpy as np
+from calibration import truth_of
+from guard_sets import DATA
+from lens_sets import position_error_mm
+from numpy.typing import NDArray
+from PIL import Image
+from thresholds import core_seconds, mapped, write_scaled
+
+from colmap_ihe.colmap.features import extract_features
+from colmap_ihe.colmap.lower_thresholds import COLMAPS_THRESHOLD
+from colmap_ihe.colmap.native import pycolmap, quiet
+from colmap_ihe.commandline.bars import print_table
+from colmap_ihe.evaluation.demo.render import render_demo
+from colmap_ihe.evaluation.truth import key_of, read_truth
+from colmap_ihe.machine.progress import SILENT
+from colmap_ihe.project.options import CameraOptions, FeaturesOptions
+
+_CHOICES = ("colmap", "auto", "opencv")
+_VIEWS = 8
+_COLUMNS = (
+    "set",
+    "octaves",
+    "features",
+    "matches",
+    "registered",
+    "points",
+    "in > 3",
+    "error px",
+    "position error mm",
+    "core s, features",
+    "matching",
+)
+Poses = Mapping[str, NDArray[np.float64]]
+
+
+def prepared(name: str, size: int, folder: Path) -> tuple[list[str], Poses]:
+    """Write grey photographs below a folder; return their names, and poses where they are known."""
+    if name.startswith("portico-"):
+        sides = (size, 2 * round(size / 3))
+        render_demo(folder / "demo", views=_VIEWS, size=sides, seed=int(name.split("-")[1]))
+        files = sorted((folder / "demo" / "images").glob("*.jpg"))
+        (folder / "grey").mkdir()
+        for file in files:
+            with Image.open(file) as picture:
+                picture.convert("L").save(folder / "grey" / f"{file.name}.png")
+        truth = read_truth(folder / "demo" / "truth").images
+        return [f"{f.name}.png" for f in files], {
+            f"{f.name}.png": truth[key_of(f.name)].cam_from_world for f in files
+        }
+    names = write_scaled(name, size, folder / "grey")
+    poses = truth_of(DATA / name) if name == "fountain-p11" else {}
+    return names, {f"{photograph}.png": pose for photograph, pose in poses.items()}
+
+
+def extract_by_opencv(database: Path, grey: Path, names: list[str], cap: int) -> None:
+    """Write OpenCV's features as COLMAP's would be: pixel centres at one half, at most two directions, root of the
+    share of each bin."""
+    pycolmap.Database.open(database).close()
+    reader = pycolmap.ImageReaderOptions(camera_model="SIMPLE_RADIAL")
+    pycolmap.import_images(
+        database, grey, camera_mode=pycolmap.CameraMode.SINGLE, image_names=names, options=reader
+    )
+    sift = cv2.SIFT.create(0, 3, 3 * COLMAPS_THRESHOLD / 2, 10, 1.6, True)  # divided by its three layers
+    with pycolmap.Database.open(database) as opened:
+        for image in opened.read_all_images():
+            picture = cv2.imread(str(grey / image.name), cv2.IMREAD_GRAYSCALE)
+            assert picture is not None
+            keypoints, bins = sift.detectAndCompute(picture, None)
+            rows = np.array([(*k.pt, k.size / 2, np.radians(k.angle)) for k in keypoints], np.float32)
+            rows[:, :2] += 0.5
+            kept = coarsest(rows, cap)
+            roots = np.sqrt(bins[kept] / np.maximum(bins[kept].sum(axis=1, keepdims=True), 1))
+            descriptors = np.clip(np.rint(512 * roots), 0, 255).astype(np.uint8)
+            opened.write_keypoints(image.image_id, rows[kept])
+            kind = pycolmap.FeatureExtractorType.SIFT
+            opened.write_descriptors(image.image_id, pycolmap.FeatureDescriptors(kind, descriptors))
+
+
+def coarsest(rows: NDArray[np.float32], cap: int) -> NDArray[np.intp]:
+    """Return the rows of x, y, size and angle at the `cap` places of the coarsest, two directions of each at most."""
+    places, inverse = np.unique(rows[:, :3], axis=0, return_inverse=True)
+    chosen = np.zeros(len(places), bool)
+    chosen[np.argsort(-places[:, 2], kind="stable")[:cap]] = True
+    order = np.argsort(inverse, kind="stable")
+    begins = np.searchsorted(inverse[order], np.arange(len(places)))
+    rank = np.empty(len(rows), int)
+    rank[order] = np.arange(len(rows)) - begins[inverse[order]]
+    return np.flatnonzero(chosen[inverse] & (rank < 2))
+
+
+def measured(folder: Path, names: list[str], choice: str, cap: int, seeds: int, poses: Poses) -> list[str]:
+    """Return the cells of a row."""
+    root = folder / choice
+    root.mkdir()
+    database = root / "database.db"
+    begun = core_seconds()
+    if choice == "opencv":
+        extract_by_opencv(database, folder / "grey", names, cap)
+    else:
+        sift = {"max_num_features": cap}
+        options = FeaturesOptions.model_validate({"octaves": choice, "colmap": {"sift": sift}})
+        camera = CameraOptions(mode="single")
+        with ThreadPoolExecutor(1) as executor:
+            extract_features(database, folder / "grey", names, None, camera, options, root, executor, SILENT)
+    extracted = core_seconds()
+    pycolmap.match_exhaustive(database)
+    matched = core_seconds()
+    with pycolmap.Database.open(database) as opened:
+        counts = f"{opened.num_keypoints():,}", f"{opened.num_inlier_matches():,}"
+    models = [mapped(root, folder / "grey", len(names), seed) for seed in range(seeds)]
+    errors = [position_error_mm(model, poses) for model in models] if poses else []
+    tracks = [[point.track.length() for point in model.points3D.values()] for model in models]
+    return [
+        *counts,
+        f"{np.mean([model.num_reg_images() for model in models]):.1f}",
+        f"{np.mean([len(lengths) for lengths in tracks]):,.0f}",
+        f"{np.mean([np.count_nonzero(np.array(lengths) > 3) for lengths in tracks]):,.0f}",
+        f"{np.mean([model.compute_mean_reprojection_error() for model in models]):.3f}",
+        f"{np.mean(errors):.2f} ({min(errors):.2f} to {max(errors):.2f})" if errors else "-",
+        f"{extracted - begun:.1f}",
+        f"{matched - extracted:.1f}",
+    ]
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("sets", nargs="*", default=["fountain-p11", "sceaux"])
+    parser.add_argument("--size", type=int, default=1500)
+    parser.add_argument("--cap", type=int, default=3000)
+    parser.add_argument("--seeds", type=int, default=3)
+    parsed = parser.parse_args()
+    rows = []
+    cv2.setNumThreads(1)
+    with quiet(), tempfile.TemporaryDirectory() as temporary:
+        for name in parsed.sets:
+            folder = Path(temporary) / name
+            names, poses = prepared(name, parsed.size, folder)
+            for choice in _CHOICES:
+                cells = measured(folder, names, choice, parsed.cap, parsed.seeds, poses)
+                rows.append((name, choice, *cells))
+                print(json.dumps(rows[-1]), flush=True)
+    print_table(f"{parsed.size} pixels, {parsed.cap} features", rows, _COLUMNS)
+
+
+if __name__ == "__main__":
+    main()
