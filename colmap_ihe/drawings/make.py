@@ -228,22 +228,20 @@ def _about(view: View, setting: Setting) -> dict[str, Any]:
 
 
 def _notes(about: Mapping[str, Any], setting: Setting) -> list[str]:
-    notes = [setting.accuracy] if setting.accuracy else []
-    notes += [f"pixels of {about['pixel_mm']:g} mm"] if about["pixel_mm"] else []
+    notes = [f"pixels of {about['pixel_mm']:g} mm"] if about["pixel_mm"] else []
     share = f"{about['holes_percent']:.1f} % of the rectangle shows no surface"
     if about["without_photograph_percent"] >= 0.05:
         share += f", {about['without_photograph_percent']:.1f} % has colours of the cloud"
-    return [*notes, share]
+    return [*notes, share, *_accuracy(setting)]
+
+
+def _accuracy(setting: Setting) -> list[str]:
+    return setting.accuracy.split("; ") if setting.accuracy and setting.metric else []
 
 
 def _sheet_text(view: View, setting: Setting, notes: Sequence[str]) -> SheetText:
-    arrow = "y" if view.kind == "plan" else "up"
-    if view.kind == "plan" and setting.plan_crs:
-        arrow = "N"
-    elif setting.metric and view.kind != "plan":
-        arrow = "plumb"
     scale = view.scale if setting.metric else None
-    return SheetText(setting.title, view.name, notes, scale, setting.shift(view), arrow)
+    return SheetText(setting.title, view.name, notes, scale, setting.shift(view), setting.upwards(view))
 
 
 def draw_section(
@@ -268,7 +266,7 @@ def draw_section(
     margin = 0.03 * max(right - left, top - bottom)
     bounds = (left - margin, bottom - margin, right + margin, top + margin)
     length = length_of(lines)
-    notes = [setting.accuracy] if setting.accuracy else []
+    notes = _accuracy(setting)
     text = _sheet_text(view, setting, notes)
     papers = write_sheets(folder / "sheets.pdf", [SheetContent("section", layers)], bounds, text)
     about = {

@@ -17,6 +17,7 @@ from colmap_ihe.machine.files import write_bytes
 
 _POINTS = 72 / 25.4  # a millimetre, in the unit of PDF
 _LINE, _TEXT, _SMALL, _LARGE = 0.18, 2.6, 2.1, 4.5  # millimetres
+_LINES = 6  # of the title block
 _CROSS, _TICK = 2.0, 2.0  # millimetres, half of a cross of the grid, and a tick outside of the drawing
 _ENCODING = "cp1252"  # what the fonts of every PDF reader have
 _NOT_METRIC = "NOT TO SCALE: the model is not metric"
@@ -182,13 +183,10 @@ def _draw_block(canvas: Any, content: SheetContent, sheet: Sheet, text: SheetTex
     canvas.setFont("Helvetica-Bold", _LARGE)
     canvas.drawString(MARGIN + 3, top - _LARGE - 1.5, _plain(f"{text.name}: {content.heading}")[:60])
     canvas.setFont("Helvetica", _TEXT)
-    lines = [f"{name}: {value}" for name, value in text.title.items()]
-    lines += list(text.notes)
-    if sheet.parts > 1:
-        lines.append(f"sheet {sheet.part} of {sheet.parts}, row by row from the top left")
-    for number, line in enumerate(lines[:6]):
-        y = top - _LARGE - 3 - (number + 1) * 3.6
-        canvas.drawString(MARGIN + 3, y, _fitted(canvas, _plain(line), width / 2 - 6))
+    part = [f"sheet {sheet.part} of {sheet.parts}, row by row from the top left"] if sheet.parts > 1 else []
+    notes = [*part, *text.notes]
+    title = [f"{name}: {value}" for name, value in text.title.items()]
+    _draw_columns(canvas, title, notes, (MARGIN + 3, top - _LARGE - 3, width / 2 - 6))
     _draw_arrow(canvas, MARGIN + width - 9, MARGIN + 5, text.arrow)
     if text.scale is None:
         canvas.setFillColorRGB(0.7, 0, 0)
@@ -201,6 +199,20 @@ def _draw_block(canvas: Any, content: SheetContent, sheet: Sheet, text: SheetTex
         _draw_bar(canvas, middle + 4, top - 14, sheet)
     if content.legend:
         _draw_legend(canvas, middle + 4, MARGIN + 4, content)
+
+
+def _draw_columns(
+    canvas: Any, title: Sequence[str], notes: Sequence[str], place: tuple[float, float, float]
+) -> None:
+    """Draw the lines of the title, and beside them the notes, from left and top `place` on, as wide as it says."""
+    left, top, width = place
+    first = width * 0.45 if title else 0.0
+    shown = (
+        title if len(title) <= _LINES else [*title[: _LINES - 1], f"and {len(title) - _LINES + 1} more lines"]
+    )
+    for column, lines, room in ((left, shown, first - 3), (left + first, notes, width - first)):
+        for number, line in enumerate(lines[:_LINES]):
+            canvas.drawString(column, top - (number + 1) * 3.6, _fitted(canvas, _plain(line), room))
 
 
 def _fitted(canvas: Any, text: str, width: float) -> str:

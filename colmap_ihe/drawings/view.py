@@ -11,7 +11,7 @@ import numpy as np
 from colmap_ihe.dense.camera import Float64
 from colmap_ihe.dense.texture.mesh import Mesh
 from colmap_ihe.drawings.colours import PaintedSurface
-from colmap_ihe.drawings.frames import DrawingFrame
+from colmap_ihe.drawings.frames import CylinderFrame, DrawingFrame
 from colmap_ihe.drawings.grid import MOST_PIXELS, PixelGrid, grid_over, nice_size
 from colmap_ihe.drawings.planes import extent_of
 from colmap_ihe.drawings.surface import DrawnFaces, drawn_faces
@@ -24,6 +24,7 @@ DEFAULT_PIXELS = 100_000_000
 
 _DEPTH = 0.25  # of the larger side of a façade: how far behind and before it things are drawn
 _AROUND = 0.3  # of the radius of a cylinder, the same
+_STRAIGHT = 0.99999  # cosine: a quarter of a degree
 _SAMPLE = 20_000  # faces that tell the resolution of the photographs
 
 
@@ -61,12 +62,25 @@ class Setting:
     def unit(self) -> str:
         return "mm" if self.metric else "thousandths of the model's unit"
 
+    def is_level(self, view: View) -> bool:
+        """Tell whether a view looks straight down, as a plan or a level section."""
+        return bool(getattr(view.frame, "normal", np.zeros(3)) @ self.up > _STRAIGHT)
+
+    def upwards(self, view: View) -> str:
+        """Return what is upwards on a drawing, in a word: north of a map, y, plumb, the axis of a cylinder, or up."""
+        if self.is_level(view):
+            return "N" if self.plan_crs else "y"
+        cylinder = isinstance(view.frame, CylinderFrame)
+        upward = view.frame.axis if isinstance(view.frame, CylinderFrame) else view.frame.up
+        if cylinder and abs(upward @ self.up) < _STRAIGHT:
+            return "axis"
+        return "plumb" if self.metric and upward @ self.up > _STRAIGHT else "up"
+
     def shift(self, view: View) -> tuple[float, float]:
         """Return what is added to across and up: heights become those of the survey, and x and y of a plan."""
-        if np.isclose(getattr(view.frame, "normal", np.zeros(3)) @ self.up, 1):
+        if self.is_level(view):
             return self.offset[0], self.offset[1]
-        upward = getattr(view.frame, "up", None)
-        upward = view.frame.axis if upward is None else upward  # type: ignore[union-attr]
+        upward = view.frame.axis if isinstance(view.frame, CylinderFrame) else view.frame.up
         return 0.0, self.offset[2] * float(upward @ self.up)
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from drawn_wall import FOOT, HEIGHT, NORMAL, RIGHT, UP, WIDTH, on_wall, wall_mesh
@@ -63,6 +65,12 @@ def test_coordinates_are_those_of_the_survey() -> None:
 def test_heights_and_maps_are_told_in_the_survey() -> None:
     facade, plan = chosen_views(DrawingsOptions(views={"front": DrawingView(), "plan": DrawingView()}), MODEL)
     assert SETTING.shift(facade) == (0, 500) and SETTING.shift(plan) == OFFSET[:2]
+    level = view_of("a", DrawingView(height=501.0), DrawingsOptions(), MODEL)
+    lying = view_of("b", DrawingView(cylinder=[*OFFSET, 1, 0, 0, 2]), DrawingsOptions(), MODEL)
+    mapped = replace(SETTING, plan_crs="EPSG:25832")
+    assert SETTING.shift(level) == OFFSET[:2]
+    assert [mapped.upwards(view) for view in (facade, plan, level, lying)] == ["plumb", "N", "N", "axis"]
+    assert [replace(SETTING, metric=False).upwards(view) for view in (facade, plan)] == ["up", "y"]
 
 
 def test_options_of_a_view_go_over_those_of_all() -> None:

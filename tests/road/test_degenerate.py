@@ -74,7 +74,7 @@ def test_no_model_can_be_made_and_what_was_made_stays(
     assert hint in caught.value.hint
     states = [s.state for s in status(tmp_path, quick_options(*QUICK))]
     finished = STAGE_NAMES.index(last) + 1
-    assert states == [*["done"] * finished, *["to do"] * (7 - finished), "off", "off"]
+    assert states == [*["done"] * finished, *["to do"] * (7 - finished), "off", "off", "off"]
     assert not list((tmp_path / "workspace").glob(".sparse*"))
     greys = {p.stem for p in (tmp_path / "workspace/images").iterdir()}
     assert greys == {p.stem for p in (tmp_path / "images").iterdir()}

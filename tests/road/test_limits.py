@@ -143,7 +143,10 @@ def disk(monkeypatch: pytest.MonkeyPatch) -> SimpleNamespace:
 @pytest.mark.parametrize(
     ("change", "grows"),
     [
-        ({"images": 200, "pixels": 4_000_000_000}, ("convert", "features", "matches", "sparse", "dense")),
+        (
+            {"images": 200, "pixels": 4_000_000_000},
+            ("convert", "features", "matches", "sparse", "dense", "drawings"),
+        ),
         ({"raw": 100}, ("convert",)),
     ],
 )

@@ -180,7 +180,7 @@ def test_dense_can_be_left_out(finished: Path, quick_options: MakeOptions) -> No
 def test_start_runs_a_stage_and_all_after_it_again(finished: Path, quick_options: MakeOptions) -> None:
     done = reconstruct(finished, quick_options(), start="convert", until="features")
     assert done.stages_run == ("convert", "features")
-    assert [s.state for s in status(finished, quick_options())] == ["done"] * 4 + ["to do"] * 5
+    assert [s.state for s in status(finished, quick_options())] == ["done"] * 4 + ["to do"] * 6
 
 
 def test_a_renamed_photograph_runs_everything_again(finished: Path, quick_options: MakeOptions) -> None:
@@ -196,7 +196,7 @@ def test_a_renamed_photograph_runs_everything_again(finished: Path, quick_option
 def test_status_changes_nothing(finished: Path, new_project: Make, quick_options: MakeOptions) -> None:
     before = contents(finished)
     states = status(finished, quick_options("features.max_image_size=200"))
-    assert [s.state for s in states] == ["done"] + ["stale"] * 8
+    assert [s.state for s in states] == ["done"] + ["stale"] * 9
     assert contents(finished) == before
     project = new_project()
     assert [(s.state, s.why, s.seconds) for s in status(project)] == [("to do", "", None)] * len(STAGE_NAMES)
@@ -238,7 +238,7 @@ def test_cancelled_in_a_stage_the_same_call_goes_on_from_there(
     with pytest.raises(Cancelled):
         reconstruct(finished, options, start=stage, progress=Impatient())
     states = {s.name: s for s in status(finished, options)}
-    expected = [*["done"] * number, *["to do"] * (len(STAGE_NAMES) - number - 2), "off", "off"]
+    expected = [*["done"] * number, *["to do"] * (len(STAGE_NAMES) - number - 3), *["off"] * 3]
     assert [states[n].state for n in STAGE_NAMES] == expected
     assert states[stage].why == "begun, not finished"
     done = reconstruct(finished, options, until=stage)
@@ -591,7 +591,7 @@ def test_holding_the_calibration_is_an_option_of_the_mapping(
     finished: Path, quick_options: MakeOptions
 ) -> None:
     fixed = ("camera.model=OPENCV", "camera.params=[1, 1, 1, 1, 0, 0, 0, 0]", "camera.fixed=true")
-    assert [s.state for s in status(finished, quick_options())] == ["done"] * 9
+    assert [s.state for s in status(finished, quick_options())] == ["done"] * 10
     reasons = {s.name: s.why for s in status(finished, quick_options(*fixed))}
     assert "camera.fixed" not in reasons["features"]
     assert reasons["sparse"].startswith("its options changed: camera.fixed from the default to true")

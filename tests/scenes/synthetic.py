@@ -219,7 +219,7 @@ def synthetic_contents(points: int = 20_000, photographs: int = 24, hostile: str
                 f"{hostile}north {number}",
                 [(f"{hostile}sheets", f"1:50, A3{hostile}")],
                 [
-                    coded(facade_picture(300, 200), f"{hostile}orthophoto"),
+                    coded(facade_picture(60, 40), f"{hostile}orthophoto"),
                     coded(facade_picture(30, 20), "relief"),
                 ],
                 [FileLink(f"{hostile}sheets (PDF)", "../drawings/north/sheets.pdf")],

@@ -81,7 +81,7 @@ def test_it_may_be_left_out_and_its_options_are_checked_first(
     with pytest.raises(OptionError, match="--from mesh, and mesh is switched off"):
         reconstruct(finished, quick_options("mesh.enabled=false"), start="mesh")
     done = reconstruct(finished, quick_options("mesh.texture=false", "mesh.faces=500"))
-    assert done.stages_run == ("mesh",)
+    assert done.stages_run == ("mesh", "drawings")
     assert sorted(p.name for p in done.mesh.parent.glob("mesh.*")) == ["mesh.ply"]
     assert done.summary["mesh_faces"] <= 500
 

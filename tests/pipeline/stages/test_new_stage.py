@@ -76,7 +76,7 @@ def package(tmp_path: Path) -> Path:
     (copy / "pipeline/stages/outline.py").write_text(STAGE, encoding="utf-8")
     insert(
         copy / "pipeline/stages/__init__.py",
-        ("matches, mesh, sparse", "matches, mesh, outline, sparse"),
+        ("    mesh,\n", "    mesh,\n    outline,\n"),
         ("    mesh.STAGE,\n", "    mesh.STAGE,\n    outline.STAGE,\n"),
     )
     insert(

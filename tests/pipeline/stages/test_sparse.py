@@ -165,7 +165,7 @@ def test_without_dense_it_is_no_success_either(finished: Path, quick_options: Ma
         assert "sparse.min_registered=0" in outcome.hint
         assert not preview_project(finished, assignments).up_to_date
     states = [s.state for s in status(finished, quick_options(TWO, "dense.enabled=false"))]
-    assert states == [*["done"] * 6, "to do", "off", "off"]
+    assert states == [*["done"] * 6, "to do", "off", "off", "off"]
     assert run_job(ProjectJob(str(finished), (*assignments, "sparse.min_registered=0"))).state == "done"
     assert preview_project(finished, (*assignments, "sparse.min_registered=0")).up_to_date
 
