@@ -4,7 +4,7 @@
 
 The photographs are made grey and scaled to a size of the longer side in pixels; `portico-N` is the demo's scene
 rendered anew with seed N and eight views. `--cap` is `max_num_features`: with 3,000 at 1,500 pixels it binds as
-COLMAP's 8,192 do at 2,500. `colmap` is `features.octaves: colmap`, `auto` the default, `opencv` the SIFT of OpenCV at
+COLMAP's 8,192 do at 2,500. `colmap` and `auto` are those of `features.octaves`, `opencv` the SIFT of OpenCV at
 half of COLMAP's threshold, its descriptors made as COLMAP's and its coarsest features kept. For each: features,
 verified matches, and of mappings with seeds from 0 on the means of registered photographs, points, points in more than
 three photographs, reprojection error and position error where poses are known. Core seconds are of features, and of

@@ -53,10 +53,10 @@ def test_small_photographs_are_expected_to_take_two_extractions(
 @pytest.mark.parametrize(
     ("features", "recorded"),
     [
-        ({}, "auto"),
-        ({"octaves": "colmap"}, None),
-        ({"max_image_size": 1600}, None),  # no image is large for COLMAP's cap
-        ({"colmap": {"sift": {"first_octave": 0}}}, None),
+        ({}, None),
+        ({"octaves": "auto"}, "auto"),
+        ({"octaves": "auto", "max_image_size": 1600}, None),  # no image is large for COLMAP's cap
+        ({"octaves": "auto", "colmap": {"sift": {"first_octave": 0}}}, None),
     ],
 )
 def test_octaves_decide_features_only_where_an_image_may_be_large(
