@@ -28,7 +28,7 @@ def test_a_folder_is_locked_by_one_at_a_time(tmp_path: Path) -> None:
 def test_a_process_is_killed_with_what_it_started(monkeypatch: pytest.MonkeyPatch) -> None:
     """By psutil where there are no sessions."""
     monkeypatch.delattr(os, "killpg", raising=False)
-    code = "import subprocess, sys; p = subprocess.Popen(['sleep', '99']); print(p.pid, flush=True); p.wait()"
+    code = "import subprocess, time; print(subprocess.Popen(['sleep', '99']).pid, flush=True); time.sleep(99)"
     with subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True) as process:
         assert process.stdout is not None
         grandchild = int(process.stdout.readline())
