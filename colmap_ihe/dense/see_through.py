@@ -1,4 +1,5 @@
-"""Cut out of a surface what photographs see through: what Poisson closes, as windows and the gaps of balustrades."""
+"""Cut out of a surface what photographs show not to be there: what Poisson closes, as windows and the gaps of
+balustrades, and what it adds beyond an edge, where the sky has no depth."""
 
 from __future__ import annotations
 
@@ -15,40 +16,48 @@ from colmap_ihe.machine.progress import SILENT, Progress
 
 _BEYOND = 0.005  # relative depth behind a face of what is seen through it
 _LEAST_VIEWS = 2  # that see through it
+_ROUNDS = 4
 _LEAST_FACES = 12  # of a hole: less is noise of the depth
 
 
 def without_seen_through(mesh: Mesh, dense_dir: Path, progress: Progress = SILENT) -> Mesh:
     """Return `mesh` without the faces through which at least two depth maps of `dense_dir`, and more than see the face
-    itself, show what is behind. Small holes stay closed. Raises `ProjectError`, `Cancelled`."""
+    itself, show what is behind; small holes stay closed. And without those at its border at which two find nothing, or
+    what is behind, and none the face. Raises `ProjectError`, `Cancelled`."""
     if not len(mesh.faces):
         return mesh
     model = pycolmap.Reconstruction(dense_dir / "sparse")
     centres = mesh.corners().mean(axis=1)
-    through, support = np.zeros((2, len(centres)), np.int32)
+    through, support, empty = np.zeros((3, len(centres)), np.int32)
     for number in sorted(model.reg_image_ids()):
         progress.check()
         file = depth_file(dense_dir, str(model.images[number].name))
         if file.is_file():
-            beyond, at_it = _seen(centres, camera_of(model, number), read_planes(file)[0])
+            beyond, at_it, nothing = _seen(centres, camera_of(model, number), read_planes(file)[0])
             through += beyond
             support += at_it
+            empty += nothing
+    pairs = neighbours(mesh.faces)
     open_ = (through >= _LEAST_VIEWS) & (through > support)
-    return mesh.with_faces(~_large(open_, neighbours(mesh.faces)))
+    unseen = _smooth((support == 0) & (through + empty >= _LEAST_VIEWS), pairs)
+    return mesh.with_faces(~(_large(open_, pairs) | _at_border(unseen, pairs)))
 
 
-def _seen(centres: Float32, view: PinholeCamera, depth: Float32) -> tuple[Bool, Bool]:
-    """Return (F,), true where all depths within a pixel of a face's centre are beyond it, and where one is at it."""
+def _seen(centres: Float32, view: PinholeCamera, depth: Float32) -> tuple[Bool, Bool, Bool]:
+    """Return (F,), true where all depths within a pixel of a face's centre are beyond it, where one is at it, and where
+    there is none."""
     pixels, distance = view.project(centres)
     width, height = view.size
     with np.errstate(invalid="ignore"):
         column, row = np.floor(pixels).T
         inside = (distance > 0) & (column >= 0) & (row >= 0) & (column < width) & (row < height)
     column, row = (np.where(inside, values, 0).astype(np.intp) for values in (column, row))
-    nearest = cv2.erode(np.asarray(depth), np.ones((3, 3), np.uint8))  # 0 beside what has none
-    beyond = inside & (nearest[row, column] > (1 + _BEYOND) * distance)
+    around = np.ones((3, 3), np.uint8)
+    nearest = cv2.erode(np.asarray(depth), around)[row, column]  # 0 beside what has none
+    farthest = cv2.dilate(np.asarray(depth), around)[row, column]
+    beyond = inside & (nearest > (1 + _BEYOND) * distance)
     at_it = inside & (np.abs(depth[row, column] - distance) <= _BEYOND * distance)
-    return beyond, at_it
+    return beyond, at_it, inside & (farthest == 0)
 
 
 def _large(chosen: Bool, pairs: Int64) -> Bool:
@@ -56,3 +65,21 @@ def _large(chosen: Bool, pairs: Int64) -> Bool:
     neighbours."""
     patch = components(len(chosen), pairs[chosen[pairs].all(axis=1)])
     return np.asarray(chosen & (np.bincount(patch)[patch] >= _LEAST_FACES))
+
+
+def _smooth(chosen: Bool, pairs: Int64) -> Bool:
+    """Return (F,), each face as most of itself and its neighbours are, some times over: so a cut is no saw."""
+    sides = 1 + np.bincount(pairs.ravel(), minlength=len(chosen))
+    for _ in range(_ROUNDS):
+        alike = np.bincount(pairs[:, 0], chosen[pairs[:, 1]], len(chosen))
+        alike += np.bincount(pairs[:, 1], chosen[pairs[:, 0]], len(chosen))
+        chosen = 2 * (alike + chosen) > sides
+    return chosen
+
+
+def _at_border(chosen: Bool, pairs: Int64) -> Bool:
+    """Return those of the faces `chosen` (F,) that hang together with one at a border of the mesh, which has fewer than
+    three neighbours."""
+    patch = components(len(chosen), pairs[chosen[pairs].all(axis=1)])
+    border = np.bincount(pairs.ravel(), minlength=len(chosen)) < 3
+    return np.asarray(chosen & (np.bincount(patch[chosen & border], minlength=len(chosen))[patch] > 0))

@@ -8,7 +8,7 @@ import numpy as np
 import pycolmap
 
 from colmap_ihe.dense.camera import Bool, Float32
-from colmap_ihe.dense.depth_maps import depth_file, write_map
+from colmap_ihe.dense.depth_maps import depth_file, read_planes, write_map
 from colmap_ihe.dense.see_through import without_seen_through
 from colmap_ihe.dense.texture.mesh import Mesh
 
@@ -75,4 +75,26 @@ def test_views_without_a_map_say_nothing(tmp_path: Path) -> None:
     workspace = _workspace(tmp_path, (0.5, 0.5, 0.5))
     for number in (2, 3):
         depth_file(workspace, f"{number}.png").unlink()
+    assert len(without_seen_through(_wall(), workspace).faces) == len(_wall().faces)
+
+
+def _without_depth(workspace: Path, columns: slice, rows: slice = slice(None)) -> None:
+    for number in range(1, 1 + len(CAMERAS)):
+        file = depth_file(workspace, f"{number}.png")
+        depth = np.array(read_planes(file)[0])
+        depth[rows, columns] = 0
+        write_map(depth, file)
+
+
+def test_what_lies_before_the_sky_is_cut_from_the_border(tmp_path: Path) -> None:
+    workspace = _workspace(tmp_path, (0, 0, 0))
+    _without_depth(workspace, slice(140, None))
+    kept = without_seen_through(_wall(), workspace).corners().mean(axis=1)
+    assert kept[:, 0].max() < 1.55  # the camera at x = 0.5 sees the wall up to 1.5
+    assert len(kept) == (_wall().corners().mean(axis=1)[:, 0] < kept[:, 0].max() + 0.01).sum()
+
+
+def test_a_hole_in_the_depth_of_a_wall_stays_closed(tmp_path: Path) -> None:
+    workspace = _workspace(tmp_path, (0, 0, 0))
+    _without_depth(workspace, slice(90, 110), slice(60, 90))
     assert len(without_seen_through(_wall(), workspace).faces) == len(_wall().faces)
