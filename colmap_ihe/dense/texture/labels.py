@@ -19,7 +19,7 @@ from colmap_ihe.dense.texture.mesh import components
 _FIRST_EDGE, _EDGE = 0.4, 1.0  # price of an edge between labels, while faces settle and from then on
 _FACE_ROUNDS = 12
 _PATCH_ROUNDS = 60
-_SMALL = 18  # faces: patches below go to a neighbour that can take them, whatever that costs
+_SMALL = 22  # faces: patches below go to a neighbour that can take them, whatever that costs
 _LEAST_GAIN = 1e-6
 
 
