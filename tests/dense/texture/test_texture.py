@@ -252,11 +252,11 @@ def test_details_that_differ_meet_at_a_seam() -> None:
 
 
 def test_a_patch_goes_to_its_neighbour_where_its_faces_one_by_one_do_not() -> None:
-    """A square of 18 faces is better in view 1, by more than a face loses by neighbours of the other view."""
+    """A square of 32 faces is better in view 1, by more than a face loses by neighbours of the other view."""
     mesh = grid(20)
     pairs = neighbours(mesh.faces)
-    square = np.abs(mesh.corners().mean(axis=1)[:, :2] - 0.05).max(axis=1) < 0.15
-    assert square.sum() == 18
+    square = np.abs(mesh.corners().mean(axis=1)[:, :2]).max(axis=1) < 0.2
+    assert square.sum() == 32
     label = np.tile(np.array([0, 1], np.int32), (len(mesh.faces), 1))
 
     def labels(gain: float) -> Any:
@@ -267,7 +267,7 @@ def test_a_patch_goes_to_its_neighbour_where_its_faces_one_by_one_do_not() -> No
 
     stays, goes = labels(0.42)
     assert (stays == square).all()
-    assert not goes.any()  # 18 faces lose 7.6, 12 edges of 0.9 are worth 10.8
+    assert not goes.any()  # 32 faces lose 13.4, 16 edges of 1 are worth 16
     assert (labels(1.0)[1] == square).all()
 
 
