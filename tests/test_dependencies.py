@@ -5,39 +5,25 @@ from __future__ import annotations
 import subprocess
 import sys
 import zipfile
-from importlib.machinery import SourceFileLoader
-from importlib.util import module_from_spec, spec_from_loader
 from pathlib import Path
 from typing import Any
 
 import pytest
 from packaging.requirements import Requirement
+from programs import program
 from small_demo import ROOT
 
 PAGE = ROOT / "docs" / "dependencies.md"
 
 
-def script(name: str) -> Any:
-    loader = SourceFileLoader(name.replace("-", "_"), str(ROOT / "scripts" / name))
-    spec = spec_from_loader(loader.name, loader)
-    assert spec is not None
-    module = module_from_spec(spec)
-    before, sys.dont_write_bytecode = sys.dont_write_bytecode, True
-    try:
-        loader.exec_module(module)
-    finally:
-        sys.dont_write_bytecode = before
-    return module
-
-
 @pytest.fixture(scope="module")
 def licences() -> Any:
-    return script("licences")
+    return program("scripts/licences")
 
 
 @pytest.fixture(scope="module")
 def packaging_script() -> Any:
-    return script("test-packaging")
+    return program("scripts/test-packaging")
 
 
 def run_licences(page: Path) -> tuple[int, str, str]:

@@ -4,29 +4,20 @@ from __future__ import annotations
 
 import subprocess
 import sys
-from importlib.machinery import SourceFileLoader
-from importlib.util import find_spec, module_from_spec, spec_from_loader
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
 import pytest
 import yaml
+from programs import program
 from small_demo import ROOT
 
 
 @pytest.fixture(scope="module")
 def site() -> Any:
     """Return scripts/docs as a module."""
-    loader = SourceFileLoader("scripts_docs", str(ROOT / "scripts" / "docs"))
-    spec = spec_from_loader(loader.name, loader)
-    assert spec is not None
-    module = module_from_spec(spec)
-    before, sys.dont_write_bytecode = sys.dont_write_bytecode, True
-    try:
-        loader.exec_module(module)
-    finally:
-        sys.dont_write_bytecode = before
-    return module
+    return program("scripts/docs")
 
 
 def test_links_lead_from_the_clone_to_the_site(site: Any) -> None:

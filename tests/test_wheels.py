@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-import importlib.machinery
-import importlib.util
 import platform
 import re
 import sys
-from pathlib import Path
 from types import ModuleType
 
 import lief
 import pytest
+from programs import program
 from small_demo import ROOT
 
 LIBRARY = ROOT / "colmap_ihe/grey/libkernels.so"
@@ -21,18 +19,9 @@ linux = pytest.mark.skipif(
 )
 
 
-def module_of(path: Path) -> ModuleType:
-    loader = importlib.machinery.SourceFileLoader(path.stem, str(path))
-    spec = importlib.util.spec_from_loader(path.stem, loader)
-    assert spec is not None
-    module = importlib.util.module_from_spec(spec)
-    loader.exec_module(module)
-    return module
-
-
 @pytest.fixture(scope="module")
 def wheels() -> ModuleType:
-    return module_of(ROOT / "scripts/wheels")
+    return program("scripts/wheels")
 
 
 @linux
@@ -69,7 +58,7 @@ def test_what_a_library_lacks_or_needs_too_much_is_told(
 def test_a_wheel_has_the_tag_of_its_library(
     monkeypatch: pytest.MonkeyPatch, system: str, libc: str, machine: str, tag: str
 ) -> None:
-    hook = module_of(ROOT / "hatch_build.py")
+    hook = program("hatch_build.py")
     monkeypatch.setattr(hook.sys, "platform", system)
     monkeypatch.setattr(hook.platform, "libc_ver", lambda: (libc, ""))
     monkeypatch.setattr(hook.platform, "machine", lambda: machine)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass
 from functools import partial
@@ -14,7 +14,7 @@ import simplejpeg
 
 from colmap_ihe.colmap.measures import upright
 from colmap_ihe.colmap.native import pycolmap
-from colmap_ihe.dense.camera import Float32, Float64, Int64, UInt8
+from colmap_ihe.dense.camera import Float32, Float64, Int64, PinholeCamera, UInt8
 from colmap_ihe.dense.depth_maps import camera_of
 from colmap_ihe.dense.ply import read_mesh
 from colmap_ihe.dense.texture.agree import agreed_colours, at_corners, centre_colours, doubted
@@ -68,18 +68,8 @@ def texture_mesh(
     views = [camera_of(model, image.image_id) for image in images]
     mesh = read_mesh(mesh_file)
 
-    def look(number: int) -> tuple[Float32, UInt8]:
-        quality = quality_in(mesh, views[number], partial(read_mask, dense_dir, images[number].name))
-        return quality, centre_colours(mesh, views[number], read_colour(paths[number]))
-
-    progress.start(len(views), "photographs looked through")
-    candidates = Candidates.none(len(mesh.faces))
-    at_once = 3  # photographs, each with values for all faces
-    for number, (quality, colour) in enumerate(
-        in_order(executor, look, range(len(views)), at_once, progress)
-    ):
-        candidates.add(number, quality, colour)
-        progress.advance()
+    masks = [partial(read_mask, dense_dir, image.name) for image in images]
+    candidates = _looked_through(mesh, views, masks, paths, executor, progress)
     tables = exposure_tables(candidates.view, candidates.colour, len(views))
     candidates.colour = tables[np.maximum(candidates.view, 0)[..., None], candidates.colour, np.arange(3)]
     candidates.quality = doubted(candidates.quality, candidates.colour)
@@ -111,6 +101,30 @@ def texture_mesh(
         texels_per_pixel=round(atlas.scale, 3),
         views_used=len(np.unique(labels[coloured])),
     )
+
+
+def _looked_through(
+    mesh: Mesh,
+    views: Sequence[PinholeCamera],
+    masks: Sequence[Callable[[], UInt8 | None]],
+    paths: Sequence[Path],
+    executor: Executor,
+    progress: Progress,
+) -> Candidates:
+    """Return how well each photograph shows the faces, and in which colour."""
+
+    def look(number: int) -> tuple[Float32, UInt8]:
+        quality = quality_in(mesh, views[number], masks[number])
+        return quality, centre_colours(mesh, views[number], read_colour(paths[number]))
+
+    progress.start(len(views), "photographs looked through")
+    candidates = Candidates.none(len(mesh.faces))
+    at_once = 3  # photographs, each with values for all faces
+    looks = in_order(executor, look, range(len(views)), at_once, progress)
+    for number, (quality, colour) in enumerate(looks):
+        candidates.add(number, quality, colour)
+        progress.advance()
+    return candidates
 
 
 def _pictures(paths: list[Path], tables: UInt8, progress: Progress) -> Iterator[UInt8]:

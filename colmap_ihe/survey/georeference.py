@@ -144,11 +144,12 @@ def _adjusted_and_told(
             " with control: it is moved as a whole"
         ]
     before = set(out)
+    adjusted, told = None, []
     try:
         adjusted = _adjusted(model, survey, observations, frame, out, free_params, progress)
     except np.linalg.LinAlgError:
-        return None, ["the adjustment with control has no solution: the model is left as it was before it"]
-    told = [f"{name} is left out of the adjustment, {out[name]}" for name in out if name not in before]
+        told = ["the adjustment with control has no solution: the model is left as it was before it"]
+    told += [f"{name} is left out of the adjustment, {out[name]}" for name in out if name not in before]
     if adjusted and adjusted.wrong:
         name, away = adjusted.wrong
         told.append(
@@ -170,19 +171,19 @@ def _adjusted(
     """Adjust with all control that fits, without what proves wrong then, worst first, which is added to `out`; None
     where there is nothing to adjust by."""
     progress.start(_ROUNDS, "adjustments with control")
-    for number in range(_ROUNDS):
+    for left in reversed(range(_ROUNDS)):
         located = triangulation(model, observations).points
         names = sorted(name for name in located if _takes_part(name, survey, out))
         terms = _terms(model, survey, located, names, frame, out)
         if not (np.isfinite(terms.accuracy_m).any() or len(terms.lengths) or len(terms.at)):
-            return None
+            break
         adjusted = _Adjusted(names, adjust_with_control(model, terms, free_params, progress))
         progress.advance()
         wrong = _worst(survey, triangulation(model, observations).points, frame, adjusted)
-        if wrong is None or number == _ROUNDS - 1:
+        if wrong is None or not left:
             return replace(adjusted, wrong=wrong)
         out[wrong[0]] = wrong[1]
-    raise AssertionError("the last round returns")
+    return None
 
 
 def _covariances(

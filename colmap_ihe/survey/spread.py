@@ -15,6 +15,9 @@ from colmap_ihe.survey.control_equations import ControlTerms, rows_of_sights
 from colmap_ihe.survey.observations import F64
 
 _GAUGE = 1e-9  # of the scaled equations, in directions that nothing determines
+_NOWHERE = (
+    1e-9  # of a square metre in one: what is known of a point in a direction in which no sight tells it
+)
 
 
 @dataclass(frozen=True)
@@ -49,7 +52,7 @@ class Spread:
         rows = rows_of_sights(terms, state.block, state.cameras, state.values, terms.located)
         split = rows.jacobian.shape[1] - 3 * count
         by_cameras, by_points = rows.jacobian[:, :split], rows.jacobian[:, split:]
-        of_sights = np.linalg.inv(by_points.T @ by_points)
+        of_sights = np.linalg.inv(by_points.T @ by_points + _NOWHERE * np.eye(3 * count))
         parts = np.zeros((3 * count, len(self.matrix)))
         parts[:, :split] = -of_sights @ by_points.T @ by_cameras
         each = 3 * np.arange(count)[:, None] + np.arange(3)

@@ -7,8 +7,10 @@ import pytest
 from survey_block import FOCAL, HEIGHT, WIDTH, survey_block
 
 from colmap_ihe.colmap.native import pycolmap
+from colmap_ihe.survey.adjustment import adjust_with_control
 from colmap_ihe.survey.alignment import Survey
 from colmap_ihe.survey.control import SurveyedPoint
+from colmap_ihe.survey.control_equations import ControlTerms
 from colmap_ihe.survey.georeference import georeference
 from colmap_ihe.survey.spread import solution
 
@@ -39,6 +41,32 @@ def test_points_far_from_control_and_cameras_are_off_by_as_much_as_is_expected()
     assert 0.6 < np.sqrt(np.mean(np.square(points))) < 1.4
     assert 0.6 < np.sqrt(np.mean(np.square(cameras))) < 1.5
     assert np.sqrt(np.mean(np.square(sights_alone))) > 4  # so it is the cameras that tell
+
+
+def test_a_point_that_one_photograph_shows_may_lie_anywhere_along_its_ray() -> None:
+    block = survey_block(4, 4, 60)
+    model = pycolmap.Reconstruction(block.model)
+    place = np.array([model.points3D[min(model.points3D)].xyz])
+    none, numbers = np.zeros((0, 3)), np.zeros(0, np.intp)
+    terms = ControlTerms(
+        located=place,
+        surveyed=place,
+        accuracy_m=np.array([0.01]),
+        image=np.zeros(1, np.intp),
+        point=np.zeros(1, np.intp),
+        pixels=np.array([model.cameras[1].img_from_cam(model.images[1].cam_from_world() * place[0])]),
+        accuracy_px=np.array([0.5]),
+        ends=np.zeros((0, 2), np.intp),
+        lengths=none[:, 0],
+        bar_accuracy_m=none[:, 0],
+        at=numbers,
+        centres=none,
+        centre_accuracy_m=none[:, 0],
+    )
+    spread = adjust_with_control(model, terms, {})
+    deviations = np.sqrt(np.linalg.eigvalsh(spread.of_points_apart(terms)[0]))
+    assert deviations[-1] > 1e4
+    assert deviations[0] < 1
 
 
 def test_normal_equations_are_solved_in_directions_that_nothing_determines_too() -> None:
