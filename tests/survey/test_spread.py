@@ -43,7 +43,7 @@ def test_points_far_from_control_and_cameras_are_off_by_as_much_as_is_expected()
     assert np.sqrt(np.mean(np.square(sights_alone))) > 4  # so it is the cameras that tell
 
 
-def test_a_point_that_one_photograph_shows_may_lie_anywhere_along_its_ray() -> None:
+def test_a_point_of_which_no_sight_counts_may_lie_anywhere() -> None:
     block = survey_block(4, 4, 60)
     model = pycolmap.Reconstruction(block.model)
     place = np.array([model.points3D[min(model.points3D)].xyz])
@@ -52,10 +52,10 @@ def test_a_point_that_one_photograph_shows_may_lie_anywhere_along_its_ray() -> N
         located=place,
         surveyed=place,
         accuracy_m=np.array([0.01]),
-        image=np.zeros(1, np.intp),
-        point=np.zeros(1, np.intp),
-        pixels=np.array([model.cameras[1].img_from_cam(model.images[1].cam_from_world() * place[0])]),
-        accuracy_px=np.array([0.5]),
+        image=numbers,
+        point=numbers,
+        pixels=np.zeros((0, 2)),
+        accuracy_px=none[:, 0],
         ends=np.zeros((0, 2), np.intp),
         lengths=none[:, 0],
         bar_accuracy_m=none[:, 0],
@@ -64,9 +64,7 @@ def test_a_point_that_one_photograph_shows_may_lie_anywhere_along_its_ray() -> N
         centre_accuracy_m=none[:, 0],
     )
     spread = adjust_with_control(model, terms, {})
-    deviations = np.sqrt(np.linalg.eigvalsh(spread.of_points_apart(terms)[0]))
-    assert deviations[-1] > 1e4
-    assert deviations[0] < 1
+    assert (np.diag(spread.of_points_apart(terms)[0]) > 1e8).all()
 
 
 def test_normal_equations_are_solved_in_directions_that_nothing_determines_too() -> None:
