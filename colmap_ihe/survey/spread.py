@@ -15,9 +15,7 @@ from colmap_ihe.survey.control_equations import ControlTerms, rows_of_sights
 from colmap_ihe.survey.observations import F64
 
 _GAUGE = 1e-9  # of the scaled equations, in directions that nothing determines
-_NOWHERE = (
-    1e-9  # of a square metre in one: what is known of a point in a direction in which no sight tells it
-)
+_NOWHERE = 1e-9  # of one square metre: what is known of a point where no sight tells of it
 
 
 @dataclass(frozen=True)
