@@ -30,6 +30,13 @@ LENSES = {
     "OPENCV_FISHEYE": [520.0, 520, 640, 480, 0.01, -0.004, 0.0, 0.0],
 }
 PLACE = np.array([0.2, -0.1, 4.0])
+SLOW_DECODING = """(() => {
+  const { decode } = HTMLImageElement.prototype;
+  HTMLImageElement.prototype.decode = async function () {
+    await decode.call(this);
+    await new Promise((done) => setTimeout(done, 100));
+  };
+})()"""  # as on a machine under load: what is typed meanwhile must not be written over
 EYES = [(-0.8, 0, 0), (-0.3, 0.2, 0.1), (0.3, 0, 0), (0.9, -0.2, 0.3)]
 
 
@@ -74,6 +81,7 @@ def page(browser: Browser, model: pycolmap.Reconstruction, tmp_path: Path) -> It
     )
     (tmp_path / "page.html").write_text(render_page(contents), encoding="utf-8")
     it = browser.new_page(viewport={"width": 1000, "height": 900})
+    it.add_init_script(SLOW_DECODING)
     it.goto((tmp_path / "page.html").as_uri())
     it.locator(".control summary").click()
     it.locator("[data-part=control-name]").fill("N1")
@@ -117,6 +125,15 @@ def test_the_expected_place_is_that_of_the_lens(page: Page, model: pycolmap.Reco
         assert expected_at(looked_at(page, number)) == pytest.approx(list(pixels[number]), abs=0.11)
     set_at(page, 1, pixels[1] + (3, 4))
     assert re.search(r"Set at .*, (4\.9|5\.0|5\.1) px from", looked_at(page, 1))
+
+
+def test_what_is_typed_stays_while_the_name_is_taken(page: Page) -> None:
+    looked_at(page, 0)
+    page.locator("[data-part=control-name]").fill("N2")
+    page.locator("[data-part=control-x]").fill("700.5")  # leaves the field of the name
+    page.locator("[data-part=control-x]").press("Tab")
+    page.wait_for_timeout(200)  # longer than a picture takes to be decoded
+    assert page.locator("[data-part=control-x]").input_value() == "700.5"
 
 
 def test_lines_are_read_as_they_were_clicked(page: Page, tmp_path: Path) -> None:

@@ -13,7 +13,7 @@ export function createControl({ part, cameras, lenses, addressOf, hides, radius 
   const [x, y] = ["x", "y"].map((axis) => part(`control-${axis}`));
   const pane = createPane(part("control-picture"), part("control-magnify"), moved);
   const say = (text) => { part("control-said").textContent = text; };
-  let latest = 0;
+  let latest = 0, shown = { image: null, address: "" };
 
   function pointOf() {
     const key = name.value.trim();
@@ -46,15 +46,18 @@ export function createControl({ part, cameras, lenses, addressOf, hides, radius 
     part("control-pane").hidden = choice.value === "" || !addressOf(index);
     if (choice.value === "") return;
     if (!addressOf(index)) return say("The page holds no picture of this photograph.");
-    const image = new Image();
-    image.src = addressOf(index);
-    await image.decode();
-    if (number !== latest) return; // another was chosen meanwhile
+    if (addressOf(index) !== shown.address) {
+      const image = new Image(), address = addressOf(index);
+      image.src = address;
+      await image.decode();
+      if (number !== latest) return; // another was chosen meanwhile
+      shown = { image, address };
+    } // else at once: what is typed next is not written over
     const { size } = lenses[index], guides = guidesOf(index);
     const at = pointOf().sights.get(index) ?? guides.predicted ?? size.map((v) => v / 2);
-    pane.show({ image, size, ...guides }, at);
+    pane.show({ image: shown.image, size, ...guides }, at);
     fields(at);
-    const coarse = size[0] / image.naturalWidth;
+    const coarse = size[0] / shown.image.naturalWidth;
     say(`${inWords(index, guides)}${coarse > 1.05 ? ` A pixel of this picture is ${coarse.toFixed(1)} of the photograph.` : ""}`);
   }
   function fields(pixel) {
