@@ -1,0 +1,147 @@
+"""Move the vertices of a mesh to where the depth maps of the photographs say that the surface is.
+
+A mesh by Poisson and simplification is smoother than what the photographs measured, and the cloud that it comes from
+keeps few of their depths at each place. Here each vertex goes along its normal to the weighted median of the depths.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+
+from colmap_ihe.colmap.native import pycolmap
+from colmap_ihe.dense.camera import Bool, Float32, Float64, Int64, PinholeCamera
+from colmap_ihe.dense.depth_maps import camera_of, depth_file, read_planes
+from colmap_ihe.dense.texture.mesh import Mesh, face_normals, vertex_normals
+from colmap_ihe.machine.progress import SILENT, Progress
+
+_REACH = 4.0  # pixels of a photograph on the surface, beyond which a depth is of another surface
+_FEWEST = 3  # photographs that must see a vertex there
+_MOST = 16  # depths of a vertex that are kept: those that tell most
+_LEAST_COSINE = 0.2  # between normal and ray
+_TURNED = 0.5  # cosine by which a face may turn at most
+_CHUNK = 200_000  # vertices at a time
+
+
+@dataclass(frozen=True)
+class DepthMap:
+    """Hold what a photograph measured: its `camera`, and `read`, which returns (H, W) float32 depths along the optical
+    axis, 0 for none."""
+
+    camera: PinholeCamera
+    read: Callable[[], Float32]
+
+
+def depth_maps(dense_dir: Path) -> list[DepthMap]:
+    """Return the depth maps that a COLMAP dense workspace has, by name. Reading one raises `ProjectError`."""
+    model = pycolmap.Reconstruction(dense_dir / "sparse")
+    names = {str(model.images[number].name): number for number in model.reg_image_ids()}
+    files = {name: depth_file(dense_dir, name) for name in sorted(names)}
+    return [
+        DepthMap(camera_of(model, names[name]), partial(_depth, file))
+        for name, file in files.items()
+        if file.is_file()
+    ]
+
+
+def _depth(file: Path) -> Float32:
+    return np.asarray(read_planes(file)[0])
+
+
+def refined_mesh(mesh: Mesh, maps: Sequence[DepthMap], progress: Progress = SILENT) -> tuple[Mesh, Bool]:
+    """Return `mesh` with its vertices at the weighted median of what at least three `maps` say near them, and which
+    (V,) were moved. A depth counts by how straight and from how near it was seen. Vertices stay where faces would turn
+    over. Raises `Cancelled`, and what the maps raise."""
+    progress.start(len(maps), "depth maps compared with the surface")
+    normals = vertex_normals(mesh).astype(np.float64)
+    steps = np.full((_MOST, len(mesh.vertices)), np.nan, np.float32)
+    weights = np.zeros_like(steps)
+    for depths in maps:
+        rows, step, weight = _steps(mesh.vertices, normals, depths.camera, depths.read())
+        _keep(steps, weights, rows, step, weight)
+        progress.advance()
+    step = _medians(steps, weights)
+    moved = np.isfinite(step)
+    vertices = mesh.vertices + (np.where(moved, step, 0)[:, None] * normals).astype(np.float32)
+    moved &= ~_turned_over(mesh, vertices)
+    vertices[~moved] = mesh.vertices[~moved]
+    return replace(mesh, vertices=vertices), moved
+
+
+def _steps(
+    vertices: Float32, normals: Float64, camera: PinholeCamera, depth: Float32
+) -> tuple[Int64, Float64, Float64]:
+    """Return the rows of the vertices (V, 3) near which a depth map has a surface, how far along their normals it is,
+    and how much that counts."""
+    pixels, distance = camera.project(vertices)
+    width, height = camera.size
+    with np.errstate(invalid="ignore"):
+        inside = (pixels >= 0.5).all(axis=1) & (pixels < (width - 0.5, height - 0.5)).all(axis=1)
+    rows = np.flatnonzero(inside)
+    pixels, distance = pixels[rows], distance[rows]
+    ray = (vertices[rows] - camera.centre) / distance[:, None]
+    along = (normals[rows] * ray).sum(axis=1)
+    cosine = -along / np.linalg.norm(ray, axis=1)
+    size = distance / float(camera.K[0, 0])
+    measured = _depths_at(depth, pixels, _REACH * size)
+    near = (measured > 0) & (np.abs(measured - distance) < _REACH * size) & (cosine > _LEAST_COSINE)
+    step = (measured - distance) * along
+    return rows[near], step[near], (cosine / size)[near] ** 2
+
+
+def _depths_at(depth: Float32, pixels: Float64, apart: Float64) -> Float64:
+    """Return (N,), the depths at pixels (N, 2): between the four around it where they are one surface, no more than
+    `apart` (N,) from each other, else of the nearest."""
+    height, width = depth.shape
+    column, row = np.minimum(np.floor(pixels - 0.5).astype(np.int64), (width - 2, height - 2)).T
+    right, down = pixels[:, 0] - 0.5 - column, pixels[:, 1] - 0.5 - row
+    around = np.stack([depth[row + j, column + i] for j in (0, 1) for i in (0, 1)]).astype(np.float64)
+    low, high = around.min(axis=0), around.max(axis=0)
+    upper = around[0] + right * (around[1] - around[0])
+    lower = around[2] + right * (around[3] - around[2])
+    nearest = np.take_along_axis(around, (2 * (down >= 0.5) + (right >= 0.5))[None], axis=0)[0]
+    return np.where((low > 0) & (high - low < apart), upper + down * (lower - upper), nearest)
+
+
+def _keep(steps: Float32, weights: Float32, rows: Int64, step: Float64, weight: Float64) -> None:
+    """Put the steps of a photograph in the places of those that count least, where they count more."""
+    for start in range(0, len(rows), _CHUNK):
+        part = slice(start, start + _CHUNK)
+        slot = weights[:, rows[part]].argmin(axis=0)
+        more = weight[part] > weights[slot, rows[part]]
+        slot, chosen = slot[more], rows[part][more]
+        steps[slot, chosen], weights[slot, chosen] = step[part][more], weight[part][more]
+
+
+def _medians(steps: Float32, weights: Float32) -> Float32:
+    """Return (V,) float32, the weighted medians of steps (K, V), nan where there are fewer than `_FEWEST`."""
+    median = np.full(steps.shape[1], np.nan, np.float32)
+    for start in range(0, steps.shape[1], _CHUNK):
+        part = np.s_[:, start : start + _CHUNK]
+        order = np.argsort(steps[part], axis=0)
+        total = np.cumsum(np.take_along_axis(weights[part], order, axis=0), axis=0)
+        half = (total >= total[-1] / 2).argmax(axis=0)
+        chosen = np.take_along_axis(steps[part], np.take_along_axis(order, half[None], axis=0), axis=0)[0]
+        known = (weights[part] > 0).sum(axis=0) >= _FEWEST
+        median[start : start + _CHUNK] = np.where(known, chosen, np.nan)
+    return median
+
+
+def _turned_over(mesh: Mesh, vertices: Float32) -> Bool:
+    """Return (V,), true at the faces that would turn by more than 60 degrees with their corners at `vertices`, and
+    those that would with the others back."""
+    before = face_normals(mesh.corners())
+    length = np.linalg.norm(before, axis=1)
+    held = np.zeros(len(vertices), bool)
+    while True:
+        trial = np.where(held[:, None], mesh.vertices, vertices)
+        after = face_normals(trial[mesh.faces])
+        least = _TURNED * length * np.linalg.norm(after, axis=1)
+        bad = ((before * after).sum(axis=1) < least) & ~held[mesh.faces].all(axis=1)
+        if not bad.any():
+            return held
+        held[mesh.faces[bad]] = True

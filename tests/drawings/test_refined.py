@@ -1,0 +1,88 @@
+"""Vertices of a mesh go to where the depth maps of photographs say that the surface is."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from drawn_wall import FOOT, HEIGHT, NORMAL, RIGHT, UP, WIDTH, camera_at, on_wall
+
+from colmap_ihe.dense.camera import Float32, Float64
+from colmap_ihe.dense.texture.mesh import Mesh
+from colmap_ihe.drawings.refined import DepthMap, refined_mesh
+
+NEAR = (1.0, 1.5, 2.0, 2.5, 3.0)
+
+
+def flat_wall(cells: int = 20) -> Mesh:
+    across, up = np.meshgrid(np.linspace(0, WIDTH, cells + 1), np.linspace(0, HEIGHT, cells + 1))
+    rows = np.arange((cells + 1) ** 2).reshape(cells + 1, cells + 1)
+    a, b, c, d = (part.ravel() for part in (rows[:-1, :-1], rows[:-1, 1:], rows[1:, 1:], rows[1:, :-1]))
+    faces = np.concatenate((np.stack((a, b, c), axis=1), np.stack((a, c, d), axis=1))).astype(np.int32)
+    vertices = on_wall(across.ravel(), up.ravel()).astype(np.float32)
+    return Mesh(vertices, faces, np.zeros((len(vertices), 3), np.uint8))
+
+
+def depth_of(across: float, out: float) -> DepthMap:
+    """Return the depth map of a camera that sees a wall so far out of the true one."""
+    depth = np.full((480, 640), 5.0 - out, np.float32)
+    return DepthMap(camera_at(across), lambda: depth)
+
+
+def out_of(mesh: Mesh) -> Float64:
+    return np.asarray((mesh.vertices - FOOT) @ NORMAL)
+
+
+def test_a_vertex_goes_to_the_median_of_the_depths_of_its_photographs() -> None:
+    """Three photographs say 12 mm, one nothing near, one 30 mm: no mean of them."""
+    said = zip(NEAR, (0.012, 0.012, 0.012, 0.5, 0.03), strict=True)
+    mesh, moved = refined_mesh(flat_wall(), [depth_of(across, out) for across, out in said])
+    middle = (abs((mesh.vertices - FOOT) @ RIGHT - 2) < 0.7) & (abs((mesh.vertices - FOOT) @ UP - 1.5) < 1)
+    assert middle.sum() > 50 and moved[middle].all()
+    assert out_of(mesh)[middle] == pytest.approx(0.012, abs=1e-5)
+
+
+def test_what_fewer_than_three_photographs_see_stays() -> None:
+    mesh, moved = refined_mesh(flat_wall(), [depth_of(across, 0.012) for across in NEAR[:2]])
+    assert not moved.any() and np.array_equal(mesh.vertices, flat_wall().vertices)
+
+
+def test_a_depth_far_from_the_surface_is_of_another() -> None:
+    """A pixel is 10 mm on the wall; 50 mm are five of them."""
+    _, moved = refined_mesh(flat_wall(), [depth_of(across, 0.05) for across in NEAR])
+    assert not moved.any()
+
+
+def test_of_a_step_in_the_depth_no_mean_is_taken() -> None:
+    """The depths left of the middle of each picture are of the wall, right of it far in front: vertices go to one."""
+    depth = np.full((480, 640), 4.99, np.float32)
+    depth[:, 320:] = 4.0
+    half = [DepthMap(camera_at(2.0), lambda: depth)] * 3
+    mesh, _ = refined_mesh(flat_wall(40), half)
+    assert set(out_of(mesh).round(5).tolist()) == {0.0, 0.01}
+
+
+def test_depths_between_pixels_are_interpolated() -> None:
+    """A wall that leans: its depth grows by a tenth of a pixel's size from column to column."""
+    column = np.arange(640, dtype=np.float32)
+    leaning: Float32 = np.repeat((5.0 + 0.001 * (column - 319.5))[None], 480, axis=0).astype(np.float32)
+    mesh, moved = refined_mesh(flat_wall(), [DepthMap(camera_at(2.0), lambda: leaning)] * 3)
+    across = (flat_wall().vertices - FOOT) @ RIGHT
+    expected = -0.001 * (across - 2) * 500 / 5
+    near = moved & (abs(expected) < 0.03)
+    assert near.sum() > 50
+    assert out_of(mesh)[near] == pytest.approx(expected[near], abs=2e-5)
+
+
+def test_faces_do_not_turn_over() -> None:
+    """Faces of 8 mm, of which one corner is said to be 35 mm out: it stays."""
+    wall = flat_wall()
+    small = replace(wall, vertices=(0.04 * (wall.vertices - FOOT) + on_wall(np.array(2.0), np.array(1.5))))
+    small = replace(small, vertices=small.vertices.astype(np.float32))
+    depth = np.full((480, 640), 5.0, np.float32)
+    pixels, _ = camera_at(2.0).project(small.vertices[[220]])
+    column, row = np.floor(pixels[0]).astype(int)
+    depth[row, column] = 4.965
+    mesh, moved = refined_mesh(small, [DepthMap(camera_at(2.0), lambda: depth)] * 3)
+    assert abs(out_of(mesh)).max() < 0.01 and not moved.all()
