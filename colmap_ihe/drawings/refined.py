@@ -1,7 +1,8 @@
 """Move the vertices of a mesh to where the depth maps of the photographs say that the surface is.
 
 A mesh by Poisson and simplification is smoother than what the photographs measured, and the cloud that it comes from
-keeps few of their depths at each place. Here each vertex goes along its normal to the weighted median of the depths.
+keeps few of their depths at each place. Here each vertex goes along its normal to the weighted median of the depths,
+and neighbours go alike where these disagree.
 """
 
 from __future__ import annotations
@@ -23,6 +24,11 @@ _REACH = 4.0  # pixels of a photograph on the surface, beyond which a depth is o
 _FEWEST = 3  # photographs that must see a vertex there
 _MOST = 16  # depths of a vertex that are kept: those that tell most
 _LEAST_COSINE = 0.2  # between normal and ray
+_SHARPEST = 0.05  # pixels between depths: less is no better
+_ALIKE = (
+    8.0  # how much one neighbour counts, where a vertex counts by 1 / the square of pixels between its depths
+)
+_ROUNDS = 20  # in which neighbours become alike
 _TURNED = 0.5  # cosine by which a face may turn at most
 _CHUNK = 200_000  # vertices at a time
 
@@ -53,9 +59,9 @@ def _depth(file: Path) -> Float32:
 
 
 def refined_mesh(mesh: Mesh, maps: Sequence[DepthMap], progress: Progress = SILENT) -> tuple[Mesh, Bool]:
-    """Return `mesh` with its vertices at the weighted median of what at least three `maps` say near them, and which
-    (V,) were moved. A depth counts by how straight and from how near it was seen. Vertices stay where faces would turn
-    over. Raises `Cancelled`, and what the maps raise."""
+    """Return `mesh` with its vertices at the weighted median of what three `maps` or more say near them, smoothed where
+    they disagree, and which (V,) were moved. A depth counts by how straight and from how near it was seen. Vertices
+    stay where faces would turn over. Raises `Cancelled`, and what the maps raise."""
     progress.start(len(maps), "depth maps compared with the surface")
     normals = vertex_normals(mesh).astype(np.float64)
     steps = np.full((_MOST, len(mesh.vertices)), np.nan, np.float32)
@@ -64,8 +70,9 @@ def refined_mesh(mesh: Mesh, maps: Sequence[DepthMap], progress: Progress = SILE
         rows, step, weight = _steps(mesh.vertices, normals, depths.camera, depths.read())
         _keep(steps, weights, rows, step, weight)
         progress.advance()
-    step = _medians(steps, weights)
+    step, trust = _medians(steps, weights)
     moved = np.isfinite(step)
+    step = _alike(step, trust, mesh, progress)
     vertices = mesh.vertices + (np.where(moved, step, 0)[:, None] * normals).astype(np.float32)
     moved &= ~_turned_over(mesh, vertices)
     vertices[~moved] = mesh.vertices[~moved]
@@ -117,18 +124,42 @@ def _keep(steps: Float32, weights: Float32, rows: Int64, step: Float64, weight: 
         steps[slot, chosen], weights[slot, chosen] = step[part][more], weight[part][more]
 
 
-def _medians(steps: Float32, weights: Float32) -> Float32:
-    """Return (V,) float32, the weighted medians of steps (K, V), nan where there are fewer than `_FEWEST`."""
-    median = np.full(steps.shape[1], np.nan, np.float32)
+def _medians(steps: Float32, weights: Float32) -> tuple[Float32, Float32]:
+    """Return (V,) float32, the weighted medians of steps (K, V), nan where there are fewer than `_FEWEST`, and (V,)
+    float32, how much they are to be trusted: 1 / the square of how far off the steps are, the median in pixels."""
+    median, trust = np.full((2, steps.shape[1]), np.nan, np.float32)
     for start in range(0, steps.shape[1], _CHUNK):
-        part = np.s_[:, start : start + _CHUNK]
-        order = np.argsort(steps[part], axis=0)
-        total = np.cumsum(np.take_along_axis(weights[part], order, axis=0), axis=0)
-        half = (total >= total[-1] / 2).argmax(axis=0)
-        chosen = np.take_along_axis(steps[part], np.take_along_axis(order, half[None], axis=0), axis=0)[0]
-        known = (weights[part] > 0).sum(axis=0) >= _FEWEST
-        median[start : start + _CHUNK] = np.where(known, chosen, np.nan)
-    return median
+        rows = np.flatnonzero((weights[:, start : start + _CHUNK] > 0).sum(axis=0) >= _FEWEST) + start
+        if not len(rows):
+            continue
+        step, weight = steps[:, rows], weights[:, rows]
+        median[rows] = _weighted_median(step, weight)
+        apart = np.abs(step - median[rows]) * np.sqrt(weight.max(axis=0))
+        trust[rows] = 1 / (np.nanmedian(apart, axis=0) ** 2 + _SHARPEST**2)
+    return median, trust
+
+
+def _weighted_median(values: Float32, weights: Float32) -> Float32:
+    order = np.argsort(values, axis=0)
+    total = np.cumsum(np.take_along_axis(weights, order, axis=0), axis=0)
+    half = (total >= total[-1] / 2).argmax(axis=0)
+    row = np.take_along_axis(order, half[None], axis=0)
+    return np.asarray(np.take_along_axis(values, row, axis=0)[0])
+
+
+def _alike(step: Float32, trust: Float32, mesh: Mesh, progress: Progress) -> Float64:
+    """Return steps (V,) that are alike at neighbours, the more the less they are to be trusted; nan stays."""
+    sides = np.sort(mesh.faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1)
+    sides = sides[np.isfinite(step[sides]).all(axis=1)]
+    first, second = np.unique(sides, axis=0).T
+    count = len(step)
+    total = trust + _ALIKE * (np.bincount(first, minlength=count) + np.bincount(second, minlength=count))
+    smooth = step.astype(np.float64)
+    for _ in range(_ROUNDS):
+        progress.check()
+        around = np.bincount(first, smooth[second], count) + np.bincount(second, smooth[first], count)
+        smooth = (trust * step + _ALIKE * around) / total
+    return smooth
 
 
 def _turned_over(mesh: Mesh, vertices: Float32) -> Bool:
