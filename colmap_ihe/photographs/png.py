@@ -74,7 +74,7 @@ def decode_png(content: bytes) -> Png | None:
         pixels = _pixels(held[b"IHDR"], held[b"IDAT"])
         profile = held.get(b"iCCP", b"").partition(b"\x00\x00")[2]
         profile = isal_zlib.decompress(profile) if profile else b""
-    except (KeyError, ValueError, struct.error, isal_zlib.error):
+    except (KeyError, ValueError, struct.error, isal_zlib.IsalError):  # type: ignore[misc]
         return None
     is_whole = kinds[0] == b"IHDR" and kinds[-1] == b"IEND"
     return Png(pixels, held.get(b"eXIf", b""), profile) if is_whole else None
