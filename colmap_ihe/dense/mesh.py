@@ -38,7 +38,6 @@ _LEVELS_TRIMMED = 2.0  # below the octree's depth; the surface then reaches thre
 _CELLS_BEYOND = 2.5  # that it may reach at most, which the density alone does not bound
 _SMALL_PART = 0.002  # of the area of the largest part
 _SMALL_CELLS = 200  # the area of a small part in any case
-_POISSON_THREADS = 1  # a second takes no time away, and where cores are busy waits five times as long as it works
 
 
 @dataclass(frozen=True)
@@ -73,8 +72,7 @@ def reconstruct_surface(
     del normals
     _require_points(len(points))
     depth = _depth(columns(points, "xyz"), faces)
-    chosen = {"depth": depth, "trim": depth - _LEVELS_TRIMMED, "num_threads": _POISSON_THREADS}
-    native = poisson_options({**chosen, **(options or {})})
+    native = poisson_options({"depth": depth, "trim": depth - _LEVELS_TRIMMED, **(options or {})})
     thin = thinned(points, 2 * _cells_per_unit(columns(points, "xyz"), native.depth))
     del points
     _require_points(len(thin))

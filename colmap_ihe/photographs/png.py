@@ -69,15 +69,15 @@ def decode_png(content: bytes) -> Png | None:
     """
     try:
         chunks = list(_chunks(content))
-        kinds = [name for name, _ in chunks]
-        held = {name: b"".join(part for of, part in chunks if of == name) for name in kinds}
+        kinds, held = [name for name, _ in chunks], {name: bytes(part) for name, part in chunks}
+        if kinds[0] != b"IHDR" or kinds[-1] != b"IEND" or kinds.count(b"IDAT") != 1:
+            return None
         pixels = _pixels(held[b"IHDR"], held[b"IDAT"])
         profile = held.get(b"iCCP", b"").partition(b"\x00\x00")[2]
         profile = isal_zlib.decompress(profile) if profile else b""
     except (KeyError, ValueError, struct.error, isal_zlib.IsalError):  # type: ignore[misc]
         return None
-    is_whole = kinds[0] == b"IHDR" and kinds[-1] == b"IEND"
-    return Png(pixels, held.get(b"eXIf", b""), profile) if is_whole else None
+    return Png(pixels, held.get(b"eXIf", b""), profile)
 
 
 def _pixels(header: bytes, packed: bytes) -> NDArray[np.uint8]:
