@@ -17,7 +17,7 @@ _MOST_LEVELS, _MOST_SPREAD = 40.0, 4.0  # from the median colour: in levels, and
 
 def centre_colours(mesh: Mesh, view: PinholeCamera, picture: UInt8) -> UInt8:
     """Return (F, 3) uint8, the colours of a picture (H, W, 3) around the centre of each face, where it shows it."""
-    pixels, _ = view.project(mesh.corners().mean(axis=1))
+    pixels, _ = view.project(mesh.middles)
     blurred = np.asarray(cv2.GaussianBlur(picture, (0, 0), _BLUR_PX), np.uint8)
     colours = sample(blurred, np.clip(np.nan_to_num(pixels), -1e6, 1e6))
     return np.asarray(np.rint(colours), np.uint8)

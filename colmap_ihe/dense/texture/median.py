@@ -12,6 +12,10 @@ def median_of_known(values: Array) -> Array:
     are."""
     rising = np.sort(values, axis=1)  # NaN last
     count = np.asarray((~np.isnan(rising)).sum(axis=1, keepdims=True))
-    low, high = (np.take_along_axis(rising, row, axis=1) for row in (np.maximum(count - 1, 0) // 2, count // 2))
+    low, high = (
+        np.take_along_axis(rising, row, axis=1) for row in (np.maximum(count - 1, 0) // 2, count // 2)
+    )
     none_between = np.asarray(count % 2 == 1)
-    return np.where(none_between, low, (low + np.where(none_between, low, high)) / 2)[:, 0].astype(values.dtype)
+    return np.where(none_between, low, (low + np.where(none_between, low, high)) / 2)[:, 0].astype(
+        values.dtype
+    )
