@@ -70,10 +70,10 @@ def refined_mesh(mesh: Mesh, maps: Sequence[DepthMap], progress: Progress = SILE
         rows, step, weight = _steps(mesh.vertices, normals, depths.camera, depths.read())
         _keep(steps, weights, rows, step, weight)
         progress.advance()
-    step, trust = _medians(steps, weights)
-    moved = np.isfinite(step)
-    step = _alike(step, trust, mesh, progress)
-    vertices = mesh.vertices + (np.where(moved, step, 0)[:, None] * normals).astype(np.float32)
+    median, trust = _medians(steps, weights)
+    moved = np.isfinite(median)
+    smooth = _alike(median, trust, mesh, progress)
+    vertices = mesh.vertices + (np.where(moved, smooth, 0)[:, None] * normals).astype(np.float32)
     moved &= ~_turned_over(mesh, vertices)
     vertices[~moved] = mesh.vertices[~moved]
     return replace(mesh, vertices=vertices), moved
@@ -111,7 +111,7 @@ def _depths_at(depth: Float32, pixels: Float64, apart: Float64) -> Float64:
     upper = around[0] + right * (around[1] - around[0])
     lower = around[2] + right * (around[3] - around[2])
     nearest = np.take_along_axis(around, (2 * (down >= 0.5) + (right >= 0.5))[None], axis=0)[0]
-    return np.where((low > 0) & (high - low < apart), upper + down * (lower - upper), nearest)
+    return np.asarray(np.where((low > 0) & (high - low < apart), upper + down * (lower - upper), nearest))
 
 
 def _keep(steps: Float32, weights: Float32, rows: Int64, step: Float64, weight: Float64) -> None:

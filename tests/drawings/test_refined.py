@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
@@ -75,7 +76,7 @@ def test_where_photographs_disagree_neighbours_go_alike() -> None:
         depth = np.full((480, 640), 5.0, np.float32)
         depth[:, np.arange(640) + 0.5 > column] = 4.99
         depth[240:] += random.normal(0, 0.005, (240, 640)).astype(np.float32)
-        maps.append(DepthMap(camera_at(across), lambda depth=depth: depth))
+        maps.append(DepthMap(camera_at(across), partial(np.copy, depth)))
     mesh, moved = refined_mesh(flat_wall(100), maps)
     places = mesh.vertices - FOOT
     across, up, out = places @ RIGHT, places @ UP, out_of(mesh)
