@@ -28,6 +28,7 @@ from colmap_ihe.colmap.native import logged_to
 from colmap_ihe.dense.cloud import dense_cloud
 from colmap_ihe.errors import MappingError, OptionError
 from colmap_ihe.evaluation.figures import errors_against, matching_of, plain_truth, read_pairs, truth_of
+from colmap_ihe.evaluation.metric import GivenSurvey, given_survey
 from colmap_ihe.evaluation.page import write_comparison
 from colmap_ihe.evaluation.tables import LEFT_OUT, METHODS, PAPER, MethodResult, tables_of
 from colmap_ihe.evaluation.truth import Truth
@@ -90,6 +91,7 @@ def compare(
         stack.enter_context(logged_to(common.native_log))
         stack.enter_context(limited(options.machine.threads))
         executor = stack.enter_context(local_executor())
+        survey = given_survey(compared, options, executor)
         for method in dict.fromkeys(methods):
             own = _options_of(method, options)
             done = reconstruct(
@@ -101,7 +103,7 @@ def compare(
                 executor=executor,
                 developed=developed,
             )
-            runs = {seed: _mapped(done, options, seed, truth, progress) for seed in range(seeds + 1)}
+            runs = {seed: _mapped(done, options, seed, truth, survey, progress) for seed in range(seeds + 1)}
             if not results:
                 _require_cameras(method, int(runs[0]["registered"]), _images_of(done), options)
             reconstructions.append(done)
@@ -198,7 +200,12 @@ def _seed_folder(done: Reconstruction, seed: int) -> Path:
 
 
 def _mapped(
-    done: Reconstruction, options: Options, seed: int, truth: Truth | None, progress: RunProgress
+    done: Reconstruction,
+    options: Options,
+    seed: int,
+    truth: Truth | None,
+    survey: GivenSurvey,
+    progress: RunProgress,
 ) -> Mapping[str, float]:
     """Return the figures of one run of the mapper: with all matches for seed 0, else without some."""
     project, folder = done.project, _seed_folder(done, seed)
@@ -239,16 +246,12 @@ def _mapped(
             "mean_error_px": model.mean_reprojection_error_px,
             "rms_px": rms_px(folder / "0"),
         }
+        row |= survey.figures_of(project.grey, (read_record(project, "convert") or {})["grey"], folder / "0")
         return row | (errors_against(truth, folder / "0") if truth else {})
 
-    inputs: tuple[Any, ...] = (
-        options.sparse.model_dump(mode="json", exclude={"min_registered"}),
-        LEFT_OUT,
-        plain_truth(truth),
-    )
-    if held:
-        inputs += (sorted(held),)
-    return _once(project, f"run-{seed}", measure, *inputs)
+    sparse = options.sparse.model_dump(mode="json", exclude={"min_registered"})
+    more = (*((sorted(held),) if held else ()), *survey.inputs())
+    return _once(project, f"run-{seed}", measure, sparse, LEFT_OUT, plain_truth(truth), *more)
 
 
 def _dense_points(

@@ -35,8 +35,9 @@ class MethodResult:
 
     `runs`: 0 with all matches, 1 and up without some of them, by seed; each with `registered`, `points`,
     `points_over_3_views`, `mean_error_px`, `rms_px`, and where truth is known `rotation_deg`, `position_m`,
-    `auc_percent`. `matching`: pairs, putative matches, inliers and their share in percent, over all pairs and by the
-    camera's movement. `dense_points` with the cameras of the first method, None where dense stereo did not run.
+    `auc_percent`, and of a project with a survey what `metric.GivenSurvey.figures_of` gives. `matching`: pairs,
+    putative matches, inliers and their share in percent, over all pairs and by the camera's movement. `dense_points`
+    with the cameras of the first method, None where dense stereo did not run.
     """
 
     method: str
@@ -72,6 +73,8 @@ _FIGURES = (
     _Figure("rotation_deg", "rotation error deg", 4, False),
     _Figure("position_m", "position error m", 5, False),
     _Figure("auc_percent", "AUC at 5 deg %", 2, True),
+    _Figure("check_rms_mm", "check points RMS mm", 2, False),
+    _Figure("control_rms_mm", "control points RMS mm", 2, False),
 )
 
 
@@ -110,11 +113,14 @@ def _matching(results: Sequence[MethodResult]) -> Table:
 
 def _reconstruction(results: Sequence[MethodResult]) -> Table:
     figures = _measured(results)
-    columns = ["method", *(f.title for f in figures), "dense points, same cameras"]
+    metric = all("extent_m" in run for result in results for run in result.runs.values())
+    columns = ["method", *(f.title for f in figures), *(["extent m"] if metric else [])]
+    columns.append("dense points, same cameras")
     rows = []
     for result in results:
         runs = [run for _, run in sorted(result.runs.items())]
         values = [_with_error([run[f.name] for run in runs], f.decimals) for f in figures]
+        values += [_with_error([run["extent_m"] for run in runs], 2)] if metric else []
         dense = "-" if result.dense_points is None else f"{result.dense_points:,}"
         rows.append([result.method, *values, dense])
     title = (

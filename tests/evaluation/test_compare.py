@@ -165,6 +165,23 @@ def test_tables_hold_what_was_measured_and_no_more() -> None:
     assert alike == ["green against rec709: no difference that this test can see."]
 
 
+def test_models_in_metres_are_compared_by_their_check_and_control_points() -> None:
+    found = [compared("ihe", [120, 119, 121]), compared("rec709", [100, 100, 101])]
+    assert "mm" not in " ".join(tables_of(found)[1].columns)
+    for number, result in enumerate(found):
+        for run in result.runs.values():
+            assert isinstance(run, dict)
+            run |= {"check_rms_mm": 2.5 + number, "control_rms_mm": 1.25, "extent_m": 13.1}
+    reconstruction = tables_of(found)[1]
+    row = dict(zip(reconstruction.columns, reconstruction.rows[1], strict=True))
+    expected = ("3.50 +- 0.00", "1.25 +- 0.00", "13.10 +- 0.00")
+    assert (
+        tuple(row[f"{name}"] for name in ("check points RMS mm", "control points RMS mm", "extent m"))
+        == expected
+    )
+    assert any("check points RMS mm" in sentence for sentence in sentences(found))
+
+
 def test_a_table_in_latex_and_csv_escapes_what_it_holds() -> None:
     table = Table("t", "50 % & more", ["method", "a_b"], [["x#1", 'say "so", 2']])
     latex = table.as_latex()
