@@ -18,8 +18,9 @@ from numpy.typing import NDArray
 
 from colmap_ihe.colmap.native import pycolmap
 
-VARIANCE = 1 / 8
-"""Of the blur, in square pixels: the mean of two neighbours and of their mean, each half a pixel from the next."""
+VARIANCE = 1 / 7
+"""Of the blur, in square pixels: 1/8 of the interpolation, whose weights are a quarter, a half and a quarter, half a
+pixel apart, and what keeps the number of features the same in spite of the rounding (benchmarks/coarse_first.md)."""
 _MOST = 1 / 2  # of three taps: those of one half and two quarters
 
 F32 = NDArray[np.float32]

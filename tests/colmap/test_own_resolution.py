@@ -62,19 +62,10 @@ def test_taps_have_the_variance(variance: float) -> None:
 
 def test_the_blur_is_of_the_pixels_that_colmap_looks_at() -> None:
     image = np.zeros((9, 9), np.uint8)
-    image[4, 4] = 192
-    assert as_doubled(image)[4].tolist() == [
-        0,
-        0,
-        0,
-        10,
-        148,
-        10,
-        0,
-        0,
-        0,
-    ]  # 192 * 7/8 * (1, 14, 1) / 16: 10.5, 147
-    assert as_doubled(image, 2)[4].tolist() == [0, 0, 0, 24, 48, 24, 0, 0, 0]
+    image[4, 4] = 196  # 168 of it stay in the row, as 1, 12 and 1 of 14
+    assert as_doubled(image)[4].tolist() == [0, 0, 0, 12, 144, 12, 0, 0, 0]
+    # 9 / 56, 38 / 56 and 9 / 56 of 133: 21.4, 90.3 and 21.4
+    assert as_doubled(image, 1.5)[4].tolist() == [0, 0, 0, 21, 91, 21, 0, 0, 0]
 
 
 def test_errors_of_rounding_are_gone_where_an_image_is_smooth() -> None:

@@ -54,8 +54,8 @@ def test_small_photographs_are_expected_to_take_two_extractions(
 @pytest.mark.parametrize(
     ("features", "recorded"),
     [
-        ({}, None),
-        ({"octaves": "auto"}, ["auto", VARIANCE]),
+        ({}, ["auto", VARIANCE]),
+        ({"octaves": "colmap"}, None),
         ({"octaves": "auto", "max_image_size": 1600}, None),  # no image is large for COLMAP's cap
         ({"octaves": "auto", "colmap": {"sift": {"first_octave": 0}}}, None),
     ],
