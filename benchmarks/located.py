@@ -3,11 +3,11 @@
     python benchmarks/located.py [--size 1500] [--cap 3000] [--noise 1.5]
 
 Photographs of sceaux and fountain-p11 are seen twice as if they were planes, through homographies, from their full
-size, with noise, and rounded to grey levels. Features are matched as COLMAP does (ratio .8, both ways) and are correct
-within two pixels. For each way to extract: correct matches, the median and the root of the mean square of their errors in
-pixels (above one pixel counted as one), and these of the finest level of the image's own resolution. `whole` is COLMAP's
-way, `plain` without the doubled image, `lower` that at three quarters of the threshold and 1.1 of the cap, and `auto`
-what `features.octaves: auto` does.
+size, with noise, and rounded to grey levels. Features are matched as COLMAP does (ratio .8, both ways) and are
+correct within two pixels. For each way to extract: correct matches, the median and the root of the mean square of
+their errors in pixels (above one pixel counted as one), and these of the finest level of the image's own
+resolution. `whole` is COLMAP's way, `plain` without the doubled image, `lower` that at three quarters of the
+threshold and 1.1 of the cap, and `auto` what `features.octaves: auto` does.
 """
 
 from __future__ import annotations
