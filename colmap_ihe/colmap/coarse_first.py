@@ -25,8 +25,9 @@ from colmap_ihe.machine.threads import local_workers
 PIXELS_A_PLACE = 350
 """Of an image for each place of a feature in its own resolution: 380 to 550 in photographs of facades
 (benchmarks/coarse_first.md). An image with fewer pixels than this for each place of the cap is not tried."""
-_CAP = 1.01
-"""Of COLMAP's cap, of images without the doubled one: a few features more than with it must not cost a whole level."""
+_THRESHOLD, _CAP = 0.97, 1.03
+"""Shares of COLMAP's peak threshold and of its cap, of images without the doubled one, so that they have no features
+fewer for the rounding, and a few more do not cost a whole level of them (benchmarks/coarse_first.md)."""
 _AT_ONCE = 4  # images for each thread, of which copies lie on the disk
 _FINEST_SIZE = 1.59  # pixels of a feature: those of the image's own resolution are of 1.6 and more
 
@@ -132,6 +133,7 @@ def _without_finest(extraction: pycolmap.FeatureExtractionOptions) -> pycolmap.F
     changed = deepcopy(extraction)
     changed.sift.first_octave += 1
     changed.sift.num_octaves -= 1
+    changed.sift.peak_threshold *= _THRESHOLD
     changed.sift.max_num_features = round(_CAP * changed.sift.max_num_features)
     return changed
 

@@ -98,7 +98,7 @@ def test_above_the_cap_features_are_of_the_own_resolution_and_as_many_as_colmaps
     assert np.hypot(auto["rich.png"][:, 2], auto["rich.png"][:, 4]).min() >= 1.59
     assert not np.array_equal(auto["rich.png"], whole["rich.png"])
     assert places(whole["rich.png"]) > CAP
-    assert places(auto["rich.png"]) == pytest.approx(places(whole["rich.png"]), rel=0.02)
+    assert places(whole["rich.png"]) <= places(auto["rich.png"]) <= 1.05 * places(whole["rich.png"])
     near = [np.abs(auto["rich.png"][:, :2] - place).max(axis=1).min() for place in whole["rich.png"][:, :2]]
     assert np.mean(np.array(near) < 0.05) > 0.9
     assert np.array_equal(auto["bare.png"], whole["bare.png"])
