@@ -5,8 +5,8 @@ like its photographs, in a Chromium that draws in software.
 
 Frames are counted while a key turns the model at every frame for five seconds; each is read back, so that it is counted
 when it is drawn and not when it was asked for. The difference of colour is the mean, over the pixels that the mesh
-covers, between a photograph laid over the model and the model, in levels of 255; the second figure is after one gain
-and offset for each channel of the model, since photographs differ in exposure and flare and a texture has one.
+covers, between a photograph laid over the model and the model, in levels of 255: in the exposure of the texture, in that
+of the photograph as the page shows it, and after the gain and offset for each channel that suit all these pixels best.
 """
 
 from __future__ import annotations
@@ -116,13 +116,17 @@ def _likeness(page: Page) -> Rows:
         page.locator("[data-mode=texture]").check()
         page.locator("[data-part=from]").select_option(str(view))
         photograph = _seen(page, "1", 1500)
+        alike = _seen(page, "0", 800)
+        page.locator("[data-part=alike]").uncheck()
         mesh = _seen(page, "0", 800)
+        page.locator("[data-part=alike]").check()
         page.locator("[data-mode=clay]").check()
         covered = np.abs(_seen(page, "0", 800) - mesh).max(axis=2) > 8
         covered &= np.abs(photograph - mesh).max(axis=2) > 0
         one, other = photograph[covered], mesh[covered]
-        raw, fitted = np.abs(one - other).mean(), np.abs(one - _fitted(other, one)).mean()
-        rows.append((f"difference from photograph {view + 1}", f"{raw:.1f} levels, {fitted:.1f} fitted"))
+        away = [np.abs(one - colours).mean() for colours in (other, alike[covered], _fitted(other, one))]
+        words = "{:.1f} levels, {:.1f} in its exposure, {:.1f} at best".format(*away)
+        rows.append((f"difference from photograph {view + 1}", words))
     return rows
 
 
