@@ -426,7 +426,7 @@ def test_the_first_view_leaves_out_what_stands_far_behind(browser: Browser, tmp_
         contents = synthetic_contents(6000, 4)
         assert contents.cloud is not None
         positions = contents.cloud.positions.copy()
-        positions[:far] = [90, 40, -60] + positions[:far]
+        positions[:far] += np.array([90, 40, -60], np.float32)
         cloud = dataclasses.replace(contents.cloud, positions=positions)
         contents = dataclasses.replace(contents, cloud=cloud)
         (tmp_path / "page.html").write_text(render_page(contents), encoding="utf-8")
