@@ -73,7 +73,7 @@ export function createView(canvas, { frame, cameras }, changed) {
       const aside = Math.max(Math.abs(point.dot(right)) / (tall * aspect), Math.abs(point.dot(up)) / tall);
       return aside + (camera === flat ? 0 : point.dot(from));
     }).sort();
-    return Math.max(1.08 * quantile(needed, 0.98), 0.5 * frame.radius);
+    return Math.max(1.08 * quantile(needed, 0.99), 0.5 * frame.radius);
   }
   function lookAlong(from, atOnce) {
     reach = fitting(from);
