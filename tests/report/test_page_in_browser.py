@@ -21,7 +21,7 @@ from synthetic import coded, facade_surface, synthetic_contents
 from colmap_ihe.report.page import render_page
 
 if TYPE_CHECKING:
-    from playwright.sync_api import Browser, Locator, Page
+    from playwright.sync_api import Browser, Dialog, Locator, Page
 
 HOSTILE = '"><script>window.ran=1;alert(1)</script><img src=x onerror="window.ran=2;alert(2)">'
 
@@ -237,7 +237,12 @@ def test_where_the_browser_keeps_nothing_leaving_asks_first(browser: Browser, ad
     it = browser.new_page(viewport={"width": 1100, "height": 800}, reduced_motion="reduce")
     it.add_init_script("Storage.prototype.setItem = () => { throw new DOMException('refused') }")
     asked: list[str] = []
-    it.on("dialog", lambda dialog: (asked.append(dialog.type), dialog.accept()))
+
+    def leave(dialog: Dialog) -> None:
+        asked.append(dialog.type)
+        dialog.accept()
+
+    it.on("dialog", leave)
     it.goto(address)
     it.wait_for_timeout(700)
     it.reload()
