@@ -99,10 +99,11 @@ def measured(
     ]
 
 
-def mapped(root: Path, grey: Path, images: int) -> pycolmap.Reconstruction:
-    out = root / "model"
+def mapped(root: Path, grey: Path, images: int, seed: int = 0) -> pycolmap.Reconstruction:
+    out = root / f"model-{seed}"
+    options = SparseOptions(seed=seed)
     known = Known(check_shared=True)
-    map_images(root / "database.db", grey, out, SparseOptions(), images, SILENT, known=known)
+    map_images(root / "database.db", grey, out, options, images, SILENT, known=known)
     return pycolmap.Reconstruction(out / "0")
 
 
