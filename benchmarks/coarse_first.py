@@ -1,6 +1,7 @@
 """Compare features of large photographs: COLMAP's, coarse first, and OpenCV's SIFT, with the models made of them.
 
     python benchmarks/coarse_first.py [fountain-p11] [sceaux] [portico-1 ...] [--size 1500] [--cap 3000] [--seeds 3]
+                                      [--choices colmap auto opencv]
 
 The photographs are made grey and scaled to a size of the longer side in pixels; `portico-N` is the demo's scene
 rendered anew with seed N and eight views. `--cap` is `max_num_features`: with 3,000 at 1,500 pixels it binds as
@@ -8,7 +9,8 @@ COLMAP's 8,192 do at 2,500. `colmap` and `auto` are those of `features.octaves`,
 half of COLMAP's threshold, its descriptors made as COLMAP's and its coarsest features kept. For each: features,
 verified matches, and of mappings with seeds from 0 on the means of registered photographs, points, points in more than
 three photographs, reprojection error and position error where poses are known. Core seconds are of features, and of
-matching.
+matching. All is done on one thread, so that the same features give the same model. Last come the mean logarithms of the
+ratios of `auto` to `colmap` over the porticos, with their standard errors.
 """
 
 from __future__ import annotations
@@ -16,8 +18,10 @@ from __future__ import annotations
 import argparse
 import json
 import tempfile
-from collections.abc import Mapping
+from collections import defaultdict
+from collections.abc import Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
 from pathlib import Path
 
 import cv2
@@ -35,6 +39,7 @@ from colmap_ihe.colmap.native import pycolmap, quiet
 from colmap_ihe.commandline.bars import print_table
 from colmap_ihe.evaluation.demo.render import render_demo
 from colmap_ihe.evaluation.truth import key_of, read_truth
+from colmap_ihe.machine import threads
 from colmap_ihe.machine.progress import SILENT
 from colmap_ihe.project.options import CameraOptions, FeaturesOptions
 
@@ -111,8 +116,37 @@ def coarsest(rows: NDArray[np.float32], cap: int) -> NDArray[np.intp]:
     return np.flatnonzero(chosen[inverse] & (rank < 2))
 
 
-def measured(folder: Path, names: list[str], choice: str, cap: int, seeds: int, poses: Poses) -> list[str]:
-    """Return the cells of a row."""
+@dataclass(frozen=True)
+class Outcome:
+    """Hold what was found with one choice: numbers, and means over the seeds; position errors in millimetres."""
+
+    features: int
+    matches: int
+    registered: float
+    points: float
+    over_three: float
+    error_px: float
+    errors_mm: list[float]
+    extraction_s: float
+    matching_s: float
+
+    def cells(self) -> list[str]:
+        errors = self.errors_mm
+        return [
+            f"{self.features:,}",
+            f"{self.matches:,}",
+            f"{self.registered:.1f}",
+            f"{self.points:,.0f}",
+            f"{self.over_three:,.0f}",
+            f"{self.error_px:.3f}",
+            f"{np.mean(errors):.2f} ({min(errors):.2f} to {max(errors):.2f})" if errors else "-",
+            f"{self.extraction_s:.1f}",
+            f"{self.matching_s:.1f}",
+        ]
+
+
+def measured(folder: Path, names: list[str], choice: str, cap: int, seeds: int, poses: Poses) -> Outcome:
+    """Return what one choice of octaves gives."""
     root = folder / choice
     root.mkdir()
     database = root / "database.db"
@@ -120,28 +154,47 @@ def measured(folder: Path, names: list[str], choice: str, cap: int, seeds: int, 
     if choice == "opencv":
         extract_by_opencv(database, folder / "grey", names, cap)
     else:
-        sift = {"max_num_features": cap}
-        options = FeaturesOptions.model_validate({"octaves": choice, "colmap": {"sift": sift}})
+        colmap = {"sift": {"max_num_features": cap}, "num_threads": 1}
+        options = FeaturesOptions.model_validate({"octaves": choice, "colmap": colmap})
         camera = CameraOptions(mode="single")
         with ThreadPoolExecutor(1) as executor:
             extract_features(database, folder / "grey", names, None, camera, options, root, executor, SILENT)
     extracted = core_seconds()
-    pycolmap.match_exhaustive(database)
+    pycolmap.match_exhaustive(database, matching_options=pycolmap.FeatureMatchingOptions(num_threads=1))
     matched = core_seconds()
     with pycolmap.Database.open(database) as opened:
-        counts = f"{opened.num_keypoints():,}", f"{opened.num_inlier_matches():,}"
+        features, matches = opened.num_keypoints(), opened.num_inlier_matches()
     models = [mapped(root, folder / "grey", len(names), seed) for seed in range(seeds)]
-    errors = [position_error_mm(model, poses) for model in models] if poses else []
     tracks = [[point.track.length() for point in model.points3D.values()] for model in models]
+    return Outcome(
+        features,
+        matches,
+        float(np.mean([model.num_reg_images() for model in models])),
+        float(np.mean([len(lengths) for lengths in tracks])),
+        float(np.mean([np.count_nonzero(np.array(lengths) > 3) for lengths in tracks])),
+        float(np.mean([model.compute_mean_reprojection_error() for model in models])),
+        [position_error_mm(model, poses) for model in models] if poses else [],
+        extracted - begun,
+        matched - extracted,
+    )
+
+
+def ratios(outcomes: Mapping[str, Mapping[str, Outcome]]) -> list[tuple[str, str]]:
+    """Return, by name, the mean logarithm of the ratios of `auto` to `colmap` of the porticos, in percent."""
+    pairs = [(o["auto"], o["colmap"]) for name, o in outcomes.items() if name.startswith("portico-")]
+    if len(pairs) < 2:
+        return []
+    taken: dict[str, Callable[[Outcome], float]] = {
+        "matches": lambda outcome: outcome.matches,
+        "points": lambda outcome: outcome.points,
+        "in > 3": lambda outcome: outcome.over_three,
+        "error px": lambda outcome: outcome.error_px,
+        "position error mm": lambda outcome: float(np.mean(outcome.errors_mm)),
+    }
+    logs = {name: [np.log(value(a) / value(c)) for a, c in pairs] for name, value in taken.items()}
     return [
-        *counts,
-        f"{np.mean([model.num_reg_images() for model in models]):.1f}",
-        f"{np.mean([len(lengths) for lengths in tracks]):,.0f}",
-        f"{np.mean([np.count_nonzero(np.array(lengths) > 3) for lengths in tracks]):,.0f}",
-        f"{np.mean([model.compute_mean_reprojection_error() for model in models]):.3f}",
-        f"{np.mean(errors):.2f} ({min(errors):.2f} to {max(errors):.2f})" if errors else "-",
-        f"{extracted - begun:.1f}",
-        f"{matched - extracted:.1f}",
+        (name, f"{100 * np.mean(some):+.2f} % +- {100 * np.std(some, ddof=1) / len(some) ** 0.5:.2f}")
+        for name, some in logs.items()
     ]
 
 
@@ -153,18 +206,23 @@ def main() -> None:
     parser.add_argument("--size", type=int, default=1500)
     parser.add_argument("--cap", type=int, default=3000)
     parser.add_argument("--seeds", type=int, default=3)
+    parser.add_argument("--choices", nargs="+", default=_CHOICES)
     parsed = parser.parse_args()
     rows = []
+    outcomes: dict[str, dict[str, Outcome]] = defaultdict(dict)
     cv2.setNumThreads(1)
-    with quiet(), tempfile.TemporaryDirectory() as temporary:
+    with quiet(), tempfile.TemporaryDirectory() as temporary, threads.limited(1):
         for name in parsed.sets:
             folder = Path(temporary) / name
             names, poses = prepared(name, parsed.size, folder)
-            for choice in _CHOICES:
-                cells = measured(folder, names, choice, parsed.cap, parsed.seeds, poses)
-                rows.append((name, choice, *cells))
+            for choice in parsed.choices:
+                outcome = measured(folder, names, choice, parsed.cap, parsed.seeds, poses)
+                outcomes[name][choice] = outcome
+                rows.append((name, choice, *outcome.cells()))
                 print(json.dumps(rows[-1]), flush=True)
     print_table(f"{parsed.size} pixels, {parsed.cap} features", rows, _COLUMNS)
+    if set(parsed.choices) >= {"auto", "colmap"}:
+        print_table("auto to colmap, porticos", ratios(outcomes), ("", "log of the ratio"))
 
 
 if __name__ == "__main__":

@@ -5,8 +5,8 @@ like its photographs, in a Chromium that draws in software.
 
 Frames are counted while a key turns the model at every frame for five seconds; each is read back, so that it is counted
 when it is drawn and not when it was asked for. The difference of colour is the mean, over the pixels that the mesh
-covers, between a photograph laid over the model and the model, in levels of 255; the second figure is after one gain
-and offset for each channel of the model, since photographs differ in exposure and flare and a texture has one.
+covers, between a photograph laid over the model and the model, in levels of 255: in the exposure of the texture, in
+that of the photograph as the page shows it, and after the gain and offset for each channel that least squares find.
 """
 
 from __future__ import annotations
@@ -60,6 +60,16 @@ _WATCH = """addEventListener('drawn', (e) => {
   window.first ??= performance.now();
   if (e.detail.whole) window.whole ??= performance.now();
 }, true)"""
+_FADED = """(opacity) => new Promise((done) => {
+  const fade = document.querySelector("[data-part=fade]");
+  addEventListener("drawn", function drawn({ detail }) {
+    if (!detail.whole) return;
+    removeEventListener("drawn", drawn, true);
+    done();
+  }, true);
+  fade.value = opacity;
+  fade.dispatchEvent(new Event("input"));
+})"""
 _BARS = 60  # pixels at the top and at the bottom of the canvas, where buttons stand
 
 
@@ -89,7 +99,7 @@ def _made_up(path: Path, points: int) -> Rows:
 
 def _measured(path: Path, seconds: float) -> Rows:
     with headless() as browser:
-        page = browser.new_page(viewport={"width": 1280, "height": 900})
+        page = browser.new_page(viewport={"width": 1280, "height": 900}, reduced_motion="reduce")
         page.add_init_script(_WATCH)
         page.goto(path.as_uri())
         while not page.evaluate("window.whole"):
@@ -115,14 +125,19 @@ def _likeness(page: Page) -> Rows:
     for view in range(page.locator("[data-part=from] option").count() - 1):
         page.locator("[data-mode=texture]").check()
         page.locator("[data-part=from]").select_option(str(view))
-        photograph = _seen(page, "1", 1500)
-        mesh = _seen(page, "0", 800)
+        page.locator("[data-part=alike]").wait_for()  # once the photograph lies over the model
+        photograph = _seen(page, "1")
+        alike = _seen(page, "0")
+        page.locator("[data-part=alike]").uncheck()
+        mesh = _seen(page, "0")
+        page.locator("[data-part=alike]").check()
         page.locator("[data-mode=clay]").check()
-        covered = np.abs(_seen(page, "0", 800) - mesh).max(axis=2) > 8
+        covered = np.abs(_seen(page, "0") - mesh).max(axis=2) > 8
         covered &= np.abs(photograph - mesh).max(axis=2) > 0
         one, other = photograph[covered], mesh[covered]
-        raw, fitted = np.abs(one - other).mean(), np.abs(one - _fitted(other, one)).mean()
-        rows.append((f"difference from photograph {view + 1}", f"{raw:.1f} levels, {fitted:.1f} fitted"))
+        away = [np.abs(one - colours).mean() for colours in (other, alike[covered], _fitted(other, one))]
+        words = "{:.1f} levels, {:.1f} in its exposure, {:.1f} by least squares".format(*away)
+        rows.append((f"difference from photograph {view + 1}", words))
     return rows
 
 
@@ -135,10 +150,9 @@ def _fitted(colours: NDArray[np.int64], goal: NDArray[np.int64]) -> NDArray[np.f
     return np.stack(channels, axis=1)
 
 
-def _seen(page: Page, opacity: str, wait_ms: int) -> NDArray[np.int64]:
+def _seen(page: Page, opacity: str) -> NDArray[np.int64]:
     """(H, W, 3): the canvas with the photograph over the model, between the buttons."""
-    page.locator("[data-part=fade]").fill(opacity)
-    page.wait_for_timeout(wait_ms)
+    page.evaluate(_FADED, opacity)
     picture = Image.open(io.BytesIO(page.locator(".stage canvas").screenshot())).convert("RGB")
     return np.asarray(picture)[_BARS:-_BARS].astype(np.int64)
 

@@ -17,15 +17,18 @@ from numpy.typing import NDArray
 
 from colmap_ihe.colmap.database import writing
 from colmap_ihe.colmap.native import called, cuda_devices, pycolmap
+from colmap_ihe.colmap.own_resolution import write_as_doubled
+from colmap_ihe.colmap.part_databases import task_folder
 from colmap_ihe.machine.progress import Progress
+from colmap_ihe.machine.threads import local_workers
 
 PIXELS_A_PLACE = 350
 """Of an image for each place of a feature in its own resolution: 380 to 550 in photographs of facades
 (benchmarks/coarse_first.md). An image with fewer pixels than this for each place of the cap is not tried."""
-_THRESHOLD, _CAP = 0.75, 1.1
-"""Shares of COLMAP's peak threshold and of its cap, of images without the doubled one: COLMAP finds a few percent more
-in their own resolution where that comes from the doubled one. More are found so, and the cap, which takes whole levels,
-grows with them (benchmarks/coarse_first.md)."""
+_THRESHOLD, _CAP = 0.97, 1.03
+"""Shares of COLMAP's peak threshold and of its cap, of images without the doubled one, so that they have no features
+fewer for the rounding, and a few more do not cost a whole level of them (benchmarks/coarse_first.md)."""
+_AT_ONCE = 4  # images for each thread, of which copies lie on the disk
 _FINEST_SIZE = 1.59  # pixels of a feature: those of the image's own resolution are of 1.6 and more
 
 
@@ -82,25 +85,47 @@ def extract_coarse_first(
     Raises `NativeError`, `Cancelled`.
     """
 
-    def extract(
-        some: Sequence[str], options: pycolmap.FeatureExtractionOptions, first: int, last: int
-    ) -> None:
-        done = None if rows is None else lambda: min(rows(), last) - first
+    threads = extraction.num_threads if extraction.num_threads > 0 else local_workers()
+    reported = 0
+
+    def extract(folder: Path, some: Sequence[str], options: pycolmap.FeatureExtractionOptions) -> None:
+        before = reported
+
+        def done() -> int:
+            nonlocal reported
+            reported = max(reported, rows() if rows else 0)
+            return reported - before
+
         called(
             pycolmap.extract_features,
             database,
-            grey,
+            folder,
             image_names=list(some),
             extraction_options=options,
             progress=progress,
-            units_done=done,
+            units_done=done if rows else None,
             **given,
         )
 
+    largest, at_once = extraction.eff_max_image_size(), _AT_ONCE * threads
+    left = _without_features(database, coarse)
+    for begin in range(0, len(left), at_once):
+        with task_folder() as folder:
+            written = write_as_doubled(grey, left[begin : begin + at_once], folder, largest, threads)
+            if written:
+                extract(folder, written, _without_finest(extraction))
     if coarse:
-        extract(coarse, _without_finest(extraction), 0, len(coarse))
         _remove_features(database, _short_of_the_cap(database, coarse, extraction))
-    extract(names, extraction, len(coarse), len(names))
+    extract(grey, names, extraction)
+
+
+def _without_features(database: Path, names: Sequence[str]) -> list[str]:
+    """Return those of the named images that have no features in the database."""
+    if not names:
+        return []
+    with pycolmap.Database.open(database) as opened:
+        done = {str(i.name) for i in opened.read_all_images() if opened.exists_keypoints(i.image_id)}
+    return [name for name in names if name not in done]
 
 
 def _without_finest(extraction: pycolmap.FeatureExtractionOptions) -> pycolmap.FeatureExtractionOptions:
@@ -116,8 +141,8 @@ def _without_finest(extraction: pycolmap.FeatureExtractionOptions) -> pycolmap.F
 def _short_of_the_cap(
     database: Path, names: Collection[str], extraction: pycolmap.FeatureExtractionOptions
 ) -> list[int]:
-    """Return the ids of those of the named images that have fewer places than the cap, and no feature of the finest
-    octave: these would have more with it."""
+    """Return the ids of those of the named images that have no more places than the cap, and no feature of the finest
+    octave: COLMAP, which keeps whole levels until they are more, would keep some of it."""
     most, cap = extraction.eff_max_image_size(), extraction.sift.max_num_features
     with pycolmap.Database.open(database) as opened:
         cameras = {camera.camera_id: camera for camera in opened.read_all_cameras()}
@@ -128,7 +153,7 @@ def _short_of_the_cap(
             camera = cameras[image.camera_id]
             pixel = max(1.0, max(camera.width, camera.height) / most)
             keypoints = np.asarray(opened.read_keypoints(image.image_id), np.float32)
-            if places(keypoints) < cap and not _has_finest(keypoints, pixel):
+            if places(keypoints) <= cap and not _has_finest(keypoints, pixel):
                 short.append(image.image_id)
     return short
 

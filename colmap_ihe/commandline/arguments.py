@@ -11,7 +11,7 @@ from colmap_ihe.commandline import shared_arguments as shared
 from colmap_ihe.commandline.display import Display
 from colmap_ihe.commandline.shared_arguments import Command, add, add_switch
 from colmap_ihe.evaluation.tables import METHODS as COMPARED
-from colmap_ihe.evaluation.tables import PAPER
+from colmap_ihe.evaluation.tables import PAPER, SECOND
 from colmap_ihe.grey.convert import TONES
 from colmap_ihe.machine.libraries import __version__
 from colmap_ihe.photographs.encode import SUFFIXES
@@ -130,7 +130,10 @@ def _add_compare(command: Command) -> None:
         " and LaTeX go to PROJECT/compare. The same command goes on after an interruption.",
     )
     shared.add_project(parser)
-    text = f"conversions by name; {PAPER} is IHE without the guard (%(default)s)"
+    text = (
+        f"conversions by name; {PAPER} is IHE without the guard, {SECOND} IHE with a second grey where the photographs"
+        " need one (%(default)s)"
+    )
     add(parser, "--methods NAME,NAME", text, default=",".join(COMPARED))
     text = "runs of the mapper without some of the matches, which tell the error (%(default)s)"
     add(parser, "--seeds N", text, type=int, default=3)

@@ -2,7 +2,8 @@
 
 Each method has a project of its own below `compare/`, which resumes as any other: photographs are converted, features
 found and matched once a method. The mapper runs with all matches, and once a seed without some of them, which shows how
-much is chance. Dense stereo runs once a method, with the cameras of the first for all: only the grey differs.
+much is chance. Dense stereo runs once a method, with the cameras of the first for all: only the grey differs. One
+method alone has a second grey, and is left out where the photographs need none.
 """
 
 from __future__ import annotations
@@ -11,31 +12,28 @@ import shutil
 import time
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor
-from contextlib import ExitStack, suppress
+from contextlib import ExitStack
 from dataclasses import asdict
 from functools import partial
 from pathlib import Path
 from typing import Any
 
-import yaml
-
 from colmap_ihe.colmap.calibration.calibrate import Known
-from colmap_ihe.colmap.calibration_file import CalibratedCamera, write_calibration
 from colmap_ihe.colmap.database import remove_database
 from colmap_ihe.colmap.mapping import map_images
 from colmap_ihe.colmap.measures import rms_px, thin_out
 from colmap_ihe.colmap.native import logged_to
 from colmap_ihe.dense.cloud import dense_cloud
-from colmap_ihe.errors import MappingError, OptionError
+from colmap_ihe.errors import MappingError
 from colmap_ihe.evaluation.figures import errors_against, matching_of, plain_truth, read_pairs, truth_of
+from colmap_ihe.evaluation.method_projects import check_names, options_of, project_of
+from colmap_ihe.evaluation.metric import GivenSurvey, given_survey
 from colmap_ihe.evaluation.page import write_comparison
-from colmap_ihe.evaluation.tables import LEFT_OUT, METHODS, PAPER, MethodResult, tables_of
+from colmap_ihe.evaluation.tables import LEFT_OUT, METHODS, SECOND, MethodResult, tables_of
 from colmap_ihe.evaluation.truth import Truth
-from colmap_ihe.grey.conversions import CONVERSIONS
 from colmap_ihe.machine.executor import local_executor
 from colmap_ihe.machine.files import (
     fingerprint_of,
-    link_or_copy_folder,
     read_json,
     require_room,
     write_bytes,
@@ -48,14 +46,12 @@ from colmap_ihe.photographs.readable import find_photographs
 from colmap_ihe.pipeline.given_calibration import given_calibration, held_cameras
 from colmap_ihe.pipeline.reconstruct import Reconstruction, reconstruct
 from colmap_ihe.pipeline.records import read_record
+from colmap_ihe.pipeline.second_grey import second_of
 from colmap_ihe.pipeline.stages.sparse import are_too_few
 from colmap_ihe.project.folder import Project
-from colmap_ihe.project.option_sections import ClusterOptions
 from colmap_ihe.project.options import Options
 
 _Row = dict[str, Any]
-_CALIBRATION = "camera-calibration.yaml"
-"""The copy of the calibration file that was given, in the project of each method."""
 
 
 def compare(
@@ -75,7 +71,7 @@ def compare(
     unknown method, and `Cancelled`.
     """
     options = options or Options()
-    _check_names(methods)
+    check_names(methods)
     compared = Project.at(Path(project), Path(images) if images else None)
     calibration = given_calibration(compared, options)
     truth = truth_of(compared)
@@ -90,18 +86,22 @@ def compare(
         stack.enter_context(logged_to(common.native_log))
         stack.enter_context(limited(options.machine.threads))
         executor = stack.enter_context(local_executor())
+        survey = given_survey(compared, options, executor)
         for method in dict.fromkeys(methods):
-            own = _options_of(method, options)
-            done = reconstruct(
-                _project_of(compared, common, method, own, calibration).root,
+            own = options_of(method, options)
+            advance = partial(
+                reconstruct,
+                project_of(compared, common, method, own, calibration).root,
                 own,
                 images=compared.images,
-                until="matches",
                 progress=progress,
                 executor=executor,
                 developed=developed,
             )
-            runs = {seed: _mapped(done, options, seed, truth, progress) for seed in range(seeds + 1)}
+            if method == SECOND and not _has_second(advance, own):
+                continue
+            done = advance(until="matches")
+            runs = {seed: _mapped(done, options, seed, truth, survey, progress) for seed in range(seeds + 1)}
             if not results:
                 _require_cameras(method, int(runs[0]["registered"]), _images_of(done), options)
             reconstructions.append(done)
@@ -113,21 +113,25 @@ def compare(
                     matching_of(done.project, cameras, chosen),
                     runs,
                     _dense_points(done, reconstructions[0], options, executor, progress),
+                    done.summary["second_grey"],
                 )
             )
         shutil.rmtree(developed, ignore_errors=True)
+        if not results:
+            raise MappingError(
+                f"{SECOND}: the photographs need no second grey, and no other method was named",
+                hint="name another method too, or take a direction by --set fit.second=red",
+            )
         _write(common.root, results)
         write_comparison(compared, results, [done.project for done in reconstructions], cameras)
     return results
 
 
-def _check_names(methods: Sequence[str]) -> None:
-    for method in methods:
-        if method not in (*CONVERSIONS, PAPER) or method == "auto":
-            raise OptionError(
-                f"no method is called {method!r}",
-                hint=f"the methods are {', '.join(m for m in CONVERSIONS if m != 'auto')}, {PAPER}",
-            )
+def _has_second(advance: Callable[..., Reconstruction], options: Options) -> bool:
+    """Tell whether there is a second grey; if it is sought, the photographs are converted by `advance`."""
+    if options.fit.second == "none":
+        return False
+    return advance(until="convert").summary["second_grey"] is not None
 
 
 def _require_cameras(method: str, registered: int, images: int, options: Options) -> None:
@@ -156,49 +160,17 @@ def _write(folder: Path, results: Sequence[MethodResult]) -> None:
         write_bytes(folder / f"{table.name}.tex", table.as_latex().encode())
 
 
-def _options_of(method: str, options: Options) -> Options:
-    guard = {"ihe": "noise", PAPER: "none"}.get(method, options.fit.guard)
-    name = "ihe" if method == PAPER else method
-    fit = options.fit.model_copy(update={"method": name, "guard": guard, "measure": False, "weights": None})
-    camera = options.camera
-    if camera.calibration is not None:
-        camera = camera.model_copy(update={"calibration": _CALIBRATION})
-    return options.model_copy(update={"fit": fit, "camera": camera, "cluster": ClusterOptions()})
-
-
-def _project_of(
-    compared: Project,
-    common: Project,
-    method: str,
-    options: Options,
-    calibration: Sequence[CalibratedCamera],
-) -> Project:
-    """Make the project of a method: its options, and links to all that the user's holds besides photographs. All
-    methods share what does not depend on the grey: means of calibration frames, digests of photographs."""
-    project = Project.at(common.root / method, compared.images)
-    project.records.mkdir(parents=True, exist_ok=True)
-    for given in (compared.masks, compared.calibration):
-        if given.is_dir():
-            link_or_copy_folder(given, project.root / given.name)
-    if options.camera.calibration is not None:
-        write_calibration(project.root / _CALIBRATION, calibration)
-    write_bytes(project.options_file, yaml.safe_dump(options.as_yaml(), sort_keys=False).encode())
-    common.masters.mkdir(parents=True, exist_ok=True)
-    if not project.masters.exists():
-        with suppress(OSError):  # a disk without links: then each method finds them for itself
-            project.masters.symlink_to(common.masters, target_is_directory=True)
-    for digests in sorted(common.root.glob(f"*/{project.digests_file.relative_to(project.root)}")):
-        if not project.digests_file.exists():
-            write_bytes(project.digests_file, digests.read_bytes())
-    return project
-
-
 def _seed_folder(done: Reconstruction, seed: int) -> Path:
     return done.project.workspace / "seeds" / str(seed)
 
 
 def _mapped(
-    done: Reconstruction, options: Options, seed: int, truth: Truth | None, progress: RunProgress
+    done: Reconstruction,
+    options: Options,
+    seed: int,
+    truth: Truth | None,
+    survey: GivenSurvey,
+    progress: RunProgress,
 ) -> Mapping[str, float]:
     """Return the figures of one run of the mapper: with all matches for seed 0, else without some."""
     project, folder = done.project, _seed_folder(done, seed)
@@ -239,16 +211,12 @@ def _mapped(
             "mean_error_px": model.mean_reprojection_error_px,
             "rms_px": rms_px(folder / "0"),
         }
+        row |= survey.figures_of(project.grey, (read_record(project, "convert") or {})["grey"], folder / "0")
         return row | (errors_against(truth, folder / "0") if truth else {})
 
-    inputs: tuple[Any, ...] = (
-        options.sparse.model_dump(mode="json", exclude={"min_registered"}),
-        LEFT_OUT,
-        plain_truth(truth),
-    )
-    if held:
-        inputs += (sorted(held),)
-    return _once(project, f"run-{seed}", measure, *inputs)
+    sparse = options.sparse.model_dump(mode="json", exclude={"min_registered"})
+    more = (*((sorted(held),) if held else ()), *survey.inputs())
+    return _once(project, f"run-{seed}", measure, sparse, LEFT_OUT, plain_truth(truth), *more)
 
 
 def _dense_points(
@@ -273,6 +241,7 @@ def _dense_points(
                 executor,
                 stage_progress,
                 partial(require_room, project.root),
+                second_of({"convert": read_record(project, "convert") or {}}),
             )
         (dense / "fused.ply").replace(project.workspace / "same-cameras.ply")
         shutil.rmtree(dense)

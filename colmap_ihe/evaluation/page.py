@@ -11,6 +11,8 @@ from colmap_ihe.dense.undistort import read_colour, read_grey
 from colmap_ihe.evaluation.tables import MethodResult, sentences, tables_of
 from colmap_ihe.machine.files import write_bytes
 from colmap_ihe.pipeline import model_view
+from colmap_ihe.pipeline.records import read_record
+from colmap_ihe.pipeline.second_grey import pictures_of, second_of
 from colmap_ihe.project.folder import Project
 from colmap_ihe.report import pictures
 from colmap_ihe.report.contents import Comparison, MethodFigures, Picture
@@ -47,7 +49,7 @@ def _best_pair(project: Project, cameras: Path) -> tuple[str, str]:
 
 
 def _figures(method: str, project: Project, cameras: Path, pair: tuple[str, str]) -> MethodFigures:
-    greys = [read_grey(project.grey / name) for name in pair]
+    greys = [_grey(project, name) for name in pair]
     chosen = pictures.shrunk(greys[0], _LONGEST)
     default = pictures.rec709(pictures.shrunk(read_colour(project.colour / pair[0]), _LONGEST))
     difference = pictures.difference(chosen, default)
@@ -58,6 +60,14 @@ def _figures(method: str, project: Project, cameras: Path, pair: tuple[str, str]
         _matches(project, pair, greys),
         _cloud(project.workspace / "same-cameras.ply", cameras, pair[0], method),
     )
+
+
+def _grey(project: Project, name: str) -> pictures.U8:
+    """Return a grey image, with what the second grey of the project adds if it has one."""
+    second = second_of({"convert": read_record(project, "convert") or {}})
+    if second is None:
+        return read_grey(project.grey / name)
+    return pictures_of(project, second, None)(name)[0]
 
 
 def _matches(project: Project, pair: tuple[str, str], greys: Sequence[pictures.U8]) -> Picture | None:

@@ -16,11 +16,13 @@ from typing import Any
 import numpy as np
 
 from colmap_ihe.evaluation.pair_errors import MOVEMENTS
-from colmap_ihe.report.tables import Table
+from colmap_ihe.report.tables import Table, second_in_words
 
-METHODS = ("ihe", "rec709", "rgb2gray", "green", "photoshop", "decolorize", "realtime")
+METHODS = ("ihe", "ihe-second", "rec709", "rgb2gray", "green", "photoshop", "decolorize", "realtime")
 PAPER = "ihe-paper"
 """IHE without the guard, to the letter of the paper."""
+SECOND = "ihe-second"
+"""IHE with a second grey for what it loses; all other methods are compared without."""
 REFERENCE = "rec709"
 LEFT_OUT = 0.2
 """Of the matches, in each of the runs that tell the error."""
@@ -35,8 +37,10 @@ class MethodResult:
 
     `runs`: 0 with all matches, 1 and up without some of them, by seed; each with `registered`, `points`,
     `points_over_3_views`, `mean_error_px`, `rms_px`, and where truth is known `rotation_deg`, `position_m`,
-    `auc_percent`. `matching`: pairs, putative matches, inliers and their share in percent, over all pairs and by the
-    camera's movement. `dense_points` with the cameras of the first method, None where dense stereo did not run.
+    `auc_percent`, and of a project with a survey what `metric.GivenSurvey.figures_of` gives. `matching`: pairs,
+    putative matches, inliers and their share in percent, over all pairs and by the camera's movement. `dense_points`
+    with the cameras of the first method, None where dense stereo did not run. `second_grey`: as the summary has it,
+    None without.
     """
 
     method: str
@@ -44,6 +48,7 @@ class MethodResult:
     matching: Mapping[str, Mapping[str, Any]]
     runs: Mapping[int, Mapping[str, float]]
     dense_points: int | None
+    second_grey: Mapping[str, Any] | None = None
 
 
 @dataclass(frozen=True)
@@ -72,6 +77,8 @@ _FIGURES = (
     _Figure("rotation_deg", "rotation error deg", 4, False),
     _Figure("position_m", "position error m", 5, False),
     _Figure("auc_percent", "AUC at 5 deg %", 2, True),
+    _Figure("check_rms_mm", "check points RMS mm", 2, False),
+    _Figure("control_rms_mm", "control points RMS mm", 2, False),
 )
 
 
@@ -82,8 +89,8 @@ def tables_of(results: Sequence[MethodResult]) -> list[Table]:
 
 
 def sentences(results: Sequence[MethodResult]) -> list[str]:
-    """Say the differences from the reference in words, one method a sentence."""
-    lines = []
+    """Say which greys are compared, and the differences from the reference in words, one method a sentence."""
+    lines = [_which_greys(results)]
     for method, verdicts in _verdicts(results).items():
         parts = []
         for word in ("better", "worse"):
@@ -92,6 +99,16 @@ def sentences(results: Sequence[MethodResult]) -> list[str]:
         differences = "; ".join(parts) or "no difference that this test can see"
         lines.append(f"{method} against {_reference(results).method}: {differences}.")
     return lines
+
+
+def _which_greys(results: Sequence[MethodResult]) -> str:
+    second = next((result for result in results if result.second_grey), None)
+    if second is None or second.second_grey is None:
+        return "Each grey is compared alone, without a second grey for what it loses."
+    return (
+        f"{second.method} has a second grey for what the first loses, the others are alone:"
+        f" {second_in_words(second.second_grey)}."
+    )
 
 
 def _matching(results: Sequence[MethodResult]) -> Table:
@@ -110,11 +127,14 @@ def _matching(results: Sequence[MethodResult]) -> Table:
 
 def _reconstruction(results: Sequence[MethodResult]) -> Table:
     figures = _measured(results)
-    columns = ["method", *(f.title for f in figures), "dense points, same cameras"]
+    metric = all("extent_m" in run for result in results for run in result.runs.values())
+    columns = ["method", *(f.title for f in figures), *(["extent m"] if metric else [])]
+    columns.append("dense points, same cameras")
     rows = []
     for result in results:
         runs = [run for _, run in sorted(result.runs.items())]
         values = [_with_error([run[f.name] for run in runs], f.decimals) for f in figures]
+        values += [_with_error([run["extent_m"] for run in runs], 2)] if metric else []
         dense = "-" if result.dense_points is None else f"{result.dense_points:,}"
         rows.append([result.method, *values, dense])
     title = (

@@ -200,8 +200,8 @@ class CameraOptions(Section):
 class FeaturesOptions(Section):
     max_image_size: Annotated[int, Field(ge=64, le=100_000)] | None = None
     """Longer side in pixels above which features are found on a smaller copy; None is COLMAP's default."""
-    octaves: Literal["auto", "colmap"] = "colmap"
-    """`colmap`: all octaves always; `auto`: the doubled image is left out where the cap leaves nothing of it."""
+    octaves: Literal["auto", "colmap"] = "auto"
+    """`auto`: the doubled image is left out where the cap leaves nothing of it; `colmap`: all octaves always."""
     colmap: ColmapOptions = Field(default_factory=dict)
     """For pycolmap.FeatureExtractionOptions."""
 

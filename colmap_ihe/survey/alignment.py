@@ -77,11 +77,16 @@ def _by_points(model: pycolmap.Reconstruction, survey: Survey) -> Aligned:
     there = np.array([survey.located[name].xyz for name in names])
     surveyed = frame.to_model(np.array([survey.points[name].xyz for name in names]))
     accuracy = np.array([survey.points[name].accuracy_m for name in names])
-    fit = fitted(there, surveyed, accuracy)
+    fit = fitted(there, surveyed, accuracy, bent_m=_BENT * _reach(surveyed))
     if fit.similarity is None:
         return Aligned(POINTS, frame, failure=fit.failure)
     out = _misfits(names, there, surveyed, fit) | _far_positions(model, survey, frame, fit.similarity)
     return Aligned(POINTS, frame, fit.similarity, out)
+
+
+def _reach(points: F64) -> float:
+    """Return about the extent of points (N, 3) in metres, whatever a few wrong ones say."""
+    return 2 * float(np.median(np.linalg.norm(points - np.median(points, axis=0), axis=1)))
 
 
 def _far_positions(

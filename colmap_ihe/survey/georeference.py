@@ -22,13 +22,12 @@ from colmap_ihe.survey.accuracy import (
 from colmap_ihe.survey.adjustment import MOST_IMAGES, adjust_with_control
 from colmap_ihe.survey.alignment import Aligned, Survey
 from colmap_ihe.survey.control_equations import ControlTerms
+from colmap_ihe.survey.control_fit import ControlFit
 from colmap_ihe.survey.frames import Frame
 from colmap_ihe.survey.observations import F64, LocatedPoint, Observation
-from colmap_ihe.survey.similarity import USUAL_LENGTH
 from colmap_ihe.survey.spread import Spread
 from colmap_ihe.survey.triangulate import Triangulation, triangulation
 
-_TIMES = 4.0  # standard deviations by which a point may be off, as the others are
 _ROUNDS = 4
 _OWN_SHARE = 0.5  # of a tie point's deviation: a lens that is not quite known is off for targets too
 
@@ -53,12 +52,13 @@ class Georeferenced:
 
 @dataclass(frozen=True)
 class _Adjusted:
-    """Hold the named points that took part, in their order, how well all is known then, and the point that is still
-    wrong, with how far it is off."""
+    """Hold the named points that took part, in their order, how well all is known then, the point that is still wrong,
+    with how far it is off, and what else the user should doubt."""
 
     names: Sequence[str]
     spread: Spread
     wrong: tuple[str, str] | None = None
+    doubt: str = ""
 
 
 def georeference(
@@ -156,6 +156,8 @@ def _adjusted_and_told(
             f"{name} is {away} though {_ROUNDS - 1} points were left out of the adjustment: look at the survey's"
             " points and at where they were clicked"
         )
+    elif adjusted and adjusted.doubt:
+        told.append(adjusted.doubt)
     return adjusted, told
 
 
@@ -179,9 +181,10 @@ def _adjusted(
             break
         adjusted = _Adjusted(names, adjust_with_control(model, terms, free_params, progress))
         progress.advance()
-        wrong = _worst(survey, triangulation(model, observations).points, frame, adjusted)
+        fit = _fit(survey, triangulation(model, observations).points, frame, adjusted)
+        wrong = fit.wrong()
         if wrong is None or not left:
-            return replace(adjusted, wrong=wrong)
+            return replace(adjusted, wrong=wrong, doubt=fit.doubt())
         out[wrong[0]] = wrong[1]
     return None
 
@@ -266,21 +269,17 @@ def _tie_deviation(model: pycolmap.Reconstruction) -> float:
     return float(model.compute_mean_reprojection_error()) / 1.25
 
 
-def _worst(
+def _fit(
     survey: Survey, located: Mapping[str, LocatedPoint], frame: Frame, adjusted: _Adjusted
-) -> tuple[str, str] | None:
-    """Return the control point that is off by most deviations, if by too many, and how far it is."""
+) -> ControlFit:
+    """Return how the control points of an adjustment fit it."""
     names = adjusted.names
     used = [n for n, name in enumerate(names) if name in survey.points and name in located]
-    if len(used) <= 3:
-        return None
-    surveyed = frame.to_model(np.array([survey.points[names[n]].xyz for n in used]))
-    away = np.linalg.norm(np.array([located[names[n]].xyz for n in used]) - surveyed, axis=1)
-    accuracy = np.array([survey.points[names[n]].accuracy_m for n in used])
-    variance = np.trace(adjusted.spread.of_points()[used], axis1=1, axis2=2) / 3
-    off = away / np.sqrt(accuracy**2 + variance)
-    usual = max(1.0, float(np.median(off)) / USUAL_LENGTH)
-    worst = int(np.argmax(off))
-    if off[worst] <= _TIMES * usual:
-        return None
-    return names[used[worst]], f"{1000 * away[worst]:.0f} mm from where the others put it"
+    surveyed = np.array([survey.points[names[n]].xyz for n in used]).reshape(-1, 3)
+    places = np.array([located[names[n]].xyz for n in used]).reshape(-1, 3)
+    return ControlFit(
+        [names[n] for n in used],
+        places - frame.to_model(surveyed),
+        np.array([survey.points[names[n]].accuracy_m for n in used]),
+        adjusted.spread.of_points()[used],
+    )

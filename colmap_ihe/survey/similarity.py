@@ -53,11 +53,11 @@ class Fitted:
     failure: str = ""
 
 
-def fitted(model: F64, surveyed: F64, accuracy: F64, up: F64 | None = None) -> Fitted:
+def fitted(model: F64, surveyed: F64, accuracy: F64, up: F64 | None = None, bent_m: float = 0.0) -> Fitted:
     """Return the similarity from points (N, 3) of a model to surveyed ones (N, 3), with standard deviations (N,).
 
     `up` (3,): the direction of the model that becomes z where points in a line leave that open; without it such points
-    determine nothing.
+    determine nothing. `bent_m`: by how much the model itself may be bent, which makes no point wrong.
     """
     count = len(model)
     none = Fitted(None, np.zeros(count, bool), np.full(count, np.nan))
@@ -66,16 +66,24 @@ def fitted(model: F64, surveyed: F64, accuracy: F64, up: F64 | None = None) -> F
     if in_a_line(surveyed) and up is None:
         return Fitted(*_values(none), "they lie in a line, which leaves open how the model turns about it")
     held = up if in_a_line(surveyed) or in_a_line(model) else None
-    best = min(
-        (similarity_of(model[t], surveyed[t], accuracy[t], held) for t in _triples(model, surveyed, held)),
-        key=lambda one: _middle(_off(one, model, surveyed, accuracy)),
-        default=None,
-    )
+    limit = np.hypot(accuracy, bent_m)
+    best: Similarity | None = similarity_of(model, surveyed, accuracy, held)
+    assert best is not None
+    # Of few points three always agree by chance, so that others would look wrong: all are tried first.
+    if _off(best, model, surveyed, limit).max() > _TIMES:
+        best = min(
+            (
+                similarity_of(model[t], surveyed[t], accuracy[t], held)
+                for t in _triples(model, surveyed, held)
+            ),
+            key=lambda one: _middle(_off(one, model, surveyed, limit)),
+            default=None,
+        )
     if best is None:
         return Fitted(*_values(none), "every three of them lie in a line")
     fits = np.ones(count, bool)
     for _ in range(10):
-        off = _off(best, model, surveyed, accuracy)
+        off = _off(best, model, surveyed, limit)
         now = off <= _TIMES * _usual(off)
         if now.sum() < FEWEST or (in_a_line(surveyed[now]) and held is None):
             return Fitted(*_values(none), "they do not agree with one another")

@@ -5,23 +5,33 @@ from __future__ import annotations
 import csv
 import json
 import shutil
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import pytest
 from calibrations import calibrated
 from command_line import Captured, output_of
+from painted import PAINTED, painted_wall
+from PIL import Image
 from small_demo import SETTINGS, Make, MakeOptions
 from told import Told
 
 from colmap_ihe.colmap.mapping import map_images
 from colmap_ihe.colmap.second_try import SecondTry
+from colmap_ihe.dense.undistort import read_grey
 from colmap_ihe.errors import CalibrationFileError, MappingError, OptionError
 from colmap_ihe.evaluation import compare as driver
+from colmap_ihe.evaluation import page
 from colmap_ihe.evaluation.compare import compare
+from colmap_ihe.evaluation.method_projects import options_of, project_of
 from colmap_ihe.evaluation.tables import MethodResult, sentences, tables_of
+from colmap_ihe.grey.second import SecondGrey
 from colmap_ihe.machine import system
+from colmap_ihe.machine.executor import local_executor
+from colmap_ihe.machine.progress import SILENT
 from colmap_ihe.pipeline.given_calibration import given_calibration
+from colmap_ihe.pipeline.reconstruct import reconstruct
 from colmap_ihe.project.folder import Project
 from colmap_ihe.project.options_file import load_options, project_options
 from colmap_ihe.report.tables import Table
@@ -87,9 +97,9 @@ def test_methods_side_by_side_and_resumed(
 
     folder = project / "compare"
     assert {file.suffix for file in folder.iterdir() if file.is_file()} == {".csv", ".tex", ".json", ".html"}
-    page = (folder / "index.html").read_text()
-    assert "ihe against rec709: " in page
-    assert page.count("<figure") == 8
+    shown = (folder / "index.html").read_text()
+    assert "ihe against rec709: " in shown
+    assert shown.count("<figure") == 8
     rows = list(csv.reader((folder / "reconstruction.csv").read_text().splitlines()))
     assert [row[0] for row in rows] == ["method", "ihe", "rec709"]
     assert len({len(row) for row in rows}) == 1
@@ -127,13 +137,55 @@ def test_a_method_without_a_model_is_told_and_does_not_end_the_others(
 
 def test_each_method_has_the_calibration_file_in_its_project(new_project: Make) -> None:
     root = new_project(2)
-    own = driver._options_of("ihe", load_options(None, ["camera.calibration=given.yaml"]))
-    project = driver._project_of(
+    own = options_of("ihe", load_options(None, ["camera.calibration=given.yaml"]))
+    project = project_of(
         Project.at(root), Project.at(root / "compare", root / "images"), "ihe", own, [calibrated()]
     )
     assert given_calibration(project, project_options(project.root, [])) == [calibrated()]
     with pytest.raises(CalibrationFileError, match=r"given\.yaml: cannot be read"):
         compare(root, load_options(None, ["camera.calibration=given.yaml"]))
+
+
+def painted_project(root: Path, *, painting: bool) -> Path:
+    (root / "images").mkdir(parents=True)
+    for number in range(2):
+        wall = painted_wall(shift=6 * number, painting=painting)
+        Image.fromarray(wall).save(root / "images" / f"{number}.png")
+    return root
+
+
+def test_one_method_alone_has_a_second_grey(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    seen: list[SecondGrey | None] = []
+
+    def cloud(*given: Any) -> dict[str, int]:
+        seen.append(given[-1])
+        given[4].mkdir(parents=True)
+        (given[4] / "fused.ply").write_bytes(b"")
+        return {"points": 7}
+
+    monkeypatch.setattr(driver, "dense_cloud", cloud)
+    for method in ("ihe", "ihe-second"):
+        project = painted_project(tmp_path / method, painting=True)
+        own = options_of(method, load_options(None, ["fit.step=0.2"]))
+        done = reconstruct(project, own, until="convert")
+        with local_executor() as executor:
+            assert driver._dense_points(done, done, own, executor, SILENT) == 7
+    assert seen[0] is None
+    assert isinstance(seen[1], SecondGrey)
+    first, shown = read_grey(done.project.grey / "0.png"), page._grey(done.project, "0.png")
+    assert first[PAINTED].std() < 0.5 * shown[PAINTED].std()
+
+
+def test_photographs_that_need_no_second_grey_have_no_such_method(tmp_path: Path) -> None:
+    project, options = (
+        painted_project(tmp_path / "plain", painting=False),
+        load_options(None, ["fit.step=0.2"]),
+    )
+    with pytest.raises(MappingError, match="ihe-second: the photographs need no second grey"):
+        compare(project, options, methods=["ihe-second"], seeds=0)
+    none = load_options(None, ["fit.second=none"])
+    with pytest.raises(MappingError, match="and no other method was named"):
+        compare(project, none, methods=["ihe-second"], seeds=0)
 
 
 def compared(method: str, points: list[float], truth: bool = False) -> MethodResult:
@@ -160,9 +212,34 @@ def test_tables_hold_what_was_measured_and_no_more() -> None:
     assert "position" in " ".join(tables_of([compared("ihe", [1], truth=True)])[1].columns)
     assert [row[0] for row in differences.rows] == ["ihe"]
     assert "+20 (better)" in differences.rows[0]
-    assert sentences(found) == ["ihe against rec709: better in points, points in > 3 images."]
+    alone = "Each grey is compared alone, without a second grey for what it loses."
+    assert sentences(found) == [alone, "ihe against rec709: better in points, points in > 3 images."]
     alike = sentences([found[1], compared("green", [100, 100, 101, 99])])
-    assert alike == ["green against rec709: no difference that this test can see."]
+    assert alike == [alone, "green against rec709: no difference that this test can see."]
+    second = {"weights": [1.5, -1.5, 0.2], "shown_percent": 85.0, "features": 1234}
+    assert sentences([*found, replace(compared("ihe-second", [130, 130, 131, 129]), second_grey=second)]) == [
+        "ihe-second has a second grey for what the first loses, the others are alone: +1.50 R -1.50 G +0.20 B, and"
+        " shows 85 % of the places that the grey loses; 1,234 features are from it.",
+        "ihe against rec709: better in points, points in > 3 images.",
+        "ihe-second against rec709: better in points, points in > 3 images.",
+    ]
+
+
+def test_models_in_metres_are_compared_by_their_check_and_control_points() -> None:
+    found = [compared("ihe", [120, 119, 121]), compared("rec709", [100, 100, 101])]
+    assert "mm" not in " ".join(tables_of(found)[1].columns)
+    for number, result in enumerate(found):
+        for run in result.runs.values():
+            assert isinstance(run, dict)
+            run |= {"check_rms_mm": 2.5 + number, "control_rms_mm": 1.25, "extent_m": 13.1}
+    reconstruction = tables_of(found)[1]
+    row = dict(zip(reconstruction.columns, reconstruction.rows[1], strict=True))
+    expected = ("3.50 +- 0.00", "1.25 +- 0.00", "13.10 +- 0.00")
+    assert (
+        tuple(row[f"{name}"] for name in ("check points RMS mm", "control points RMS mm", "extent m"))
+        == expected
+    )
+    assert any("check points RMS mm" in sentence for sentence in sentences(found))
 
 
 def test_a_table_in_latex_and_csv_escapes_what_it_holds() -> None:

@@ -161,6 +161,23 @@ def test_lines_are_read_as_they_were_clicked(page: Page, tmp_path: Path) -> None
     assert page.locator("#control-lines").inner_text().count("\n") == 0
 
 
+def test_what_was_clicked_is_there_after_a_reload(page: Page) -> None:
+    set_at(page, 2, np.array([700.5, 400.25]))
+    lines = page.locator("#control-lines")
+    assert lines.inner_text() == "3.png,N1,700.50,400.25"
+    assert "keeps them" in page.locator("[data-part=control-kept]").inner_text()
+    page.reload()
+    page.locator("[data-part=control-remove]").wait_for(state="attached")
+    page.locator("#control-lines").wait_for()
+    assert lines.inner_text() == "3.png,N1,700.50,400.25"
+    page.locator("[data-part=control-name]").fill("N1")
+    assert looked_at(page, 2).startswith("Set at 700.5, 400.3")
+    page.locator("[data-part=control-remove]").click()
+    page.reload()
+    page.wait_for_timeout(500)
+    assert not page.locator("[data-part=control-done]").is_visible()
+
+
 def test_a_point_needs_a_name_and_names_are_offered(page: Page) -> None:
     assert page.locator("#control-names option").evaluate_all("(all) => all.map((o) => o.value)") == [
         "N1",

@@ -16,12 +16,12 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 from PIL import Image
-from synthetic import facade_surface, synthetic_contents
+from synthetic import coded, facade_surface, synthetic_contents
 
 from colmap_ihe.report.page import render_page
 
 if TYPE_CHECKING:
-    from playwright.sync_api import Browser, Locator, Page
+    from playwright.sync_api import Browser, Dialog, Locator, Page
 
 HOSTILE = '"><script>window.ran=1;alert(1)</script><img src=x onerror="window.ran=2;alert(2)">'
 
@@ -159,8 +159,7 @@ def open_tools(page: Page) -> None:
     page.locator("[data-part=cameras]").uncheck()
     page.locator("[data-side=front]").click()
     page.wait_for_timeout(450)
-    for summary in page.locator(".tools summary").all():
-        summary.click()
+    page.locator(".tools details").evaluate_all("(all) => all.forEach((one) => { one.open = true })")
 
 
 def saved(page: Page) -> dict[str, Any]:
@@ -215,13 +214,46 @@ def test_a_known_distance_gives_the_scale_and_the_address_keeps_it(page: Page) -
     page.reload()
     page.wait_for_timeout(700)
     assert "metres_per_unit=" in page.url
-    open_tools(page)
-    page.locator("[data-tool=distance]").click()
-    picked(page, (0.35, 0.5), (0.6, 0.5))
-    assert float(page.locator("[data-part=measured] li").inner_text().split()[1]) == pytest.approx(
-        2.5, rel=0.01
-    )
+    assert page.locator("[data-part=measured] li").inner_text().startswith("Distance: 2.500 m")
     assert saved(page)["metres_per_unit"] == pytest.approx(2.5 / units, rel=1e-4)
+
+
+def test_notes_are_there_after_a_reload_until_they_are_removed(page: Page) -> None:
+    open_tools(page)
+    page.locator("[data-tool=note]").click()
+    picked(page, (0.55, 0.5))
+    page.locator("[data-part=notes] textarea").fill("<b>loose</b> stone")
+    before = saved(page)["items"]
+    page.reload()
+    page.locator("[data-part=notes] textarea").wait_for()
+    assert saved(page)["items"] == before and before[0]["text"] == "<b>loose</b> stone"
+    page.locator("[data-part=notes] button").click()
+    page.reload()
+    page.wait_for_timeout(500)
+    assert not page.locator("[data-part=notes] textarea").count()
+
+
+def test_where_the_browser_keeps_nothing_leaving_asks_first(browser: Browser, address: str) -> None:
+    it = browser.new_page(viewport={"width": 1100, "height": 800}, reduced_motion="reduce")
+    it.add_init_script("Storage.prototype.setItem = () => { throw new DOMException('refused') }")
+    asked: list[str] = []
+
+    def leave(dialog: Dialog) -> None:
+        asked.append(dialog.type)
+        dialog.accept()
+
+    it.on("dialog", leave)
+    it.goto(address)
+    it.wait_for_timeout(700)
+    it.reload()
+    assert not asked
+    open_tools(it)
+    it.locator("[data-tool=note]").click()
+    picked(it, (0.55, 0.5))
+    it.locator("[data-part=notes] textarea").fill("loose")
+    it.reload()
+    assert asked == ["beforeunload"]
+    it.close()
 
 
 def test_a_metric_model_is_measured_in_metres(browser: Browser, tmp_path: Path) -> None:
@@ -328,6 +360,12 @@ def test_vertex_colours_are_drawn_as_they_are(browser: Browser, tmp_path: Path) 
     it.page.wait_for_timeout(500)
     drawn = pixels(it.page.locator(".stage canvas")).astype(int)[250:350, 400:600]
     assert np.abs(drawn - [200, 60, 20]).max() <= 3
+    it.page.locator(".stage canvas").focus()
+    for _ in range(8):
+        it.page.keyboard.press("ArrowLeft")  # 37 degrees aside: no light is put on what is photographed
+    it.page.wait_for_timeout(500)
+    drawn = pixels(it.page.locator(".stage canvas")).astype(int)[250:350, 500:600]
+    assert np.abs(drawn - [200, 60, 20]).max() <= 1
     assert not it.errors
     it.page.close()
 
@@ -348,6 +386,64 @@ def test_the_mesh_looks_like_the_photograph_from_its_camera(page: Page) -> None:
     covered &= np.abs(photograph - mesh).max(axis=2) > 0
     assert covered.mean() > 0.25
     assert np.abs(photograph - mesh)[covered].mean() < 6
+
+
+def test_the_model_takes_the_exposure_of_the_photograph_that_is_looked_from(
+    browser: Browser, tmp_path: Path
+) -> None:
+    """The photograph is half as bright, and flare lies on its red; a third of it shows something else."""
+    contents = synthetic_contents(6000, 4)
+    camera = contents.cameras[1]
+    assert camera.picture is not None
+    shown = np.asarray(Image.open(io.BytesIO(camera.picture.jpeg))).astype(float)
+    dark = np.clip(0.5 * shown + [60, 0, 0], 0, 255).astype(np.uint8)
+    dark[:, :150] = 255
+    cameras = [dataclasses.replace(camera, picture=coded(dark, "a photograph"))]
+    contents = dataclasses.replace(contents, cameras=cameras)
+    (tmp_path / "page.html").write_text(render_page(contents), encoding="utf-8")
+    it = Opened(browser, (tmp_path / "page.html").as_uri())
+    it.page.locator("[data-part=cameras]").uncheck()
+    canvas, middle = it.page.locator(".stage canvas"), np.s_[200:300, 500:650]
+    drawn = {}
+    it.page.locator("[data-part=from]").select_option("0")
+    it.page.locator("[data-part=alike]").wait_for()
+    for name, fade, alike in (("photograph", "1", True), ("alike", "0", True), ("model", "0", False)):
+        it.page.locator("[data-part=fade]").fill(fade)
+        it.page.locator("[data-part=alike]").set_checked(alike)
+        it.still()
+        drawn[name] = pixels(canvas).astype(float)[middle]
+    medians = {name: np.median(picture, axis=(0, 1)) for name, picture in drawn.items()}
+    assert medians["photograph"] == pytest.approx(0.5 * medians["model"] + [60, 0, 0], abs=6)
+    assert medians["alike"] == pytest.approx(medians["photograph"], abs=6)
+    it.page.locator("[data-part=alike]").check()
+    it.page.locator("[data-side=front]").click()
+    it.still()
+    assert not it.page.locator("[data-part=alike]").is_visible()
+    assert np.median(pixels(canvas)[middle], axis=(0, 1)) == pytest.approx(medians["model"], abs=12)
+    assert not it.errors
+    it.page.close()
+
+
+def test_the_first_view_leaves_out_what_stands_far_behind(browser: Browser, tmp_path: Path) -> None:
+    """Four percent of the points stand ten times as far, on one side; the facade fills the picture all the same."""
+    spans = []
+    for far in (0, 240):
+        contents = synthetic_contents(6000, 4)
+        assert contents.cloud is not None
+        positions = contents.cloud.positions.copy()
+        positions[:far] += np.array([90, 40, -60], np.float32)
+        cloud = dataclasses.replace(contents.cloud, positions=positions)
+        contents = dataclasses.replace(contents, cloud=cloud)
+        (tmp_path / "page.html").write_text(render_page(contents), encoding="utf-8")
+        it = Opened(browser, (tmp_path / "page.html").as_uri())
+        it.page.locator("[data-part=cameras]").uncheck()
+        it.page.locator("[data-mode=clay]").check()
+        it.still()
+        drawn = pixels(it.page.locator(".stage canvas")).astype(int)[280:300]
+        columns = np.flatnonzero((np.ptp(drawn, axis=2) > 14).any(axis=0))
+        spans.append([columns[0], columns[-1]])
+        it.page.close()
+    assert spans[1] == pytest.approx(spans[0], abs=12) and np.ptp(spans[0]) > 400
 
 
 def test_before_and_after_by_keys_and_by_pointer(page: Page) -> None:

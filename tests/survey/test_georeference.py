@@ -11,6 +11,7 @@ from survey_block import SurveyBlock, survey_block
 
 from colmap_ihe.colmap.native import pycolmap
 from colmap_ihe.errors import ControlFileError
+from colmap_ihe.survey import control_fit
 from colmap_ihe.survey import georeference as module
 from colmap_ihe.survey.accuracy import point_rms, rms
 from colmap_ihe.survey.alignment import Survey
@@ -77,6 +78,11 @@ def _a_metre_off(points: dict[str, SurveyedPoint]) -> None:
     points["T3"] = SurveyedPoint("T3", (x + 1, y, z), ACCURACY)
 
 
+def _ten_accuracies_off(points: dict[str, SurveyedPoint]) -> None:
+    x, y, z = points["T3"].xyz
+    points["T3"] = SurveyedPoint("T3", (x, y, z + 10 * ACCURACY), ACCURACY)
+
+
 def _exchanged(points: dict[str, SurveyedPoint]) -> None:
     one, other = points["T2"], points["T8"]
     points["T2"] = SurveyedPoint("T2", other.xyz, ACCURACY)
@@ -86,7 +92,8 @@ def _exchanged(points: dict[str, SurveyedPoint]) -> None:
 @pytest.mark.parametrize(
     ("spoil", "out", "words"),
     [
-        (_a_metre_off, {"T3"}, "T3 is left out"),
+        (_a_metre_off, {"T3"}, "control points: T3 is left out"),
+        (_ten_accuracies_off, {"T3"}, "T3 is left out of the adjustment"),
         (_exchanged, {"T2", "T8"}, "the names of T2 and T8 look exchanged"),
     ],
 )
@@ -200,7 +207,7 @@ def test_a_point_that_is_wrong_after_three_others_is_named(
     block: SurveyBlock, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(module, "_ROUNDS", 1)
-    monkeypatch.setattr(module, "_TIMES", 0.0)
+    monkeypatch.setattr(control_fit, "_TIMES", 0.0)
     result, _ = result_of(block, Survey(points=points_of(block)))
     assert any("mm from where the others put it though" in warning for warning in result.warnings)
     assert not any("left out of the adjustment, " in warning for warning in result.warnings)

@@ -36,6 +36,27 @@ def test_a_point_off_by_a_metre_is_found_and_bends_nothing(count: int) -> None:
     assert fit.distances[2] == pytest.approx(1.0, abs=0.02)
 
 
+def facade(seed: int, bent_m: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Five points of a facade 12 m wide, surveyed to 1 mm, in a model of which the ends are bent by `bent_m`."""
+    draw = np.random.default_rng(seed)
+    true = draw.uniform((-6, -1, 0), (6, 0, 6), (5, 3))
+    model = true.copy()
+    model[:, 1] += bent_m * (true[:, 0] / 6) ** 2
+    return model / 1.7, true + draw.normal(0, 0.001, (5, 3)), np.full(5, 0.001)
+
+
+def test_of_five_good_points_none_is_left_out() -> None:
+    assert all(fitted(*facade(seed, 0.0)).fits.all() for seed in range(40))
+
+
+def test_a_bent_model_makes_no_point_wrong_and_hides_none_that_is() -> None:
+    for seed in range(20):
+        model, surveyed, accuracy = facade(seed, 0.03)
+        assert fitted(model, surveyed, accuracy, bent_m=0.03).fits.all()
+        surveyed[2, 2] += 1.0
+        assert not fitted(model, surveyed, accuracy, bent_m=0.03).fits[2]
+
+
 def test_two_exchanged_points_are_found() -> None:
     model, surveyed, accuracy = cloud(8)
     surveyed[[1, 4]] = surveyed[[4, 1]]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shutil
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -22,24 +23,26 @@ from colmap_ihe.pipeline.second_grey import second_of
 from colmap_ihe.pipeline.stage import Count, Record, RunContext, Stage, StageRecord
 from colmap_ihe.project.folder import Project
 from colmap_ihe.project.options import Options
-from colmap_ihe.survey.cloud_file import missing_libraries, write_laz
+from colmap_ihe.survey.e57_file import missing_for_e57, write_e57
 from colmap_ihe.survey.frames import Frame
+from colmap_ihe.survey.laz_file import missing_for_laz, write_laz
 
 _ENOUGH = 0.4  # inliers for each feature: with fewer, photographs see so much less of each other
 _LIKELY_POINTS = 0.1  # for each pixel with depth
-_PLY, _LAZ = "fused.ply", "fused.laz"
+_PLY, _LAZ, _E57 = "fused.ply", "fused.laz", "fused.e57"
 POINTS_A_PIXEL = 0.15  # at the most
 
 
 class DenseRecord(StageRecord):
-    """Count the points of the cloud, the pixels that stereo looked at and those with depth. `laz`: the cloud of a model
-    in metres lies there as LAZ too."""
+    """Count the points of the cloud, the pixels that stereo looked at and those with depth. `laz`, `e57`: the cloud of
+    a model in metres lies there as LAZ, as E57 too."""
 
     points: Count
     backend: str
     pixels: Count
     pixels_with_depth: Count
     laz: bool = False
+    e57: bool = False
 
 
 def run(run: RunContext, progress: Progress) -> DenseRecord:
@@ -61,16 +64,28 @@ def run(run: RunContext, progress: Progress) -> DenseRecord:
     if not run.is_metric:
         return DenseRecord(**values)
     frame = Frame(**run.records["survey"]["frame"])
-    if missing := missing_libraries(frame):
-        warning = (
-            f"the cloud is not written as LAZ, as {listed(missing)} {'is' if len(missing) == 1 else 'are'} not"
-            " installed: pip install 'colmap-ihe[survey]', and run again with --from dense"
-        )
-        # Coordinates of a local system are in the PLY file too.
-        told = [warning] if frame.crs else []
-        return DenseRecord(**{**values, "warnings": [*values["warnings"], *told]})
-    write_laz(project.dense / _LAZ, read_ply(project.dense / _PLY)["vertex"], frame)
-    return DenseRecord(**values, laz=True)
+    rows = read_ply(project.dense / _PLY)["vertex"]
+    if not len(rows):
+        return DenseRecord(**values)
+    warnings = list(values["warnings"])
+    written: dict[str, bool] = {}
+    for key, name, kind, missing, write in (
+        ("laz", _LAZ, "LAZ", missing_for_laz(frame), write_laz),
+        ("e57", _E57, "E57", missing_for_e57(frame), write_e57),
+    ):
+        if not missing:
+            write(project.dense / name, rows, frame, progress)
+            written[key] = True
+        elif frame.crs:  # coordinates of a local system are in the PLY file too
+            warnings.append(_not_written(kind, missing))
+    return DenseRecord(**{**values, "warnings": warnings, **written})
+
+
+def _not_written(kind: str, missing: Sequence[str]) -> str:
+    return (
+        f"the cloud is not written as {kind}, as {listed(missing)} {'is' if len(missing) == 1 else 'are'} not"
+        " installed: pip install 'colmap-ihe[survey]', and run again with --from dense"
+    )
 
 
 def pixels_seen(options: Options, size: PhotoSetSize) -> float:
@@ -108,7 +123,7 @@ def _made(project: Project) -> list[Path]:
 
 
 def _files(project: Project, record: Record) -> list[Path]:
-    names = [_PLY, _LAZ] if record.get("laz") else [_PLY]
+    names = [_PLY, *(name for key, name in (("laz", _LAZ), ("e57", _E57)) if record.get(key))]
     return [project.dense / name for name in names]
 
 

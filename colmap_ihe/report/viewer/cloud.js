@@ -4,6 +4,9 @@ import { BufferAttribute, BufferGeometry, Points, ShaderMaterial, Vector3 } from
 import { bytes } from "./data.js";
 import { RAMP, SECTION, rampAt } from "./shading.js";
 
+const SOME = 20000; // points that stand for all
+const BACKGROUND = 2.5, MOST_CAMERAS = 50;
+
 // Little work a point: drawing in software is bound by it.
 const VERTEX = `
 attribute vec4 tint;
@@ -40,15 +43,27 @@ export function quantile(values, share) {
   return values.length ? values[Math.min(values.length - 1, Math.floor(share * values.length))] : 0;
 }
 
-// The middle of the cloud, its radius and its heights, without the few points that lie far out.
-export function frameOf(cloud) {
-  const some = Math.min(cloud.count, 20000);
-  const axes = [0, 1, 2].map((a) => Float32Array.from({ length: some }, (_, i) => cloud.positions[3 * i + a]).sort());
+// Places of the cloud, 20,000 at most, without the background: what is more than 2.5 times as far from the nearest camera
+// as the median, as in the survey. With many cameras some of them stand for all.
+function foregroundOf(cloud, cameras) {
+  const places = Array.from({ length: Math.min(cloud.count, SOME) }, (_, i) => new Vector3().fromArray(cloud.positions, 3 * i));
+  const every = Math.ceil(cameras.length / MOST_CAMERAS);
+  const eyes = cameras.filter((_, i) => i % every === 0).map(({ centre }) => new Vector3(...centre));
+  if (!eyes.length) return places;
+  const away = Float32Array.from(places, (place) => Math.min(...eyes.map((eye) => place.distanceToSquared(eye))));
+  const most = BACKGROUND ** 2 * quantile(away.slice().sort(), 0.5);
+  return places.filter((_, i) => away[i] <= most);
+}
+
+// The middle of the cloud, its radius and its heights, without background and the few points that lie far out.
+export function frameOf(cloud, cameras) {
+  const places = foregroundOf(cloud, cameras);
+  const axes = [0, 1, 2].map((a) => Float32Array.from(places, (place) => place.getComponent(a)).sort());
   const low = axes.map((v) => quantile(v, 0.02));
   const high = axes.map((v) => quantile(v, 0.98));
   const middle = new Vector3(...low.map((v, a) => (v + high[a]) / 2));
   const radius = Math.hypot(...low.map((v, a) => (high[a] - v) / 2)) || 1;
-  return { middle, radius, heights: [low[1], Math.max(high[1], low[1] + 1e-6)] };
+  return { places, middle, radius, heights: [low[1], Math.max(high[1], low[1] + 1e-6)] };
 }
 
 // (N, 4) bytes to draw points in, of which the last is not used.

@@ -1,22 +1,25 @@
 // Control points: a point is named, clicked in photographs, and comes out as lines of control/observations.csv.
 
+import { createKeep } from "./keep.js";
 import { createPane } from "./pane.js";
 import { lineOf, meetingOf } from "./sights.js";
 
 const quoted = (text) => (/["',;\t\r\n]|^\s|\s$/.test(text) ? `"${text.replaceAll('"', '""')}"` : text);
+const KEPT = "This browser keeps them for this page.", LOST = "This browser keeps nothing for this page: copy them before you leave it.";
 const told = ([x, y]) => `${x.toFixed(1)}, ${y.toFixed(1)}`;
 
 // `addressOf(i)`: the picture of a camera; `hides(eye, place)`: whether the model stands between.
-export function createControl({ part, cameras, lenses, addressOf, hides, radius }) {
+export function createControl({ part, cameras, lenses, addressOf, hides, radius, title }) {
+  // Pixels hold for every model of these photographs.
+  const keep = createKeep(`colmap-ihe control of ${title}, ${location.pathname}`, restore);
   const points = new Map(); // by name: `onModel`, a place or null, and `sights`, pixels by the number of the camera
   const choice = part("control-photograph"), name = part("control-name");
   const [x, y] = ["x", "y"].map((axis) => part(`control-${axis}`));
   const pane = createPane(part("control-picture"), part("control-magnify"), moved);
   const say = (text) => { part("control-said").textContent = text; };
-  let latest = 0, shown = { image: null, address: "" };
+  let elsewhere = [], latest = 0, shown = { image: null, address: "" };
 
-  function pointOf() {
-    const key = name.value.trim();
+  function pointOf(key = name.value.trim()) {
     if (!points.has(key)) points.set(key, { onModel: null, sights: new Map() });
     return points.get(key);
   }
@@ -75,8 +78,26 @@ export function createControl({ part, cameras, lenses, addressOf, hides, radius 
       return say("Give the point its name first.");
     }
     pointOf().sights.set(Number(choice.value), pixel);
+    store();
     list();
     return show();
+  }
+  // Those of photographs that this page has not stay too: another page of the project may have them.
+  function store() {
+    const here = [...points].flatMap(([key, { sights }]) => [...sights].map(([i, pixel]) => [key, cameras[i].name, ...pixel]));
+    const rows = [...elsewhere, ...here];
+    part("control-kept").textContent = keep.write(rows.length ? rows : null) ? KEPT : LOST;
+  }
+  function restore(rows) {
+    const number = new Map(cameras.map((camera, i) => [camera.name, i]));
+    for (const { sights } of points.values()) sights.clear();
+    elsewhere = [];
+    for (const row of rows ?? []) {
+      const [key, photograph, ...pixel] = row;
+      if (!number.has(photograph)) elsewhere.push(row);
+      else pointOf(key).sights.set(number.get(photograph), pixel);
+    }
+    list();
   }
   function list() {
     const rows = [...points].flatMap(([key, { sights }]) => [...sights].map(([index, pixel]) => ({ key, index, pixel })));
@@ -86,6 +107,7 @@ export function createControl({ part, cameras, lenses, addressOf, hides, radius 
   }
   function remove() {
     pointOf().sights.delete(Number(choice.value));
+    store();
     list();
     show();
   }
@@ -108,6 +130,9 @@ export function createControl({ part, cameras, lenses, addressOf, hides, radius 
   part("control-set").addEventListener("click", () => set(pane.cross));
   part("control-remove").addEventListener("click", remove);
   part("control-next").addEventListener("click", next);
+  restore(keep.read());
+  store();
+  if (points.size) part("control-done").closest("details").open = true;
   return {
     // The point lies at a place of the model, as picked there.
     pick(place) {

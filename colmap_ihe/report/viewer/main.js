@@ -5,6 +5,7 @@ import { createControl } from "./control.js";
 import { decode, frameOf, pointsOf } from "./cloud.js";
 import { read } from "./data.js";
 import { createEdl } from "./edl.js";
+import { exposureOf } from "./exposure.js";
 import { createLens } from "./lens.js";
 import { createLoop } from "./loop.js";
 import { createMarks } from "./marks.js";
@@ -34,7 +35,7 @@ async function start() {
   const canvas = viewer.querySelector("canvas");
   const data = read("scene");
   const cloud = decode(read("cloud"));
-  const frame = frameOf(cloud);
+  const frame = frameOf(cloud, data.cameras);
   const cuts = sectionUniforms();
   const surface = await surfaceOf("surface", frame, data.weights, cuts);
   const points = pointsOf(cloud, frame, cuts);
@@ -48,7 +49,7 @@ async function start() {
   scene.add(points.object, photographs.group);
   if (surface) scene.add(surface.object);
   const size = part("size");
-  let ratio = 0;
+  let ratio = 0, exposure = null;
 
   function sharpness(effort) {
     const wanted = effort < 1 ? fullRatio * Math.max(0.4, Math.min(1, 0.35 + 0.65 * effort)) : Math.max(fullRatio, STILL_RATIO);
@@ -74,13 +75,13 @@ async function start() {
     return { points: drawn, faces, ratio };
   }
   const loop = createLoop(canvas, paint);
-  const view = createView(canvas, { frame, cloud, cameras: data.cameras }, () => loop.moved());
+  const view = createView(canvas, { frame, cameras: data.cameras }, () => loop.moved());
   const section = createSection(cuts, [points.object, ...(surface ? [surface.object] : [])], {
     cloud, front: view.front, part, scene: over, ask: loop.ask,
   });
   const control = part("control-name") && createControl({
     part, cameras: data.cameras, lenses: data.cameras.map((camera) => createLens(camera, data.grids[camera.grid])),
-    addressOf: photographs.addressOf, hides, radius: frame.radius,
+    addressOf: photographs.addressOf, hides, radius: frame.radius, title: document.title,
   });
   const tools = createTools({
     part, marks, data, scale: createScale(data.metric), ask: loop.ask, canvas, title: document.title, control,
@@ -114,20 +115,30 @@ async function start() {
     photographs.group.visible = outside && (part("cameras")?.checked ?? false);
     if (!outside) return;
     photographs.hide(over);
+    exposed(null);
     if (part("from")) part("from").value = "";
-    if (part("fade-field")) part("fade-field").hidden = true;
+    for (const name of ["fade-field", "alike-field"]) if (part(name)) part(name).hidden = true;
+  }
+  function exposed(levels) {
+    exposure = levels;
+    surface?.expose(part("alike")?.checked ? levels : null);
+    loop.ask();
   }
   function look(side, atOnce) {
     showCameras(true);
     view.look(side, atOnce);
   }
-  function lookFrom(index) {
+  async function lookFrom(index) {
     part("flat").checked = false;
     showCameras(false);
     part("from").value = String(index);
     part("fade-field").hidden = false;
     view.fromCamera(data.cameras[index]);
-    photographs.show(index, over, Number(part("fade").value));
+    exposed(null);
+    const sheet = await photographs.show(index, over, Number(part("fade").value));
+    if (!sheet || !surface) return;
+    part("alike-field").hidden = false;
+    exposed(exposureOf(renderer, surface, sheet, data.cameras[index], view.planes));
   }
   function placeAt(x, y) {
     const ray = rayThrough(view, x, y);
@@ -153,6 +164,7 @@ async function start() {
   data.cameras.forEach(({ name }, i) => part("from")?.add(new Option(name, String(i))));
   part("from")?.addEventListener("change", (e) => (e.target.value === "" ? look("home") : lookFrom(Number(e.target.value))));
   part("fade")?.addEventListener("input", (e) => photographs.fade(Number(e.target.value)));
+  part("alike")?.addEventListener("change", () => exposed(exposure));
   part("picture").addEventListener("click", () => savePicture(canvas));
   setUpFullScreen(part("screen"));
 

@@ -112,17 +112,18 @@ export function createPhotographs({ cameras, grids }, ask) {
     over = null;
     ask();
   }
-  // Lays the photograph over what is drawn of the model.
+  // Lays the photograph over what is drawn of the model; returns its sheet, null if there is no picture, or if another
+  // was chosen meanwhile.
   async function show(index, scene, opacity) {
     hide(scene);
     const number = latest;
     const camera = cameras[index];
     const address = addressOf(index);
-    if (!address) return;
+    if (!address) return null;
     const image = new Image();
     image.src = address;
     await image.decode();
-    if (number !== latest) return; // another was chosen meanwhile
+    if (number !== latest) return null;
     const map = new Texture(image);
     map.needsUpdate = true;
     const material = new MeshBasicMaterial({ map, side: DoubleSide, transparent: true, opacity, depthTest: false, depthWrite: false });
@@ -131,6 +132,7 @@ export function createPhotographs({ cameras, grids }, ask) {
     over.renderOrder = 2;
     scene.add(over);
     ask();
+    return over;
   }
   function fade(opacity) {
     if (!over) return;

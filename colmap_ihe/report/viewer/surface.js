@@ -33,7 +33,7 @@ void main() {
 const FRAGMENT = `
 uniform int look;
 uniform sampler2D picture;
-uniform vec3 weights, ramp[5];
+uniform vec3 weights, gain, offset, ramp[5];
 uniform vec2 heights;
 #ifdef COLOURED
 varying vec3 shade;
@@ -61,8 +61,8 @@ void main() {
     int step = int(min(share, 3.0));
     colour = mix(ramp[step], ramp[step + 1], share - float(step)) * (0.45 + 0.6 * lit);
   } else {
-    colour = photographed() * (0.94 + 0.06 * n.z);  // the photographs hold their light already
-    if (look == 4) colour = vec3(dot(colour, weights));
+    colour = photographed();  // which holds its light already
+    colour = look == 4 ? vec3(dot(colour, weights)) : gain * colour + offset;
   }
   gl_FragColor = vec4(colour, 1.0);
 }`;
@@ -104,6 +104,7 @@ export async function surfaceOf(id, frame, weights, section) {
   const [geometry, picture] = await Promise.all([geometryOf(data), data.texture ? pictureOf(data.texture) : null]);
   const uniforms = {
     look: { value: 0 }, picture: { value: picture }, weights: { value: new Vector3(...weights) },
+    gain: { value: new Vector3(1, 1, 1) }, offset: { value: new Vector3() },
     heights: { value: new Vector2(...frame.heights) },
     ramp: { value: RAMP.map((rgb) => new Vector3(...rgb).divideScalar(255)) }, ...section,
   };
@@ -126,8 +127,24 @@ export async function surfaceOf(id, frame, weights, section) {
     geometry.setIndex(levels[level]);
     return geometry.index.count / 3;
   }
+  // In the exposure of a photograph, null for its own.
+  function expose(levels) {
+    uniforms.gain.value.set(...(levels?.gain ?? [1, 1, 1]));
+    uniforms.offset.value.set(...(levels?.offset ?? [0, 0, 0]));
+  }
+  // Draws the surface in the colours that it has, whatever is shown.
+  function asStored(draw) {
+    const look = uniforms.look.value, { visible } = object;
+    expose(null);
+    uniforms.look.value = LOOKS.texture;
+    object.visible = true;
+    const result = draw(object);
+    uniforms.look.value = look;
+    object.visible = visible;
+    return result;
+  }
   return {
-    object, thin, ...shape, low: data.low, extent: data.extent, textured: Boolean(picture),
+    object, thin, expose, asStored, ...shape, low: data.low, extent: data.extent, textured: Boolean(picture),
     colour: (mode) => { uniforms.look.value = LOOKS[mode]; },
   };
 }

@@ -1,6 +1,8 @@
 // Measuring and notes: a tool is chosen, places are picked, what comes of them is told and listed.
 
+import { Vector3 } from "three";
 import { areaOf, inModel, lengthOf } from "./geometry.js";
+import { createKeep } from "./keep.js";
 import { areaInWords, lengthInWords, placeInWords } from "./words.js";
 
 const START = "click a place, or bring it to the cross with the keys and press Enter.";
@@ -10,7 +12,9 @@ const WHOLE = { distance: 2, point: 1, note: 1 }; // after so many points a meas
 
 export function createTools({ part, marks, data, scale, ask, canvas, title, control }) {
   const buttons = [...document.querySelectorAll("#viewer [data-tool]")];
-  const done = [];
+  // With the frame of the model: a note on another model of the project would lie anywhere.
+  const keep = createKeep(`colmap-ihe notes of ${title}, ${[data.middle, data.rotation].flat(2).join(" ")}`, restore);
+  let done = [];
   let tool = "", points = [];
 
   const say = (text) => { part("reading").textContent = text; };
@@ -23,6 +27,11 @@ export function createTools({ part, marks, data, scale, ask, canvas, title, cont
         rise < 0 ? "−" : ""}${lengthInWords(Math.abs(rise), scale.value)}`;
     }
     return `Point: ${placeInWords(inModel(of[0], data), scale.value)}${scale.value ? " m" : " model units"}`;
+  }
+  const store = () => keep.write(done.length ? done : null);
+  function restore(stored) {
+    done = (stored ?? []).map((m) => ({ ...m, points: m.points.map(({ x, y, z }) => new Vector3(x, y, z)) }));
+    list();
   }
   function list() {
     part("measured").replaceChildren(...done.filter((m) => m.kind !== "note").map((m) => {
@@ -44,11 +53,11 @@ export function createTools({ part, marks, data, scale, ask, canvas, title, cont
     text.value = note.text;
     text.rows = 2;
     text.ariaLabel = `Text of note ${i + 1}`;
-    text.addEventListener("input", () => { note.text = text.value; });
+    text.addEventListener("input", () => { note.text = text.value; store(); });
     remove.type = "button";
     remove.textContent = "Remove";
     remove.ariaLabel = `Remove note ${i + 1}`;
-    remove.addEventListener("click", () => { done.splice(done.indexOf(note), 1); list(); });
+    remove.addEventListener("click", () => { done.splice(done.indexOf(note), 1); store(); list(); });
     item.append(text, remove);
     return item;
   }
@@ -59,6 +68,7 @@ export function createTools({ part, marks, data, scale, ask, canvas, title, cont
     if (points.length < ENOUGH[tool]) return say(`A ${tool} needs ${ENOUGH[tool]} places, ${points.length} ${points.length === 1 ? "is" : "are"} picked.`);
     const measurement = { kind: tool, points, text: "" };
     done.push(measurement);
+    store();
     part("measured").closest("details").open = true;
     points = [];
     list();
@@ -89,6 +99,7 @@ export function createTools({ part, marks, data, scale, ask, canvas, title, cont
   }
   function undo() {
     if (!points.pop()) done.pop();
+    store();
     list();
     say(points.length ? `${points.length} picked.` : "");
   }
@@ -112,7 +123,8 @@ export function createTools({ part, marks, data, scale, ask, canvas, title, cont
   part("known-set").addEventListener("click", known);
   part("forget").addEventListener("click", () => { scale.forget(); list(); });
   part("export").addEventListener("click", save);
-  list();
+  restore(keep.read());
+  if (done.length) part("measured").closest("details").open = true;
   return { pick, stop: () => { if (tool) choose(tool); }, get active() { return Boolean(tool); } };
 }
 

@@ -19,7 +19,7 @@ export function frontOf(cameras, frame) {
   return Math.atan2(from.x, from.z);
 }
 
-export function createView(canvas, { frame, cloud, cameras }, changed) {
+export function createView(canvas, { frame, cameras }, changed) {
   const near = frame.radius / 500, far = frame.radius * 200;
   const perspective = new PerspectiveCamera(FIELD, 1, near, far);
   const flat = new OrthographicCamera(-1, 1, 1, -1, -far, far);
@@ -68,12 +68,12 @@ export function createView(canvas, { frame, cloud, cameras }, changed) {
     const up = from.clone().cross(right);
     const tall = halfTangent(FIELD);
     const point = new Vector3();
-    const needed = Float32Array.from({ length: Math.min(cloud.count, 5000) }, (_, i) => {
-      point.fromArray(cloud.positions, 3 * i).sub(frame.middle);
+    const needed = Float32Array.from(frame.places.slice(0, 5000), (place) => {
+      point.copy(place).sub(frame.middle);
       const aside = Math.max(Math.abs(point.dot(right)) / (tall * aspect), Math.abs(point.dot(up)) / tall);
       return aside + (camera === flat ? 0 : point.dot(from));
     }).sort();
-    return Math.max(1.08 * quantile(needed, 0.98), 0.5 * frame.radius);
+    return Math.max(1.08 * quantile(needed, 0.99), 0.5 * frame.radius);
   }
   function lookAlong(from, atOnce) {
     reach = fitting(from);
@@ -124,7 +124,7 @@ export function createView(canvas, { frame, cloud, cameras }, changed) {
     land(offset.add(controls.target), controls.target.clone());
   }
   return {
-    canvas, controls, front, resize, turn, zoom, fromCamera, setFlat, distance,
+    canvas, controls, front, planes: { near, far }, resize, turn, zoom, fromCamera, setFlat, distance,
     get camera() { return camera; },
     get isFlat() { return camera === flat; },
     // How large a point is drawn: as at the distance of the first view.

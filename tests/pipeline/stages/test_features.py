@@ -7,6 +7,7 @@ from typing import Any
 import pytest
 
 from colmap_ihe.colmap.lower_thresholds import COLMAPS_THRESHOLD
+from colmap_ihe.colmap.own_resolution import VARIANCE
 from colmap_ihe.pipeline.resource_needs import Known
 from colmap_ihe.pipeline.stages.features import STAGE
 from colmap_ihe.project.options import Options
@@ -53,14 +54,14 @@ def test_small_photographs_are_expected_to_take_two_extractions(
 @pytest.mark.parametrize(
     ("features", "recorded"),
     [
-        ({}, None),
-        ({"octaves": "auto"}, "auto"),
+        ({}, ["auto", VARIANCE]),
+        ({"octaves": "colmap"}, None),
         ({"octaves": "auto", "max_image_size": 1600}, None),  # no image is large for COLMAP's cap
         ({"octaves": "auto", "colmap": {"sift": {"first_octave": 0}}}, None),
     ],
 )
 def test_octaves_decide_features_only_where_an_image_may_be_large(
-    features: dict[str, Any], recorded: str | None
+    features: dict[str, Any], recorded: list[str | float] | None
 ) -> None:
     values = STAGE.options_of(Options.model_validate({"features": features}))
     assert values["features"].get("octaves") == recorded

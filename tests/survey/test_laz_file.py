@@ -11,9 +11,9 @@ import numpy.typing as npt
 import pyproj
 import pytest
 
-from colmap_ihe.survey import cloud_file
-from colmap_ihe.survey.cloud_file import missing_libraries, write_laz
+from colmap_ihe.survey import cloud_system
 from colmap_ihe.survey.frames import GPS, Frame
+from colmap_ihe.survey.laz_file import missing_for_laz, write_laz
 
 UTM = Frame("EPSG:25832", (691_000.0, 5_334_100.0, 0.0))
 KINDS = [*((axis, "<f4") for axis in "xyz"), *((name, "u1") for name in ("red", "green", "blue"))]
@@ -36,7 +36,7 @@ def model_points(rows: npt.NDArray[np.void]) -> npt.NDArray[np.float64]:
 def test_coordinates_at_utm_offsets_are_true_to_a_tenth_of_a_millimetre(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(cloud_file, "_CHUNK", 1000)
+    monkeypatch.setattr(cloud_system, "CHUNK", 1000)
     rows = cloud()
     write_laz(tmp_path / "fused.laz", rows, UTM)
     las = laspy.read(tmp_path / "fused.laz")
@@ -80,8 +80,8 @@ def test_a_local_system_has_no_crs_and_points_far_away_a_larger_step(tmp_path: P
 
 
 def test_what_is_not_installed_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
-    assert missing_libraries(UTM) == []
+    assert missing_for_laz(UTM) == []
     for name in ("lazrs", "pyproj"):
         monkeypatch.setitem(sys.modules, name, None)
-    assert missing_libraries(Frame()) == ["lazrs"]
-    assert missing_libraries(UTM) == ["lazrs", "pyproj"]
+    assert missing_for_laz(Frame()) == ["lazrs"]
+    assert missing_for_laz(UTM) == ["lazrs", "pyproj"]
