@@ -26,9 +26,6 @@ _LARGER_PX, _MOST_DISPARITIES = 800, 320
 _ITERATIONS = 1  # Gauss-Newton steps at each size: a second one made the error larger, on true depth too
 _MIN_CORRELATION = 0.4  # of the window of a pixel with a source that supports it
 _MIN_SINGLE_CORRELATION = 0.6  # with which one supporting source is enough
-# A window that is mostly of what is behind a thin thing correlates at the depth behind. The thing itself does not: at
-# the pixel, grey values differ by more levels than so many, and more of the window's standard deviation.
-_MOST_LEVELS, _MOST_CONTRAST = 6.0, 0.5
 # Variance of 8-bit values. Where windows are too flat to correlate, sources that agree in depth are enough if the
 # grey values vary by at least so much: a wall does, the sky does not.
 _MIN_VARIANCE = 1.0
@@ -160,13 +157,11 @@ def _confirmed(
     support = np.zeros(inverse.shape, np.uint8)
     alike = np.zeros(inverse.shape, np.uint8)
     best = np.full(inverse.shape, -1, np.float32)
-    most = np.maximum(np.float32(_MOST_LEVELS), _MOST_CONTRAST * np.sqrt(reference.variance))
     for source in sources:
         fit = compare(reference, source, moved)
-        same = fit.difference <= most
-        support += same & (fit.correlation >= _MIN_CORRELATION)
-        alike += same & (fit.likeness >= _MIN_CORRELATION)
-        np.maximum(best, fit.correlation, out=best, where=same)
+        support += fit.same & (fit.correlation >= _MIN_CORRELATION)
+        alike += fit.same & (fit.likeness >= _MIN_CORRELATION)
+        np.maximum(best, fit.correlation, out=best, where=fit.same)
     keep = (inverse > 0) & (moved > 0)
     if view.mask_u8 is not None:
         keep &= view.mask_u8 > 0
