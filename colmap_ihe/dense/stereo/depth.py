@@ -11,7 +11,7 @@ import numpy as np
 from colmap_ihe.dense.camera import Float32, Float64, UInt8
 from colmap_ihe.dense.stereo.edges import sharpened
 from colmap_ihe.dense.stereo.match import match_around, match_whole_range
-from colmap_ihe.dense.stereo.merge import filled, merge, without_speckles
+from colmap_ihe.dense.stereo.merge import enlarged, filled, merge, without_speckles
 from colmap_ihe.dense.stereo.normals import normals_from_inverse_depth
 from colmap_ihe.dense.stereo.rectify import PairLeftOutError, RectifiedPair, rectify
 from colmap_ihe.dense.stereo.refine import compare, prepared, refined
@@ -84,8 +84,7 @@ def depth_and_normals(
             matches = [matches[row] for row in narrow]
         prior = None
         if step > first:
-            coarser = cv2.resize(filled(inverse), size, interpolation=cv2.INTER_LINEAR)
-            prior = np.asarray(coarser, np.float32)
+            prior = enlarged(filled(inverse), size)
         inverse = _match_at_size(reference.resized(size), matches, prior, check)
         if not inverse.any():
             inverse = np.zeros(reference.grey_u8.shape, np.float32)
