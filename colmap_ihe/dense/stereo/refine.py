@@ -105,7 +105,9 @@ def _light(brighter: Float32, match: _Match) -> Float32:
     clear &= np.abs(brighter - usual) < _MOST_BRIGHTER
     side = (_LIGHT_PX, _LIGHT_PX)
     weight = cv2.blur(clear.astype(np.float32), side)
-    local = cv2.blur(((brighter - usual) * clear).astype(np.float32), side) / np.maximum(weight, np.float32(1e-6))
+    local = cv2.blur(((brighter - usual) * clear).astype(np.float32), side) / np.maximum(
+        weight, np.float32(1e-6)
+    )
     return np.asarray(usual + local, np.float32)
 
 
