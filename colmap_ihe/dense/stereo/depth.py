@@ -23,12 +23,12 @@ _COARSEST_PX = 400  # longer side of the size at which the whole range of depths
 # ones take part from the next size on.
 _LARGER_PX, _MOST_DISPARITIES = 800, 320
 _ITERATIONS = 1  # Gauss-Newton steps at each size: a second one made the error larger, on true depth too
-_MIN_CORRELATION = 0.4  # of the window of a pixel with a source that supports it
+_MIN_CORRELATION = 0.37  # of the window of a pixel with a source that supports it
 _MIN_SINGLE_CORRELATION = 0.6  # with which one supporting source is enough
 # Variance of 8-bit values. Where windows are too flat to correlate, sources that agree in depth are enough if the
 # grey values vary by at least so much: a wall does, the sky does not.
 _MIN_VARIANCE = 1.0
-_SPECKLE_PX = 60  # smaller patches are dropped, in pixels of each size
+_SPECKLE_PX = 40  # smaller patches are dropped, in pixels of each size
 _COARSE_SPECKLE_PX = 15  # at the coarsest, where pieces of a thin thing are found, which the next size joins
 _NORMAL_RADIUS_PX = 10  # half of the window of the normals
 
