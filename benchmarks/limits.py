@@ -263,10 +263,10 @@ elif stage == "matches":
     with ThreadPoolExecutor(1) as here:
         match_in_blocks(BlockMatching(out / "a.db", pairs, MatchesOptions(), out / "parts", SILENT), here)
 else:
-    size = pycolmap.UndistortCameraOptions(max_image_size=1600)
-    pycolmap.undistort_images(
-        out / "u", work / "sparse/0", root / "colour", undistort_options=size, num_threads=threads
-    )
+    from colmap_ihe.dense.undistort import undistort
+    from colmap_ihe.machine.threads import limited
+    with limited(threads):
+        undistort(work / "sparse/0", work / "images", root / "colour", out / "u", max_image_size=1600)
 print(f"{held('VmHWM') - before:.0f}")
 """
 

@@ -82,8 +82,13 @@ def _reconstruct(parsed: argparse.Namespace, display: Display) -> None:
 def _print_reconstruction(parsed: argparse.Namespace, display: Display, done: Reconstruction) -> None:
     if _printed_as_json(parsed, display, dict(done.summary)):
         return
-    print_summary(done.summary, title=str(parsed.project))
-    _print_report(done)
+    _print_made(done, str(parsed.project))
+
+
+def _print_made(done: Reconstruction, title: str) -> None:
+    """Print the summary of a run, and where what it made is: its page, or of one that ended before it the summary."""
+    print_summary(done.summary, title=title)
+    print(f"report    {done.page or done.project.summary_file}")
     mesh = done.textured_mesh or done.mesh
     calibration = done.project.calibration_file
     if done.summary["cameras"] and calibration.exists():
@@ -125,17 +130,10 @@ def _batch(parsed: argparse.Namespace, display: Display) -> None:
         )
 
 
-def _print_report(done: Reconstruction) -> None:
-    """Print where the page is, or where the run ended before it the summary."""
-    print(f"report    {done.page or done.project.summary_file}")
-
-
 def _demo(parsed: argparse.Namespace, display: Display) -> None:
     done = demo(parsed.folder, parsed.assignments, display)
     if not _printed_as_json(parsed, display, dict(done.summary)):
-        print_summary(done.summary, title=f"demo in {parsed.folder}")
-        _print_report(done)
-        print(f"dense     {done.dense_cloud}")
+        _print_made(done, f"demo in {parsed.folder}")
 
 
 def _fit(parsed: argparse.Namespace, display: Display) -> None:

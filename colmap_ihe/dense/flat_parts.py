@@ -15,7 +15,7 @@ import numpy as np
 
 from colmap_ihe.colmap.field_of_view import certain_box
 from colmap_ihe.colmap.native import pycolmap
-from colmap_ihe.dense.camera import UInt8
+from colmap_ihe.dense.camera import Float64, UInt8
 from colmap_ihe.errors import MappingError
 
 _NOT_ZERO = 1.1e-8  # COLMAP takes coefficients up to 1e-8 for zero
@@ -75,18 +75,33 @@ def _counted_as_it_is(camera: pycolmap.Camera) -> pycolmap.Camera:
     return copy
 
 
-def write_model(model: pycolmap.Reconstruction, parts: Mapping[int, FlatPart], folder: Path) -> None:
-    """Write a model whose photographs are only the `parts` of theirs, by the ids of their cameras."""
-    part_model = pycolmap.Reconstruction(model)
-    for image_id in part_model.reg_image_ids():
-        image = part_model.images[image_id]
+def write_flat_model(
+    model: pycolmap.Reconstruction,
+    parts: Mapping[int, FlatPart],
+    options: pycolmap.UndistortCameraOptions,
+    folder: Path,
+) -> None:
+    """Write a model as it is of photographs laid flat, of which only the `parts` are there, by the ids of their
+    cameras."""
+    flat_model = pycolmap.Reconstruction(model)
+    flat = {number: pycolmap.undistort_camera(options, part.camera) for number, part in parts.items()}
+    for image_id in flat_model.reg_image_ids():
+        image = flat_model.images[image_id]
         part = parts[image.camera_id]
-        if not part.is_whole:
-            for point in image.points2D:
-                point.xy = point.xy - (part.left, part.top)
-    for camera_id, part in parts.items():
-        camera = part_model.cameras[camera_id]
-        camera.model, camera.params = part.camera.model, list(part.camera.params)
-        camera.width, camera.height = part.camera.width, part.camera.height
-    folder.mkdir(parents=True)
-    part_model.write(folder)
+        places = np.array([point.xy for point in image.points2D]).reshape(-1, 2) - (part.left, part.top)
+        moved = _moved(places, part.camera, flat[image.camera_id])
+        for point, place in zip(image.points2D, moved, strict=True):
+            point.xy = place
+    for number, camera in flat.items():
+        target = flat_model.cameras[number]
+        target.model, target.params = camera.model, list(camera.params)
+        target.width, target.height = camera.width, camera.height
+    folder.mkdir(parents=True, exist_ok=True)
+    flat_model.write(folder)
+
+
+def _moved(places: Float64, camera: pycolmap.Camera, flat: pycolmap.Camera) -> Float64:
+    """Return (N, 2), where the pixels `places` (N, 2) of a camera are on the flat picture; those without a ray stay."""
+    rays = np.asarray(camera.cam_from_img(places), np.float64)
+    moved = np.asarray(flat.img_from_cam(np.column_stack([rays, np.ones(len(places))])), np.float64)
+    return np.where(np.isfinite(moved), moved, places)

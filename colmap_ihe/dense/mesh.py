@@ -65,22 +65,14 @@ def reconstruct_surface(
     workspace `dense_dir` see through is cut out. Raises `MappingError` where the points give no surface, `NativeError`.
     """
     progress.start(4, "parts of the surface")
-    points = read_ply(cloud)["vertex"]
-    normals = columns(points, _NORMAL)
-    finite = np.isfinite(columns(points, "xyz")).all(axis=1) & np.isfinite(normals).all(axis=1)
-    points = points[finite & normals.any(axis=1)]
-    del normals
-    _require_points(len(points))
-    depth = _depth(columns(points, "xyz"), faces)
-    native = poisson_options({"depth": depth, "trim": depth - _LEVELS_TRIMMED, **(options or {})})
-    thin = thinned(points, 2 * _cells_per_unit(columns(points, "xyz"), native.depth))
-    del points
-    _require_points(len(thin))
     parts = [mesh.with_name(f".{mesh.stem}.{word}.part.ply") for word in ("cloud", "poisson", "simple")]
     try:
-        write_rows(parts[0], thin)
-        progress.advance()
-        _poisson(parts[0], parts[1], native, progress)
+        with ColmapProcesses() as processes:
+            processes.start(1, _meshed)  # which imports COLMAP while the cloud is read and thinned
+            thin, native = _prepared(cloud, faces, options or {})
+            write_rows(parts[0], thin)
+            progress.advance()
+            _poisson(processes, parts[0], parts[1], native, progress)
         progress.advance()
         cell = 1 / _cells_per_unit(columns(thin, "xyz"), native.depth)
         surface = _trimmed(parts[1], thin, cell, dense_dir, progress)
@@ -101,6 +93,23 @@ def reconstruct_surface(
             part.unlink(missing_ok=True)
     progress.advance()
     return Surface(native.depth, native.trim, len(thin), before, len(surface.faces))
+
+
+def _prepared(
+    cloud: Path, faces: int, options: Mapping[str, Any]
+) -> tuple[Rows, pycolmap.PoissonMeshingOptions]:
+    """Return the thinned points of a cloud, and how to mesh them. Raises `MappingError` where they are too few."""
+    points = read_ply(cloud)["vertex"]
+    normals = columns(points, _NORMAL)
+    finite = np.isfinite(columns(points, "xyz")).all(axis=1) & np.isfinite(normals).all(axis=1)
+    points = points[finite & normals.any(axis=1)]
+    del normals
+    _require_points(len(points))
+    depth = _depth(columns(points, "xyz"), faces)
+    native = poisson_options({"depth": depth, "trim": depth - _LEVELS_TRIMMED, **options})
+    thin = thinned(points, 2 * _cells_per_unit(columns(points, "xyz"), native.depth))
+    _require_points(len(thin))
+    return thin, native
 
 
 def poisson_options(values: Mapping[str, Any]) -> pycolmap.PoissonMeshingOptions:
@@ -128,11 +137,16 @@ def nearest_colours(vertices: Float32, points: Rows) -> UInt8:
     return np.asarray(np.rint(columns(points, COLOURS)[rows].mean(axis=1)), np.uint8)
 
 
-def _poisson(cloud: Path, mesh: Path, options: pycolmap.PoissonMeshingOptions, progress: Progress) -> None:
+def _poisson(
+    processes: ColmapProcesses,
+    cloud: Path,
+    mesh: Path,
+    options: pycolmap.PoissonMeshingOptions,
+    progress: Progress,
+) -> None:
     """Run Poisson in a process of its own, which can be stopped; on some clouds it aborts its process."""
     try:
-        with ColmapProcesses() as processes:
-            processes.call(_meshed, (cloud, mesh, options.todict()), progress)
+        processes.call(_meshed, (cloud, mesh, options.todict()), progress)
     except NativeError as error:
         raise NativeError(
             f"Poisson meshing: {error}",

@@ -27,7 +27,7 @@ def without_seen_through(mesh: Mesh, dense_dir: Path, progress: Progress = SILEN
     if not len(mesh.faces):
         return mesh
     model = pycolmap.Reconstruction(dense_dir / "sparse")
-    centres = mesh.corners().mean(axis=1)
+    centres = mesh.middles
     through, support, empty = np.zeros((3, len(centres)), np.int32)
     for number in sorted(model.reg_image_ids()):
         progress.check()

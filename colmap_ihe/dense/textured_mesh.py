@@ -19,7 +19,7 @@ from colmap_ihe.dense.depth_maps import camera_of
 from colmap_ihe.dense.ply import read_mesh
 from colmap_ihe.dense.texture.agree import agreed_colours, at_corners, centre_colours, doubted
 from colmap_ihe.dense.texture.atlas import Atlas, cut, pack
-from colmap_ihe.dense.texture.bake import bake, corner_colours
+from colmap_ihe.dense.texture.bake import bake, corner_colours, paint
 from colmap_ihe.dense.texture.exposure import exposure_tables, with_table
 from colmap_ihe.dense.texture.level import seam_offsets
 from colmap_ihe.dense.texture.mesh import Mesh, neighbours, vertex_normals
@@ -82,13 +82,14 @@ def texture_mesh(
     points = seam_points(patches, atlas)
     progress.advance()
     progress.start(len(views), "photographs compared at seams")
-    colours, seen = corner_colours(patches, _pictures(paths, tables, progress), mesh.colours)
-    progress.start(1, "seams")
+    colours, seen = corner_colours(patches, _pictures(paths, tables, executor, progress), mesh.colours)
     agreed_there = at_corners(patches.faces, len(colours), agreed)
-    offsets = seam_offsets(patches, colours, seen, agreed_there)
-    progress.advance()
+    levelled = executor.submit(seam_offsets, patches, colours, seen, agreed_there)  # while texels are painted
     progress.start(len(views), "photographs on the texture")
-    texture = bake(atlas, patches, _pictures(paths, tables, progress), colours, offsets, points)
+    painted = paint(atlas, patches, _pictures(paths, tables, executor, progress), colours)
+    progress.start(1, "seams")
+    texture = bake(atlas, patches, painted, levelled.result(), points)
+    progress.advance()
     progress.start(1, "sets of files")
     up = np.array((0.0, 0.0, 1.0)) if z_is_up else None
     turn = upright([view.cam_from_world for view in views], up)
@@ -127,10 +128,14 @@ def _looked_through(
     return candidates
 
 
-def _pictures(paths: list[Path], tables: UInt8, progress: Progress) -> Iterator[UInt8]:
-    """Yield the photographs, made alike."""
-    for path, table in zip(paths, tables, strict=True):
-        yield with_table(read_colour(path), table)
+def _pictures(paths: list[Path], tables: UInt8, executor: Executor, progress: Progress) -> Iterator[UInt8]:
+    """Yield the photographs, made alike, of which the next is read meanwhile."""
+
+    def read(number: int) -> UInt8:
+        return with_table(read_colour(paths[number]), tables[number])
+
+    for picture in in_order(executor, read, range(len(paths)), at_once=2, progress=progress):
+        yield picture
         progress.advance()
 
 

@@ -9,28 +9,30 @@ grid: there matching happens. `dense_dir/masks` holds a mask for each image, bla
 from __future__ import annotations
 
 import shutil
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
-from PIL import Image
 
-from colmap_ihe.colmap.native import called, pycolmap
-from colmap_ihe.dense.flat_parts import FlatPart, flat_part, write_model
+from colmap_ihe.colmap.native import pycolmap
+from colmap_ihe.dense.flat_parts import FlatPart, flat_part, write_flat_model
 from colmap_ihe.errors import ProjectError
 from colmap_ihe.machine import memory
-from colmap_ihe.machine.files import link_or_copy, require_same_folder, write_bytes
+from colmap_ihe.machine.executor import in_order
+from colmap_ihe.machine.files import require_same_folder, room_on_disk, write_bytes
 from colmap_ihe.machine.progress import SILENT, Progress
 from colmap_ihe.machine.threads import local_workers
-from colmap_ihe.photographs.png import encode_png
+from colmap_ihe.photographs.encode import encode_image
+from colmap_ihe.photographs.png import Png, decode_png, encode_png
 
-UNDISTORT_BYTES_A_PIXEL = 8
-"""Of a photograph in colour on its way, a thread: 4 to 7 measured with `benchmarks/limits.py threads`."""
+UNDISTORT_BYTES_A_PIXEL = 12
+"""Of a photograph in colour on its way, a thread: 11 measured with `benchmarks/limits.py threads`."""
 _WHITE = 255
-_QUALITY = 98  # of a part of a JPEG, on its way
 _CONTENTS = ("images", "sparse", "masks", "grey/images", "grey/sparse")
-_PARTS = ".parts"
+_MAPS = ("depth_maps", "normal_maps", "consistency_graphs")
+_SOURCES = "__auto__, 20"  # of PatchMatch, chosen by COLMAP itself
 
 
 def undistort(
@@ -47,9 +49,10 @@ def undistort(
 
     `masks_dir`, where it exists, has COLMAP's mask of each image, NAME.png. Depth maps are left.
     `max_image_size` bounds the longer side in pixels, -1 for none. Raises `ProjectError` if an image of the model
-    has no grey or no colour file, before or after, `MappingError` for a camera of which nothing can be laid flat.
+    has no grey or no colour file, or one that cannot be read, `MappingError` for a camera of which nothing can be laid
+    flat.
     """
-    for folder in (*_CONTENTS, _PARTS):  # quickly, and not atomically
+    for folder in _CONTENTS:  # quickly, and not atomically
         shutil.rmtree(dense_dir / folder, ignore_errors=True)
     model = pycolmap.Reconstruction(sparse_model)
     cameras = _flat_cameras(model)
@@ -58,32 +61,73 @@ def undistort(
     largest = max((_pixels(part.camera, options) for part in parts.values()), default=0)
     threads = memory.workers_for("undistortion", UNDISTORT_BYTES_A_PIXEL * largest, local_workers())
     require_same_folder(dense_dir)
-    workspaces = {dense_dir / "grey": (grey_dir, read_grey), dense_dir: (colour_dir, read_colour)}
-    progress.start(len(workspaces), "undistorted sets")
-    try:
-        write_model(model, cameras, dense_dir / _PARTS / "sparse")
-        for workspace, (photographs, read) in workspaces.items():
-            _require_files(photographs, list(parts))
-            require_same_folder(workspace)
-            workspace.mkdir(parents=True, exist_ok=True)
-            called(
-                pycolmap.undistort_images,
-                workspace,
-                dense_dir / _PARTS / "sparse",
-                _cut(photographs, parts, dense_dir / _PARTS / "images", read),
-                undistort_options=options,
-                num_threads=threads,
-                progress=progress,
-            )
-            _require_files(workspace / "images", list(parts))
+    workspaces = {dense_dir / "grey": grey_dir, dense_dir: colour_dir}
+    for photographs in workspaces.values():
+        _require_files(photographs, list(parts))
+
+    def lay_flat(name: str) -> None:
+        for workspace, photographs in workspaces.items():
+            as_rgb = workspace == dense_dir
+            _lay_flat(photographs / name, workspace / "images" / name, parts[name], options, as_rgb=as_rgb)
+
+    progress.start(len(parts), "photographs laid flat")
+    with ThreadPoolExecutor(threads) as pool:
+        for _ in in_order(pool, lay_flat, list(parts), progress=progress):
             progress.advance()
-    finally:
-        shutil.rmtree(dense_dir / _PARTS, ignore_errors=True)
-    for file in sorted(p for p in (dense_dir / "sparse").iterdir() if p.is_file()):
-        write_bytes(dense_dir / "sparse" / "0" / file.name, file.read_bytes())
+    write_flat_model(model, cameras, options, dense_dir / "sparse")
+    for copy in (dense_dir / "sparse" / "0", dense_dir / "grey" / "sparse"):
+        _copy_model(dense_dir / "sparse", copy)
+    for workspace in workspaces:
+        _write_lists(workspace / "stereo", list(parts))
     if masks_dir is not None and masks_dir.is_dir():
         _undistort_masks(masks_dir, dense_dir, parts, options, progress)
     return parts
+
+
+def _lay_flat(
+    source: Path, target: Path, part: FlatPart, options: pycolmap.UndistortCameraOptions, *, as_rgb: bool
+) -> None:
+    """Write the part of a photograph as a pinhole camera sees it; one that is so already is copied."""
+    flat = pycolmap.undistort_camera(options, part.camera)
+    same_size = (flat.width, flat.height) == (part.camera.width, part.camera.height)
+    if part.is_whole and same_size and part.camera.is_undistorted():
+        write_bytes(target, source.read_bytes())
+        return
+    target.parent.mkdir(parents=True, exist_ok=True)
+    png = _read_png(source, as_rgb=as_rgb)
+    if png is None:
+        undistorted = _undistorted(_bitmap(source, as_rgb=as_rgb), part, options)
+        if not undistorted.write(target):
+            raise ProjectError(f"{target} cannot be written", hint="check that the disk has room")
+        return
+    exif, profile, bitmap = png.exif, png.profile, pycolmap.Bitmap.from_array(png.pixels)
+    del png  # a photograph in full size
+    values = _undistorted(bitmap, part, options).to_array().reshape(flat.height, flat.width, -1)
+    with room_on_disk(target):
+        target.write_bytes(encode_image(values if as_rgb else values[:, :, 0], exif, "png", profile))
+
+
+def _undistorted(
+    bitmap: pycolmap.Bitmap, part: FlatPart, options: pycolmap.UndistortCameraOptions
+) -> pycolmap.Bitmap:
+    if not part.is_whole:
+        bitmap = pycolmap.Bitmap.from_array(part.of(bitmap.to_array()))
+    undistorted, _ = pycolmap.undistort_image(options, bitmap, part.camera)
+    return undistorted
+
+
+def _copy_model(model: Path, folder: Path) -> None:
+    for file in sorted(path for path in model.iterdir() if path.is_file()):
+        write_bytes(folder / file.name, file.read_bytes())
+
+
+def _write_lists(stereo: Path, names: Sequence[str]) -> None:
+    """Write what COLMAP's PatchMatch and fusion read beside a model: the images to work on."""
+    for folder in _MAPS:
+        (stereo / folder).mkdir(parents=True, exist_ok=True)
+    write_bytes(stereo / "fusion.cfg", "".join(f"{name}\n" for name in names).encode())
+    sources = "".join(f"{name}\n{_SOURCES}\n" for name in names)
+    write_bytes(stereo / "patch-match.cfg", sources.encode())
 
 
 def sizes_of(sparse_model: Path, max_image_size: int = -1) -> list[tuple[int, int]]:
@@ -115,23 +159,6 @@ def _pixels(camera: pycolmap.Camera, options: pycolmap.UndistortCameraOptions) -
     return int(max(camera.width * camera.height, flat.width * flat.height))
 
 
-def _cut(
-    photographs: Path, parts: Mapping[str, FlatPart], folder: Path, read: Callable[[Path], NDArray[np.uint8]]
-) -> Path:
-    """Return a folder with the parts of the photographs: their own where all are whole, else `folder`, made anew."""
-    if all(part.is_whole for part in parts.values()):
-        return photographs
-    shutil.rmtree(folder, ignore_errors=True)
-    for name, part in parts.items():
-        if part.is_whole:
-            link_or_copy(photographs / name, folder / name)
-        else:
-            (folder / name).parent.mkdir(parents=True, exist_ok=True)
-            picture = Image.fromarray(part.of(read(photographs / name)))
-            picture.save(folder / name, quality=_QUALITY, compress_level=1)
-    return folder
-
-
 def mask_of(dense_dir: Path, name: str) -> Path:
     """Return the path of the mask of an undistorted image, if it has one."""
     return dense_dir / "masks" / f"{name}.png"
@@ -155,13 +182,31 @@ def read_colour(path: Path) -> NDArray[np.uint8]:
 
 
 def _read(path: Path, *, as_rgb: bool) -> NDArray[np.uint8]:
+    if png := _read_png(path, as_rgb=as_rgb):
+        return png.pixels
+    return np.ascontiguousarray(_bitmap(path, as_rgb=as_rgb).to_array())
+
+
+def _read_png(path: Path, *, as_rgb: bool) -> Png | None:
+    """Return a PNG file of ours that has as many channels as are asked for; None for any other file."""
+    if path.suffix.lower() != ".png" or not path.is_file():
+        return None
+    png = decode_png(path.read_bytes())
+    return (
+        png
+        if png and png.pixels.ndim == (3 if as_rgb else 2) and png.pixels.shape[2:] in ((), (3,))
+        else None
+    )
+
+
+def _bitmap(path: Path, *, as_rgb: bool) -> pycolmap.Bitmap:
     # By pycolmap: its PNG reader works in every order of imports (photographs/png.py).
     bitmap = pycolmap.Bitmap.read(path, as_rgb=as_rgb)
     if bitmap is None:
         raise ProjectError(
-            f"{path} cannot be read as an image", hint="run the dense stage again with --from dense"
+            f"{path} cannot be read as an image", hint="run the same command with --from convert"
         )
-    return np.ascontiguousarray(bitmap.to_array())
+    return bitmap
 
 
 def _undistort_masks(

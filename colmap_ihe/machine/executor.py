@@ -16,7 +16,7 @@ from typing import TypeVar
 from colmap_ihe.errors import Cancelled
 from colmap_ihe.machine import decoder_pool as decoders
 from colmap_ihe.machine.progress import SILENT, Progress, Silent, stoppable, stopped
-from colmap_ihe.machine.threads import local_workers
+from colmap_ihe.machine.threads import local_workers, one_blas_thread
 
 _TICK_SECONDS = 0.2  # how long Ctrl-C may take to be noticed while a photograph is worked on
 
@@ -48,11 +48,12 @@ def width_of(executor: Executor) -> int:
 @contextmanager
 def threads_of(executor: Executor) -> Iterator[Executor]:
     """Give threads of this process, the executor's own if it has such, for results too large to be sent."""
-    if shares_memory(executor):
-        yield executor
-    else:
-        with local_executor() as own:
-            yield own
+    with one_blas_thread():
+        if shares_memory(executor):
+            yield executor
+        else:
+            with local_executor() as own:
+                yield own
 
 
 class TaskProgress(Silent):

@@ -14,6 +14,7 @@ from colmap_ihe.machine.system import cores as cores
 
 _ENVIRONMENT = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS")
 _limits: list[int] = []
+_sharing: list[None] = []
 _lock = threading.Lock()
 
 
@@ -42,6 +43,21 @@ def limited(most: int | None) -> Iterator[None]:
     finally:
         with _lock:
             _limits.remove(most)
+            _tell_libraries()
+
+
+@contextmanager
+def one_blas_thread() -> Iterator[None]:
+    """Have BLAS compute with one thread, in all of this process, while several threads of it work: its own would wait
+    for cores that those have, for ten times as long as small products take."""
+    with _lock:
+        _sharing.append(None)
+        _tell_libraries()
+    try:
+        yield
+    finally:
+        with _lock:
+            _sharing.pop()
             _tell_libraries()
 
 
@@ -81,7 +97,7 @@ def _tell_libraries() -> None:
     counts = [count if most is None else min(count, most) for count in usual]
     cv2.setNumThreads(counts[0])
     for pool, count in zip(_blas(), counts[1:], strict=True):
-        pool.set_num_threads(count)
+        pool.set_num_threads(1 if _sharing else count)
 
 
 def blas_libraries() -> list[str]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import Executor
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -95,24 +96,23 @@ def write_page(
 
 def gather(run: RunContext, summary: Mapping[str, Any], progress: Progress) -> Contents:
     """Return all that the page shows of a project that is converted at least. Raises `KnownError`s."""
+    with threads_of(run.executor) as pool:
+        return _gathered(run, summary, pool, progress)
+
+
+def _gathered(run: RunContext, summary: Mapping[str, Any], pool: Executor, progress: Progress) -> Contents:
+    """Return all of it. The surface is made smaller on a thread of `pool` while photographs and pairs are drawn."""
     began, project, records, options = time.monotonic(), run.project, run.records, run.options
     grey_of: Mapping[str, str] = records["convert"]["grey"]
-    some = _spread(sorted(grey_of), _PICTURED)
-    side = _larger_side(len(grey_of))
-    progress.start(len(some), "photographs looked at")
-    looks: dict[str, _Look] = {}
-    with threads_of(run.executor) as pool:  # pictures are what comes of it
-        for look in in_order(
-            pool, lambda name: _look(project, name, grey_of[name], side), some, progress=progress
-        ):
-            looks[look.name] = look
-            progress.advance()
     model = model_view.ModelView(run.model_folder, run.is_metric) if "sparse" in records else None
+    surface = pool.submit(surface_of, project, records.get("mesh", {}), model) if model else None
+    looks = _looks(project, grey_of, pool, progress)
     photographs = _photographs(summary, grey_of, looks, model)
     greys = [grey_of.get(p.name, "") for p in photographs]
     compared = not is_default(summary) and _differs(
         list(looks.values())
     )  # else the grey is compared with itself
+    lost = pool.submit(lost_colour, project, records, summary, compared)
     matched = model_view.verified_matches(project.database, greys) if "matches" in records else None
     pairs = drawn_pairs(project, summary, grey_of, matched, photographs, compared, progress)
     cloud = _cloud(project, records, model) if model else None
@@ -125,7 +125,7 @@ def gather(run: RunContext, summary: Mapping[str, Any], progress: Progress) -> C
         grey=_grey(summary, options, list(looks.values()), compared),
         photographs=photographs,
         cloud=cloud,
-        surface=surface_of(project, records.get("mesh", {}), model) if model else None,
+        surface=surface.result() if surface else None,
         frame=_frame(records, summary, model) if model else None,
         cameras=_cameras(grey_of, model, looks) if model else (),
         lenses=summary["cameras"] or (),
@@ -142,7 +142,7 @@ def gather(run: RunContext, summary: Mapping[str, Any], progress: Progress) -> C
         options=yaml.safe_dump(options.as_yaml(), sort_keys=False),
         methods_sentence=methods_sentence(summary, options, library_versions("pycolmap")["pycolmap"]),
         citation=citation(summary, options),
-        lost_colour=lost_colour(project, records, summary, compared),
+        lost_colour=lost.result(),
         survey_line=survey_in_words(summary),
         survey=records["survey"] if is_metric(records) else None,
         point_names=sorted(read_control(project.control).names),
@@ -158,6 +158,20 @@ def _block(run: RunContext, summary: Mapping[str, Any], model: model_view.ModelV
 def _larger_side(photographs: int) -> int:
     """Return the longer side in pixels of the photographs that lie over the model: some 4 MB of them in all."""
     return int(min(_OVER, 4 * _OVER / max(photographs, 1) ** 0.5))
+
+
+def _looks(
+    project: Project, grey_of: Mapping[str, str], pool: Executor, progress: Progress
+) -> dict[str, _Look]:
+    some, side = _spread(sorted(grey_of), _PICTURED), _larger_side(len(grey_of))
+    progress.start(len(some), "photographs looked at")
+    looks = {}
+    for look in in_order(
+        pool, lambda name: _look(project, name, grey_of[name], side), some, progress=progress
+    ):
+        looks[look.name] = look
+        progress.advance()
+    return looks
 
 
 def _look(project: Project, name: str, grey_name: str, larger_side: int) -> _Look:

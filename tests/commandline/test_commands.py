@@ -8,6 +8,7 @@ import os
 import re
 import shutil
 from pathlib import Path
+from typing import Any
 
 import pytest
 from command_line import Captured, failure_of, json_of, output_of
@@ -16,8 +17,11 @@ from small_demo import SETTINGS, Make
 
 from colmap_ihe.cli import main
 from colmap_ihe.colmap.native import pycolmap
+from colmap_ihe.commandline import commands
 from colmap_ihe.machine.libraries import __version__
+from colmap_ihe.pipeline.reconstruct import Reconstruction
 from colmap_ihe.pipeline.stages import STAGE_NAMES
+from colmap_ihe.project.folder import Project
 
 
 @pytest.mark.parametrize("method", ["ihe", "rec709"])
@@ -214,6 +218,24 @@ def test_doctor_says_what_dense_stereo_of_a_project_will_take(photos: Path, caps
     assert smaller["dense_megapixels"] <= result["dense_megapixels"]
     assert main(["doctor", str(photos / "missing")]) == 1
     assert "missing" in capsys.readouterr().err
+
+
+def test_the_demo_names_the_files_that_it_made_and_no_others(
+    capsys: Captured, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "images").mkdir()
+    project = Project.at(tmp_path)
+    (project.sparse / "0").mkdir(parents=True)
+    summary: dict[str, Any] = {
+        "metric": False,
+        "mesh_texture": None,
+        "cameras": [],
+        "stages": {"sparse": 1.0, "dense": None},
+    }
+    monkeypatch.setattr(commands, "demo", lambda *_: Reconstruction(project, summary, ("sparse",)))
+    monkeypatch.setattr(commands, "print_summary", lambda *_, **__: None)
+    lines = output_of(capsys, "demo", tmp_path).splitlines()
+    assert [line.split()[0] for line in lines] == ["report", "sparse"]
 
 
 def test_a_disk_that_fills_up_while_images_are_written(

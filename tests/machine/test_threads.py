@@ -6,6 +6,7 @@ import hashlib
 import subprocess
 import sys
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from threading import Thread
 
@@ -18,7 +19,7 @@ from colmap_ihe.colmap import matching
 from colmap_ihe.colmap.mapper_options import native_options
 from colmap_ihe.colmap.native import fill, pycolmap
 from colmap_ihe.machine import threads
-from colmap_ihe.machine.executor import local_executor, width_of
+from colmap_ihe.machine.executor import local_executor, threads_of, width_of
 from colmap_ihe.machine.threads import limit_openmp_of_this_thread, limited, local_workers
 from colmap_ihe.project.options import MatchesOptions, SparseOptions
 
@@ -147,3 +148,13 @@ def test_one_thread_gives_the_same_model_however_it_is_found(
     again(project, other, "--until", "sparse")
     found = digests(project, MADE)
     assert "sparse/0/points3D.bin" in found and digests(other, MADE) == found
+
+
+def test_blas_has_one_thread_while_others_compute() -> None:
+    threads._tell_libraries()  # finds what there is
+    usual = pools("blas")
+    with ThreadPoolExecutor(2) as executor, threads_of(executor):
+        with threads_of(executor):
+            pass
+        assert pools("blas") == {1}
+    assert pools("blas") == usual

@@ -7,6 +7,7 @@ import numpy as np
 
 from colmap_ihe.dense.camera import Float32, Float64, Int32, PinholeCamera, UInt8
 from colmap_ihe.dense.texture.bake import sample
+from colmap_ihe.dense.texture.median import median_of_known
 from colmap_ihe.dense.texture.mesh import Mesh
 
 _BLUR_PX = 1.5
@@ -16,7 +17,7 @@ _MOST_LEVELS, _MOST_SPREAD = 40.0, 4.0  # from the median colour: in levels, and
 
 def centre_colours(mesh: Mesh, view: PinholeCamera, picture: UInt8) -> UInt8:
     """Return (F, 3) uint8, the colours of a picture (H, W, 3) around the centre of each face, where it shows it."""
-    pixels, _ = view.project(mesh.corners().mean(axis=1))
+    pixels, _ = view.project(mesh.middles)
     blurred = np.asarray(cv2.GaussianBlur(picture, (0, 0), _BLUR_PX), np.uint8)
     colours = sample(blurred, np.clip(np.nan_to_num(pixels), -1e6, 1e6))
     return np.asarray(np.rint(colours), np.uint8)
@@ -29,9 +30,9 @@ def doubted(quality: Float32, colour: UInt8) -> Float32:
     values = np.where(clear[..., None], colour.astype(np.float32), np.nan)
     result = quality.copy()
     rows = np.flatnonzero(clear.sum(axis=1) >= _LEAST_VIEWS)
-    median = np.nanmedian(values[rows], axis=1, keepdims=True)
+    median = median_of_known(values[rows])[:, None]
     away = np.abs(values[rows] - median).max(axis=2)
-    most = np.maximum(np.float32(_MOST_LEVELS), _MOST_SPREAD * np.nanmedian(away, axis=1, keepdims=True))
+    most = np.maximum(np.float32(_MOST_LEVELS), _MOST_SPREAD * median_of_known(away)[:, None])
     result[rows] = np.where(away > most, -quality[rows], quality[rows])
     return result
 
@@ -43,7 +44,7 @@ def agreed_colours(quality: Float32, colour: UInt8) -> Float32:
     rows = np.flatnonzero(clear.sum(axis=1) >= _LEAST_VIEWS)
     result = np.full((len(quality), 3), np.nan, np.float32)
     values = np.where(clear[rows, :, None], colour[rows].astype(np.float32), np.nan)
-    result[rows] = np.nanmedian(values, axis=1)
+    result[rows] = median_of_known(values)
     return result
 
 

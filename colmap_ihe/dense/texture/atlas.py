@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from colmap_ihe.dense.camera import Bool, Float64, Int32, Int64, PinholeCamera
-from colmap_ihe.dense.texture.mesh import Mesh, components, face_normals
+from colmap_ihe.dense.texture.mesh import Mesh, components
 from colmap_ihe.dense.texture.raster import areas
 from colmap_ihe.errors import CapabilityError
 
@@ -79,7 +79,7 @@ def cut(mesh: Mesh, labels: Int32, coloured: Bool, views: Sequence[PinholeCamera
 
 def _texels_per_unit(mesh: Mesh) -> float:
     """Return the density for faces that no photograph shows: a few texels a face, coloured by its corners."""
-    area = np.linalg.norm(face_normals(mesh.corners()), axis=1).sum() / 2
+    area = np.linalg.norm(mesh.normals, axis=1).sum() / 2
     return float(np.sqrt(len(mesh.faces) / _UNSEEN_FACES_PER_TEXEL / max(area, 1e-30)))
 
 

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from dataclasses import dataclass
 
 import cv2
 import numpy as np
 
-from colmap_ihe.dense.camera import Bool, Float32, Float64, Int32, UInt8
+from colmap_ihe.dense.camera import Bool, Float32, Float64, Int32, Int64, UInt8
 from colmap_ihe.dense.texture.atlas import Atlas, Patches
 from colmap_ihe.dense.texture.raster import Covered, barycentric, covered
 from colmap_ihe.dense.texture.seams import Integers, SeamPoints, seam_shifts, spread_shifts
@@ -80,18 +81,22 @@ def corner_colours(
     return colours, seen
 
 
-def bake(
-    atlas: Atlas,
-    patches: Patches,
-    pictures: Iterable[UInt8],
-    corners: Float64,
-    offsets: Float64,
-    points: SeamPoints,
-) -> UInt8:
-    """Return the texture, (height, width, 3) uint8 RGB, gamma-coded as the pictures.
+@dataclass(frozen=True)
+class Paint:
+    """Hold the texels that charts cover, not yet levelled: `texels` with their faces, the `corners` (T, 3) of the cut
+    mesh around each with their `shares` (T, 3, 1), and the `colours` (T, 3) float32."""
+
+    texels: Covered
+    corners: Int64
+    shares: Float32
+    colours: Float32
+
+
+def paint(atlas: Atlas, patches: Patches, pictures: Iterable[UInt8], corners: Float64) -> Paint:
+    """Return the colours of all texels in the photographs of their faces.
 
     Labels of `patches` are numbers of `pictures`, or above them. Where no photograph colours a face it has the colours
-    `corners` (P, 3) of its corners. `offsets` (P, 3) are added to those, and what makes both sides agree at `points`.
+    `corners` (P, 3) of its corners.
     """
     texels = _with_rim(texels_of(atlas), atlas)
     rows = atlas.source[atlas.faces][texels.face]
@@ -104,7 +109,17 @@ def bake(
         if len(members):
             pixels = (patches.pixel[rows[members]] * texels.weights[members, :, None]).sum(axis=1)
             colours[members] = sample(picture, pixels, atlas.scale)
-    colours += (offsets.astype(np.float32)[rows] * inside).sum(axis=1)
+    return Paint(texels, rows, inside, colours)
+
+
+def bake(atlas: Atlas, patches: Patches, painted: Paint, offsets: Float64, points: SeamPoints) -> UInt8:
+    """Return the texture, (height, width, 3) uint8 RGB, gamma-coded as the pictures.
+
+    `offsets` (P, 3) of the corners of the cut mesh are added to what is `painted`, and what makes both sides agree at
+    `points`.
+    """
+    texels = painted.texels
+    colours = painted.colours + (offsets.astype(np.float32)[painted.corners] * painted.shares).sum(axis=1)
     if not len(colours):
         return np.zeros((*atlas.size[::-1], 3), np.uint8)
     everywhere = _nearest(texels, atlas)[1].reshape(atlas.size[::-1])

@@ -10,6 +10,7 @@ from __future__ import annotations
 import numpy as np
 
 from colmap_ihe.dense.camera import Float64, Int32, UInt8
+from colmap_ihe.dense.texture.median import median_of_known
 
 _LEAST_VIEWS = 3  # of a face, for a median that one photograph does not decide
 _FACES = 30_000  # of those, evenly taken, are enough
@@ -32,7 +33,7 @@ def exposure_tables(view: Int32, colour: UInt8, count: int) -> UInt8:
     members = [np.nonzero(view == number) for number in range(count)]
     for _ in range(_ROUNDS if len(rows) else 0):
         alike = np.where((view >= 0)[..., None], gain[view] * shown + offset[view], np.nan)
-        median = np.nanmedian(alike, axis=1)
+        median = median_of_known(alike)
         for number, (face, column) in enumerate(members):
             if len(face) >= _LEAST_FACES:
                 gain[number], offset[number] = _matched(shown[face, column], median[face])

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -40,6 +41,16 @@ class Mesh:
         """Return (F, 3, 3) float32, the corners of each face."""
         return self.vertices[self.faces]
 
+    @cached_property
+    def middles(self) -> Float32:
+        """Return (F, 3) float32, the middle of each face."""
+        return np.asarray(self.corners().mean(axis=1))
+
+    @cached_property
+    def normals(self) -> Float64:
+        """Return (F, 3) float64, the normals of the faces, each as long as twice the area of its face."""
+        return face_normals(self.corners())
+
     def with_faces(self, chosen: Bool) -> Mesh:
         """Return only the faces where `chosen` (F,) is true, and the vertices that they need."""
         faces = self.faces[chosen]
@@ -58,7 +69,7 @@ def face_normals(corners: Float32) -> Float64:
 def vertex_normals(mesh: Mesh) -> Float32:
     """Return (V, 3) float32, each of length one: the mean of the faces around each vertex, by area. Where these have no
     area or cancel out it is the mean of the neighbouring vertices, and where there is none either (0, 0, 1)."""
-    normals = face_normals(mesh.corners())
+    normals = mesh.normals
     unit = _unit(_summed(mesh, [normals] * 3))
     corners = unit[mesh.faces]
     around = corners.sum(axis=1, keepdims=True) - corners
@@ -119,5 +130,5 @@ def without_small_parts(mesh: Mesh, share: float, least_area: float = 0.0) -> Me
     if not len(mesh.faces):
         return mesh
     part = components(len(mesh.vertices), mesh.faces[:, [0, 1, 1, 2]].reshape(-1, 2))[mesh.faces[:, 0]]
-    area = np.bincount(part, np.linalg.norm(face_normals(mesh.corners()), axis=1)) / 2
+    area = np.bincount(part, np.linalg.norm(mesh.normals, axis=1)) / 2
     return mesh.with_faces(area[part] >= min(max(share * area.max(), least_area), area.max()))

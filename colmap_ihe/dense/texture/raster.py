@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from colmap_ihe.dense.camera import Bool, Float32, Float64, Int64
 
-_CHUNK = 2_000_000  # candidate pixels at a time: about 200 MB
+_CHUNK = 150_000  # candidate pixels at a time, which stay in the cache of a core
 _INSIDE = -1e-6  # of barycentric coordinates, so that no pixel falls between two triangles
 
 

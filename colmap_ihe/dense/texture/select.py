@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from colmap_ihe.dense.camera import Bool, Float32, Int32, Int64, PinholeCamera, UInt8
+from colmap_ihe.dense.camera import Bool, Float32, Float64, Int32, Int64, PinholeCamera, UInt8
 from colmap_ihe.dense.texture.labels import Choices, label_faces
 from colmap_ihe.dense.texture.mesh import Mesh, face_normals
 from colmap_ihe.dense.texture.raster import areas, depth_picture
@@ -65,11 +65,9 @@ def quality_in(mesh: Mesh, view: PinholeCamera, mask: Callable[[], UInt8 | None]
     show that instead. `mask()` (H, W) uint8 is 0 where the picture must not be used.
     """
     pixels, depths = view.project(mesh.vertices)
-    corners = mesh.corners()
-    normals = face_normals(corners)
-    rays = view.centre - corners.mean(axis=1)
-    lengths = np.linalg.norm(normals, axis=1) * np.linalg.norm(rays, axis=1)
-    facing = (normals * rays).sum(axis=1) / np.maximum(lengths, 1e-30)
+    rays = view.centre - mesh.middles
+    lengths = np.linalg.norm(mesh.normals, axis=1) * np.linalg.norm(rays, axis=1)
+    facing = (mesh.normals * rays).sum(axis=1) / np.maximum(lengths, 1e-30)
     shown = pixels[mesh.faces]
     area = areas(shown)
     possible = (facing > 0) & (np.nan_to_num(area) > 0)
@@ -78,7 +76,7 @@ def quality_in(mesh: Mesh, view: PinholeCamera, mask: Callable[[], UInt8 | None]
     nearest = depth_picture(shown, depths[mesh.faces], view.size)
     if (allowed := mask()) is not None:
         nearest[allowed == 0] = 0  # as if something stood right before the camera
-    seen, clear = _seen(corners[rows], view, nearest)
+    seen, clear = _seen(view.homogeneous(mesh.vertices)[mesh.faces[rows]], view.size, nearest)
     clear &= facing[rows] > _LEAST_FACING
     quality[rows] = np.where(clear, 1, -1) * np.where(seen, area[rows] * facing[rows], 0)
     return quality
@@ -89,19 +87,19 @@ def worth(quality: Float32) -> Float32:
     return np.where(quality < 0, np.float32(-_BESIDE_EDGE) * quality, quality)
 
 
-def _seen(corners: Float32, view: PinholeCamera, nearest: Float32) -> tuple[Bool, Bool]:
+def _seen(corners: Float64, size: tuple[int, int], nearest: Float32) -> tuple[Bool, Bool]:
     """Return (F,), true where all of a face is on the picture and nothing hides it, and (F,), true where besides
-    nothing in front is near.
+    nothing in front is near; `corners` (F, 3, 3) are homogeneous pixels.
 
     A sample is hidden where the farthest surface within a pixel is nearer, since depth changes within a pixel.
     Something in front is near where anything close by is much nearer, since a silhouette in the mesh is a few pixels
     off that in the picture.
     """
-    width, height = view.size
+    width, height = size
     farthest = cv2.dilate(nearest, np.ones((3, 3), np.uint8)).ravel()
     closest = cv2.erode(nearest, np.ones((_MARGIN_PX, _MARGIN_PX), np.uint8)).ravel()
     seen, clear = np.ones((2, len(corners)), bool)
-    by_corner = np.ascontiguousarray(view.homogeneous(corners).transpose(2, 1, 0))
+    by_corner = np.ascontiguousarray(corners.transpose(2, 1, 0))
     for weights in _SAMPLES:
         # homogeneous pixels of a point in a face are the same mean of its corners' as the point
         across, down, depth = (sum(w * v for w, v in zip(weights, c, strict=True) if w) for c in by_corner)

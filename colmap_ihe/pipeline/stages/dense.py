@@ -144,9 +144,9 @@ def _parts(options: Options, known: Known) -> list[Part]:
         depth = Part("dense", "runs of PatchMatch", 3.0 * seen)
     else:
         depth = Part("dense", "depth maps", 2.7 * seen * _overlap(known) + 0.05 * known.registered)
-    undistortion = 0.1 * known.registered_megapixels + 0.2 * known.registered
+    undistortion = 0.03 * known.registered_megapixels + 0.05 * known.registered
     return [
-        Part("dense", "undistorted sets", undistortion),
+        Part("dense", "photographs laid flat", undistortion),
         depth,
         Part("dense", "fusions", 0.5 + 4e-6 * likely_points(options, known)),
     ]

@@ -11,6 +11,7 @@ from colmap_ihe.errors import MappingError
 from colmap_ihe.machine.executor import threads_of
 from colmap_ihe.machine.progress import Progress
 from colmap_ihe.machine.remaining_time import Part
+from colmap_ihe.machine.threads import one_blas_thread
 from colmap_ihe.pipeline.resource_needs import BASE_BYTES, Known, PhotoSetSize, StageNeeds
 from colmap_ihe.pipeline.stage import Count, FileName, Record, RunContext, Stage, StageRecord, StrictModel
 from colmap_ihe.pipeline.stages.dense import POINTS_A_PIXEL, likely_points, pixels_seen
@@ -38,14 +39,15 @@ def run(run: RunContext, progress: Progress) -> MeshRecord:
     """Make the mesh, or say why there is none: the cloud is there all the same."""
     project, options = run.project, run.options.mesh
     try:
-        surface = mesh.reconstruct_surface(
-            project.dense / "fused.ply",
-            project.mesh,
-            options.faces,
-            options=options.colmap,
-            progress=progress,
-            dense_dir=project.dense,
-        )
+        with one_blas_thread():
+            surface = mesh.reconstruct_surface(
+                project.dense / "fused.ply",
+                project.mesh,
+                options.faces,
+                options=options.colmap,
+                progress=progress,
+                dense_dir=project.dense,
+            )
     except MappingError as error:
         return MeshRecord(files=[], warnings=[f"no mesh was made: {error}"])
     if options.texture is False:
@@ -97,11 +99,11 @@ def _parts(options: Options, known: Known) -> list[Part]:
         return [surface]
     return [
         surface,
-        Part("mesh", "photographs looked through", 0.2 * megapixels + 0.06 * images),
+        Part("mesh", "photographs looked through", 0.13 * megapixels + 0.04 * images),
         Part("mesh", "atlases", 0.7 + 8.4e-7 * points),
-        Part("mesh", "photographs compared at seams", 0.042 * megapixels + 0.028 * images),
-        Part("mesh", "seams", 2.1 + 4.9e-6 * points),
-        Part("mesh", "photographs on the texture", 0.063 * megapixels + 0.042 * images),
+        Part("mesh", "photographs compared at seams", 0.02 * megapixels + 0.014 * images),
+        Part("mesh", "photographs on the texture", 0.04 * megapixels + 0.03 * images),
+        Part("mesh", "seams", 1.5 + 3e-6 * points),
         Part("mesh", "sets of files", 1.4),
     ]
 

@@ -10,7 +10,7 @@ import pytest
 
 from colmap_ihe.dense.camera import PinholeCamera, UInt8
 from colmap_ihe.dense.texture.atlas import Patches, cut, pack
-from colmap_ihe.dense.texture.bake import bake, corner_colours, sample, texels_of
+from colmap_ihe.dense.texture.bake import bake, corner_colours, paint, sample, texels_of
 from colmap_ihe.dense.texture.labels import Choices, _change_faces, label_faces
 from colmap_ihe.dense.texture.level import seam_offsets
 from colmap_ihe.dense.texture.mesh import (
@@ -97,7 +97,7 @@ def textured(mesh: Mesh, views: list[PinholeCamera], pictures: list[UInt8], *, l
     offsets = seam_offsets(patches, colours, seen, np.full_like(colours, np.nan))
     if not level:
         offsets, points = 0 * offsets, SeamPoints(points.texel[:0], points.patch[:0], points.coloured[:0])
-    texture = bake(atlas, patches, pictures, colours, offsets, points)
+    texture = bake(atlas, patches, paint(atlas, patches, pictures, colours), offsets, points)
     assert texture.shape == (atlas.size[1], atlas.size[0], 3)
     column, row = np.floor(atlas.texel[atlas.faces].mean(axis=1)).astype(int).T
     return texture[row, column].astype(float)
@@ -240,13 +240,14 @@ def test_details_that_differ_meet_at_a_seam() -> None:
     none = SeamPoints(points.texel[:0], points.patch[:0], points.coloured[:0])
     steps = []
     for at in (none, points):
-        texture = bake(atlas, patches, pictures, colours, offsets, at)
+        texture = bake(atlas, patches, paint(atlas, patches, pictures, colours), offsets, at)
         one, other = (sample(texture, points.texel[:, side]) for side in (0, 1))
         steps.append(float(np.median(np.abs(one - other))))
     assert steps[0] > 20
     assert steps[1] < 1.5
-    difference = bake(atlas, patches, pictures, colours, offsets, points).astype(float)
-    difference -= bake(atlas, patches, pictures, colours, offsets, none)
+    painted = paint(atlas, patches, pictures, colours)
+    difference = bake(atlas, patches, painted, offsets, points).astype(float)
+    difference -= bake(atlas, patches, painted, offsets, none)
     changed = np.abs(difference).max(axis=2) > 1
     assert 0.02 < changed.mean() < 0.3  # a band along the seam, and nothing else
 
