@@ -5,13 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
-import cv2
 import numpy as np
 
 from colmap_ihe.dense.camera import Float32, Float64, UInt8
 from colmap_ihe.dense.stereo.edges import sharpened
 from colmap_ihe.dense.stereo.match import match_around, match_whole_range
-from colmap_ihe.dense.stereo.merge import filled, merge, without_speckles
+from colmap_ihe.dense.stereo.merge import enlarged, filled, merge, without_speckles
 from colmap_ihe.dense.stereo.normals import normals_from_inverse_depth
 from colmap_ihe.dense.stereo.rectify import PairLeftOutError, RectifiedPair, rectify
 from colmap_ihe.dense.stereo.refine import compare, prepared, refined
@@ -24,15 +23,12 @@ _COARSEST_PX = 400  # longer side of the size at which the whole range of depths
 # ones take part from the next size on.
 _LARGER_PX, _MOST_DISPARITIES = 800, 320
 _ITERATIONS = 1  # Gauss-Newton steps at each size: a second one made the error larger, on true depth too
-_MIN_CORRELATION = 0.4  # of the window of a pixel with a source that supports it
+_MIN_CORRELATION = 0.37  # of the window of a pixel with a source that supports it
 _MIN_SINGLE_CORRELATION = 0.6  # with which one supporting source is enough
-# A window that is mostly of what is behind a thin thing correlates at the depth behind. The thing itself does not: at
-# the pixel, grey values differ by more levels than so many, and more of the window's standard deviation.
-_MOST_LEVELS, _MOST_CONTRAST = 6.0, 0.5
 # Variance of 8-bit values. Where windows are too flat to correlate, sources that agree in depth are enough if the
 # grey values vary by at least so much: a wall does, the sky does not.
 _MIN_VARIANCE = 1.0
-_SPECKLE_PX = 60  # smaller patches are dropped, in pixels of each size
+_SPECKLE_PX = 40  # smaller patches are dropped, in pixels of each size
 _COARSE_SPECKLE_PX = 15  # at the coarsest, where pieces of a thin thing are found, which the next size joins
 _NORMAL_RADIUS_PX = 10  # half of the window of the normals
 
@@ -87,8 +83,7 @@ def depth_and_normals(
             matches = [matches[row] for row in narrow]
         prior = None
         if step > first:
-            coarser = cv2.resize(filled(inverse), size, interpolation=cv2.INTER_LINEAR)
-            prior = np.asarray(coarser, np.float32)
+            prior = enlarged(filled(inverse), size)
         inverse = _match_at_size(reference.resized(size), matches, prior, check)
         if not inverse.any():
             inverse = np.zeros(reference.grey_u8.shape, np.float32)
@@ -160,13 +155,11 @@ def _confirmed(
     support = np.zeros(inverse.shape, np.uint8)
     alike = np.zeros(inverse.shape, np.uint8)
     best = np.full(inverse.shape, -1, np.float32)
-    most = np.maximum(np.float32(_MOST_LEVELS), _MOST_CONTRAST * np.sqrt(reference.variance))
     for source in sources:
         fit = compare(reference, source, moved)
-        same = fit.difference <= most
-        support += same & (fit.correlation >= _MIN_CORRELATION)
-        alike += same & (fit.likeness >= _MIN_CORRELATION)
-        np.maximum(best, fit.correlation, out=best, where=same)
+        support += fit.same & (fit.correlation >= _MIN_CORRELATION)
+        alike += fit.same & (fit.likeness >= _MIN_CORRELATION)
+        np.maximum(best, fit.correlation, out=best, where=fit.same)
     keep = (inverse > 0) & (moved > 0)
     if view.mask_u8 is not None:
         keep &= view.mask_u8 > 0

@@ -1,4 +1,4 @@
-"""Merge the depth maps of one reference, one from each source, where they agree; fill holes, drop speckles."""
+"""Merge the depth maps of one reference, one from each source, where they agree; fill holes, enlarge, drop speckles."""
 
 from __future__ import annotations
 
@@ -8,6 +8,8 @@ import cv2
 import numpy as np
 
 from colmap_ihe.dense.camera import Float32, UInt8
+
+_STEP = 0.03  # relative change of inverse depth between neighbours beside an edge
 
 
 def merge(inverse_depths: Sequence[Float32], one_pixel: Sequence[float]) -> tuple[Float32, UInt8]:
@@ -65,6 +67,19 @@ def _pull_push(total: Float32, weight: Float32) -> Float32:
     )
     enlarged = cv2.resize(coarser, (width, height), interpolation=cv2.INTER_LINEAR)
     return np.where(weight > 0, mean, enlarged).astype(np.float32)
+
+
+def enlarged(inverse_depth: Float32, size: tuple[int, int]) -> Float32:
+    """Return `inverse_depth` (H, W) float32, > 0, at a larger `size` (width, height). Pixels beside an edge take the
+    value of one side: between the two there is nothing, and of a thing two pixels wide hardly a pixel would keep its
+    own."""
+    around = np.ones((3, 3), np.uint8)
+    nearest, farthest = cv2.dilate(inverse_depth, around), cv2.erode(inverse_depth, around)
+    edge = (nearest - farthest > _STEP * farthest).astype(np.uint8)
+    beside = cv2.resize(edge, size, interpolation=cv2.INTER_NEAREST) > 0
+    sharp = cv2.resize(inverse_depth, size, interpolation=cv2.INTER_NEAREST)
+    smooth = cv2.resize(inverse_depth, size, interpolation=cv2.INTER_LINEAR)
+    return np.where(beside, sharp, smooth).astype(np.float32)
 
 
 def without_speckles(inverse_depth: Float32, smallest_px: int, one_pixel: float) -> Float32:

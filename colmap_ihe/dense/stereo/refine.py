@@ -22,6 +22,14 @@ from colmap_ihe.dense.stereo.views import StereoView
 
 WINDOW_PX = 7
 NOISE_VARIANCE = 4.0
+# A window that is mostly of what is behind a thin thing correlates at the depth behind. The thing itself does not: its
+# grey values, made as bright as the source around, differ by more than so many levels, and than so many times the
+# contrast that both windows have. Small differences from the windows' own means are enough to be alike.
+_MOST_LEVELS, _MOST_CONTRAST = 6.0, 0.75
+_SURE_LEVELS = 4.0
+_LIGHT_PX = 31  # window over which a source may be brighter
+_MOST_BRIGHTER = 40.0  # than usual in a pair, in levels
+_CLEAR_CORRELATION = 0.6  # of the pixels that tell how much brighter a source is
 
 
 @dataclass(frozen=True)
@@ -36,16 +44,16 @@ class Reference:
 
 @dataclass(frozen=True)
 class Comparison:
-    """Compare the reference and one source at the present depth: all (H, W) float32.
+    """Compare the reference and one source at the present depth: all (H, W).
 
     `correlation` -1..1 is 0 where there is nothing to compare; `likeness` -1..1 is 1 there, and the
-    same elsewhere; both are -1 where the source does not see the pixel. `difference` is that of the grey levels of
-    the pixel itself and those that touch it, less those of the windows' means.
+    same elsewhere; both are -1 where the source does not see the pixel. `same` tells where the pixel itself and those
+    that touch it look alike, not only their windows.
     """
 
     correlation: Float32
     likeness: Float32
-    difference: Float32
+    same: Bool
 
 
 @dataclass(frozen=True)
@@ -76,9 +84,36 @@ def compare(reference: Reference, source: StereoView, inverse_depth: Float32) ->
     match = _match(reference, source, inverse_depth)
     noise = NOISE_VARIANCE / _expected(reference, match.variance)
     likeness = np.where(match.seen, match.correlation + noise, -1)
-    levels = np.abs((match.grey - match.mean) - (reference.grey - reference.mean))
-    difference = np.asarray(cv2.blur(levels, (3, 3)), np.float32)
-    return Comparison(match.correlation, likeness, difference)
+    return Comparison(match.correlation, likeness, _same(reference, match))
+
+
+def _same(reference: Reference, match: _Match) -> Bool:
+    """Tell which pixels look alike themselves. The mean of a small window is no measure of how much brighter a source
+    is where part of the window sees something else."""
+    brighter = match.grey - reference.grey
+    from_means = _around(brighter - (match.mean - reference.mean))
+    from_light = _around(brighter - _light(brighter, match))
+    contrast = np.sqrt(np.minimum(reference.variance, match.variance))
+    most = np.maximum(np.float32(_MOST_LEVELS), np.float32(_MOST_CONTRAST) * contrast)
+    return np.asarray((from_means <= _SURE_LEVELS) | (from_light <= most))
+
+
+def _light(brighter: Float32, match: _Match) -> Float32:
+    """Return how many levels the source is brighter around each pixel, from those whose windows match."""
+    clear = match.seen & (match.correlation >= _CLEAR_CORRELATION)
+    usual = np.float32(np.median(brighter[clear])) if clear.any() else np.float32(0)
+    clear &= np.abs(brighter - usual) < _MOST_BRIGHTER
+    side = (_LIGHT_PX, _LIGHT_PX)
+    weight = cv2.blur(clear.astype(np.float32), side)
+    local = cv2.blur(((brighter - usual) * clear).astype(np.float32), side) / np.maximum(
+        weight, np.float32(1e-6)
+    )
+    return np.asarray(usual + local, np.float32)
+
+
+def _around(levels: Float32) -> Float32:
+    """Return the mean size of the values of each pixel and those that touch it."""
+    return np.asarray(cv2.blur(np.abs(levels), (3, 3)), np.float32)
 
 
 def _match(reference: Reference, source: StereoView, inverse_depth: Float32) -> _Match:

@@ -12,6 +12,7 @@ from planes import Plane, camera, plane, render, sparse_points
 
 from colmap_ihe.dense.camera import Float64, PinholeCamera
 from colmap_ihe.dense.stereo import depth as depth_module
+from colmap_ihe.dense.stereo import refine as refine_module
 from colmap_ihe.dense.stereo.depth import DepthResult, depth_and_normals, first_step
 from colmap_ihe.dense.stereo.rectify import rectify
 from colmap_ihe.dense.stereo.views import sizes_coarse_to_fine
@@ -170,7 +171,7 @@ def test_a_thin_pole_is_found_or_left_out_but_not_taken_for_the_wall(monkeypatch
     found, taken_for_wall = shares()
     assert found > 0.5, f"{found:.2f}"
     assert taken_for_wall < 0.1, f"{taken_for_wall:.2f}"
-    monkeypatch.setattr(depth_module, "_MOST_LEVELS", 1e9)
+    monkeypatch.setattr(refine_module, "_MOST_LEVELS", 1e9)
     assert shares()[1] > taken_for_wall
 
 

@@ -8,10 +8,10 @@ from planes import REFERENCE_SIZE, camera, plane, render, sparse_points
 
 from colmap_ihe.dense.camera import Float32, Float64, PinholeCamera
 from colmap_ihe.dense.stereo.match import match_around, match_whole_range
-from colmap_ihe.dense.stereo.merge import filled, merge, without_speckles
+from colmap_ihe.dense.stereo.merge import enlarged, filled, merge, without_speckles
 from colmap_ihe.dense.stereo.normals import normals_from_inverse_depth
 from colmap_ihe.dense.stereo.rectify import PairLeftOutError, rectify
-from colmap_ihe.dense.stereo.refine import prepared, refined
+from colmap_ihe.dense.stereo.refine import compare, prepared, refined
 from colmap_ihe.dense.stereo.sources import choose_sources
 from colmap_ihe.dense.stereo.views import StereoView, sizes_coarse_to_fine
 
@@ -100,6 +100,17 @@ def test_holes_are_filled_between_their_rims() -> None:
         filled(np.zeros((4, 4), np.float32))
 
 
+def test_nothing_is_between_the_two_sides_of_an_edge_when_depth_is_enlarged() -> None:
+    slope = np.tile(np.linspace(0.1, 0.102, 12, dtype=np.float32), (6, 1))
+    pole = slope.copy()
+    pole[:, 5:7] = 0.2
+    behind, larger = enlarged(slope, (24, 12)), enlarged(pole, (24, 12))
+    assert np.diff(behind[5, 1:-1]) == pytest.approx(0.002 / 22, rel=1e-3)  # a slope has no steps
+    assert (larger[:, 10:14] == np.float32(0.2)).all()
+    assert larger[:, :10].max() < 0.103
+    assert larger[:, 14:].max() < 0.103
+
+
 def test_speckles_go_and_surfaces_stay() -> None:
     inverse = np.full((40, 40), 1.0, np.float32)
     inverse[10:14, 10:14] = 1.5
@@ -129,6 +140,22 @@ def test_refinement_takes_out_a_tenth_of_a_disparity_pixel() -> None:
     inverse = refined(prepared(view), sources, start, one_pixel, iterations=3)
     error_px = np.abs(inverse - exact)[20:-20, 60:-60] / one_pixel
     assert 0.001 < np.median(error_px) < 0.06, f"{np.median(error_px):.4f} pixels"
+
+
+def test_a_pole_that_a_source_does_not_show_is_not_the_same_and_what_is_beside_it_is() -> None:
+    """4 pixels wide, 12 levels darker than a wall, of which the source is brighter."""
+    wall = np.random.default_rng(3).normal(120, 8, (60, 80))
+    pole = wall.copy()
+    pole[:, 40:44] -= 12
+    cameras = camera([0, 0, 0], size=(80, 60))
+    reference, source = (
+        StereoView(cameras.K, cameras.cam_from_world, cameras.size, np.round(grey).astype(np.uint8))
+        for grey in (pole, wall + 15)
+    )
+    same = compare(prepared(reference), source, np.full((60, 80), 0.25, np.float32)).same
+    assert not same[:, 41:43].any()
+    assert same[:, :39].all()
+    assert same[:, 45:].all()
 
 
 def test_sources_are_chosen_by_shared_points_and_angle() -> None:
