@@ -32,7 +32,6 @@ from colmap_ihe.drawings.frames import PlaneFrame, plane_frame
 from colmap_ihe.drawings.grid import PixelGrid
 from colmap_ihe.drawings.lines import Line, section
 from colmap_ihe.drawings.painted import Source, paint_mesh, painted_surface
-from colmap_ihe.drawings.refined import depth_maps, refined_mesh
 from colmap_ihe.drawings.surface import drawn_faces, seen_surface
 from colmap_ihe.evaluation.demo import raycast
 from colmap_ihe.evaluation.demo.scene import portico
@@ -331,7 +330,7 @@ def measured(parsed: argparse.Namespace) -> list[Row]:
             surface = paint_mesh(mesh, *true_sources(parsed.project), executor)
             rows.append(_row("true surfaces", mesh, surface, grid, out, radiance, middle, parsed.pictures))
         if parsed.only != "true":
-            mesh, _ = refined_mesh(read_mesh(dense / "mesh.ply"), depth_maps(dense))
+            mesh = read_mesh(dense / "mesh.ply")
             metric, colour = parsed.project / "workspace/metric", parsed.project / "colour"
             surface = painted_surface(mesh, dense, metric, colour, executor)
             rows.append(_row("reconstructed", mesh, surface, grid, out, radiance, middle, parsed.pictures))

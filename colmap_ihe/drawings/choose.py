@@ -26,14 +26,13 @@ _PLAN, _SECTION, _LEVEL = "plan", "section", "level"
 
 @dataclass(frozen=True)
 class DrawnModel:
-    """Hold a mesh with what is up in it (3,), the middle of its cameras (3,), the `frame` of its survey, None for a
-    model that is not metric, and the share of its vertices that were moved to what depth maps say."""
+    """Hold a mesh with what is up in it (3,), the middle of its cameras (3,), and the `frame` of its survey, None for a
+    model that is not metric."""
 
     mesh: Mesh
     up: Float64
     cameras: Float64
     frame: Frame | None
-    moved_percent: float = 0.0
 
     @cached_property
     def facades(self) -> Sequence[Facade]:

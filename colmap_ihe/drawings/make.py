@@ -222,7 +222,6 @@ def _about(view: View, setting: Setting) -> dict[str, Any]:
         "unit": "metre" if setting.metric else None,
         "scale": view.scale if setting.metric else None,
         "frame": values,
-        "vertices_moved_percent": setting.moved_percent,
         "shift": list(setting.shift(view)),
         "crs": setting.plan_crs if view.kind == "plan" else "",
     }

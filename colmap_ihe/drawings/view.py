@@ -47,8 +47,8 @@ class View:
 class Setting:
     """Hold what all drawings of a model have in common: whether it is `metric`; `offset` (3,), which is added to its
     coordinates to have those of `crs`, a system of a map or empty; `plan_crs`: of what the plan is in, where the
-    model's system is of degrees; the lines of the `title`; by what a drawing is made, `made_by`; by what the model is
-    metric and how well, `accuracy`, in words; and the share of its vertices that were moved to what depth maps say."""
+    model's system is of degrees; the lines of the `title`; by what a drawing is made, `made_by`; and by what the
+    model is metric and how well, `accuracy`, in words."""
 
     metric: bool
     up: Float64
@@ -57,7 +57,6 @@ class Setting:
     title: Mapping[str, str] = field(default_factory=dict)
     made_by: str = "draw"
     accuracy: str = ""
-    moved_percent: float = 0.0
 
     @property
     def unit(self) -> str:

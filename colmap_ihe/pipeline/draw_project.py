@@ -50,7 +50,7 @@ def draw(
         )
     with folder.locked(), local_executor() as executor, progress.stage("drawings") as stage_progress:
         run = RunContext(folder, options, find_photographs(folder.images), executor, records=records)
-        model = drawn_model(run, stage_progress)
+        model = drawn_model(run)
         if asked is None:
             views = chosen_views(options.drawings, model, only)
         else:

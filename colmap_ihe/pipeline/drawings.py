@@ -18,7 +18,6 @@ from colmap_ihe.drawings.colours import PaintedSurface
 from colmap_ihe.drawings.make import ABOUT, draw_section, draw_surface
 from colmap_ihe.drawings.painted import painted_surface
 from colmap_ihe.drawings.raster_files import has_rasterio
-from colmap_ihe.drawings.refined import depth_maps, refined_mesh
 from colmap_ihe.drawings.sheet import letters_without_font
 from colmap_ihe.drawings.view import Setting, View, layout_of
 from colmap_ihe.errors import KnownError, OptionError, ProjectError
@@ -79,29 +78,26 @@ def finished(project: Project) -> list[tuple[Path, dict[str, Any]]]:
     return [(folder, about) for folder, about in read if isinstance(about, dict)]
 
 
-def drawn_model(run: RunContext, progress: Progress) -> DrawnModel:
-    """Return the mesh of a run, moved to what its depth maps say, with its frame. Raises `ProjectError` where one of
-    them cannot be read, `Cancelled`."""
+def drawn_model(run: RunContext) -> DrawnModel:
+    """Return the mesh of a run with its frame. Raises `ProjectError` where it cannot be read."""
     poses = list(poses_of(run.model_folder).values())
     cameras = np.mean([-pose[:, :3].T @ pose[:, 3] for pose in poses], axis=0)
     frame = Frame(**run.records["survey"]["frame"]) if run.is_metric else None
     up = np.array((0.0, 0.0, 1.0)) if run.is_metric else upright(poses, None)[1]
-    mesh, moved = refined_mesh(read_mesh(run.project.mesh), depth_maps(run.project.dense), progress)
-    moved_percent = 100 * float(moved.mean()) if len(moved) else 0.0
-    return DrawnModel(mesh, np.asarray(up, np.float64), cameras, frame, moved_percent)
+    return DrawnModel(read_mesh(run.project.mesh), np.asarray(up, np.float64), cameras, frame)
 
 
 def setting_of(model: DrawnModel, title: dict[str, str], maker: str, accuracy: str = "") -> Setting:
     """Return what the drawings of a model have in common; `accuracy` of the survey in words."""
-    frame, moved = model.frame, model.moved_percent
+    frame = model.frame
     if frame is None:
-        return Setting(False, model.up, title=title, made_by=maker, moved_percent=moved)
+        return Setting(False, model.up, title=title, made_by=maker)
     if frame.origin is None:
-        return Setting(True, model.up, frame.offset, frame.crs, title, maker, accuracy, moved)
+        return Setting(True, model.up, frame.offset, frame.crs, title, maker, accuracy)
     latitude, longitude, height = frame.origin
     place = f"+lat_0={latitude:.10f} +lon_0={longitude:.10f} +k={1 + height / _EARTH:.10f}"
     crs = f"+proj=tmerc {place} +datum=WGS84 +units=m"
-    return Setting(True, model.up, (0.0, 0.0, height), crs, title, maker, accuracy, moved)
+    return Setting(True, model.up, (0.0, 0.0, height), crs, title, maker, accuracy)
 
 
 def draw_views(

@@ -108,7 +108,10 @@ def test_the_road_has_the_parts_that_the_options_leave() -> None:
     assert stages("matches") == road[:4]
     assert stages("captures") == []
     plain = stage_parts(Options.model_validate({"mesh": {"texture": False}}), SET, "mesh")
-    assert [part.unit for part in plain if part.stage == "mesh"] == ["parts of the surface"]
+    assert [part.unit for part in plain if part.stage == "mesh"] == [
+        "parts of the surface",
+        "depth maps compared with the surface",
+    ]
 
 
 def test_photographs_that_see_little_of_one_another_take_less() -> None:

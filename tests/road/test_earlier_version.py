@@ -72,7 +72,7 @@ def options_of_then() -> Options:
     sections["fit"] |= {"weights": None, "second": "none"}
     sections["sparse"]["calibration"] = "colmap"
     sift = sections["features"]["colmap"].get("sift", {}) | {"peak_threshold": COLMAPS_THRESHOLD}
-    sections["features"] = sections["features"] | {"colmap": {"sift": sift}}
+    sections["features"] = sections["features"] | {"colmap": {"sift": sift}, "octaves": "colmap"}
     return Options.model_validate(sections | {"dense": {**sections["dense"], "enabled": True}})
 
 

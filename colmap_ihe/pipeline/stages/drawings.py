@@ -50,7 +50,7 @@ def run(run: RunContext, progress: Progress) -> DrawingsRecord:
         )
         return DrawingsRecord(files=[], warnings=[told])
     try:
-        model = drawn_model(run, progress)
+        model = drawn_model(run)
         views = chosen_views(options, model)
         drawn = draw_views(run, model, views, BY_RUN, progress, strict=False)
     except (OptionError, ProjectError) as error:
@@ -79,7 +79,6 @@ def _parts(options: Options, known: Known) -> list[Part]:
         return []
     images, megapixels = known.registered, known.registered_megapixels
     return [
-        Part("drawings", "depth maps compared with the surface", 0.1 * images),
         Part("drawings", "photographs looked through", 0.2 * megapixels + 0.06 * images),
         Part("drawings", "photographs compared at seams", 0.042 * megapixels + 0.028 * images),
         Part("drawings", "pictures and sheets", 15.0),

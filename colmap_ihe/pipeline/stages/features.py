@@ -13,7 +13,6 @@ from colmap_ihe.colmap.database import database_is_sound, looks_whole, remove_da
 from colmap_ihe.colmap.extraction import extraction_bytes, extraction_options
 from colmap_ihe.colmap.features import FeatureCounts
 from colmap_ihe.colmap.lower_thresholds import COLMAPS_THRESHOLD, LOWEST, SCALES, UNIT, lowers_thresholds
-from colmap_ihe.colmap.own_resolution import VARIANCE
 from colmap_ihe.colmap.second_features import add_second_features
 from colmap_ihe.colmap.tried_features import TriedFeatures
 from colmap_ihe.dense.cost import pixels_within
@@ -143,10 +142,8 @@ def _result_options(options: Options) -> dict[str, Any]:
         values["lowest_threshold"] = [LOWEST, SCALES]
     else:
         values["features"]["colmap"] = _without_colmaps_threshold(values["features"]["colmap"])
-    if options.features.octaves == "auto" and may_start_coarse(extraction_options(options.features)):
-        values["features"]["octaves"] = ["auto", VARIANCE]
-    else:
-        del values["features"]["octaves"]
+    if options.features.octaves == "colmap":
+        del values["features"]["octaves"]  # as before it was an option
     del values["camera"]["fixed"], values["camera"]["calibration"]
     if options.camera.calibration is not None:
         values["camera"]["calibration"] = True

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from colmap_ihe.dense import mesh, textured_mesh
+from colmap_ihe.dense.refined import refine_surface
 from colmap_ihe.errors import MappingError
 from colmap_ihe.machine.executor import threads_of
 from colmap_ihe.machine.progress import Progress
@@ -28,10 +29,12 @@ class _TextureRecord(StrictModel):
 
 
 class MeshRecord(StageRecord):
-    """Name the files of the mesh; count its faces; the size of the texture in pixels."""
+    """Name the files of the mesh; count its faces; the share of its vertices that depth maps moved; the size of the
+    texture in pixels."""
 
     files: list[FileName]
     faces: Count | None = None
+    vertices_moved_percent: float | None = None
     texture: _TextureRecord | None = None
 
 
@@ -48,10 +51,12 @@ def run(run: RunContext, progress: Progress) -> MeshRecord:
                 progress=progress,
                 dense_dir=project.dense,
             )
+            moved = refine_surface(project.mesh, project.dense, progress)
     except MappingError as error:
         return MeshRecord(files=[], warnings=[f"no mesh was made: {error}"])
+    made = {**asdict(surface), "vertices_moved_percent": round(moved, 1)}
     if options.texture is False:
-        return MeshRecord(**asdict(surface), files=[project.mesh.name], warnings=[])
+        return MeshRecord(**made, files=[project.mesh.name], warnings=[])
     with threads_of(run.executor) as threads:  # each looks at all of the mesh
         texture = textured_mesh.texture_mesh(
             project.dense,
@@ -62,7 +67,7 @@ def run(run: RunContext, progress: Progress) -> MeshRecord:
             progress=progress,
         )
     files = [project.mesh.name, *textured_mesh.FILES]
-    return MeshRecord(**asdict(surface), texture=_TextureRecord(**asdict(texture)), files=files, warnings=[])
+    return MeshRecord(**made, texture=_TextureRecord(**asdict(texture)), files=files, warnings=[])
 
 
 def _result_options(options: Options) -> dict[str, Any]:
@@ -94,11 +99,14 @@ def _needs(options: Options, size: PhotoSetSize) -> StageNeeds:
 
 def _parts(options: Options, known: Known) -> list[Part]:
     images, megapixels, points = known.registered, known.registered_megapixels, likely_points(options, known)
-    surface = Part("mesh", "parts of the surface", 7.0 + 1.05e-5 * points)
+    surface = [
+        Part("mesh", "parts of the surface", 7.0 + 1.05e-5 * points),
+        Part("mesh", "depth maps compared with the surface", 0.1 * images),
+    ]
     if options.mesh.texture is False:
-        return [surface]
+        return surface
     return [
-        surface,
+        *surface,
         Part("mesh", "photographs looked through", 0.13 * megapixels + 0.04 * images),
         Part("mesh", "atlases", 0.7 + 8.4e-7 * points),
         Part("mesh", "photographs compared at seams", 0.02 * megapixels + 0.014 * images),

@@ -7,7 +7,6 @@ from typing import Any
 import pytest
 
 from colmap_ihe.colmap.lower_thresholds import COLMAPS_THRESHOLD
-from colmap_ihe.colmap.own_resolution import VARIANCE
 from colmap_ihe.pipeline.resource_needs import Known
 from colmap_ihe.pipeline.stages.features import STAGE
 from colmap_ihe.project.options import Options
@@ -49,22 +48,6 @@ def test_small_photographs_are_expected_to_take_two_extractions(
         images=10, pixels=10 * pixels, raw_pixels=0, with_gps=0, features=0, inliers=0, registered=10
     )
     assert [part.unit for part in STAGE.parts(options, known)] == units
-
-
-@pytest.mark.parametrize(
-    ("features", "recorded"),
-    [
-        ({}, ["auto", VARIANCE]),
-        ({"octaves": "colmap"}, None),
-        ({"octaves": "auto", "max_image_size": 1600}, None),  # no image is large for COLMAP's cap
-        ({"octaves": "auto", "colmap": {"sift": {"first_octave": 0}}}, None),
-    ],
-)
-def test_octaves_decide_features_only_where_an_image_may_be_large(
-    features: dict[str, Any], recorded: list[str | float] | None
-) -> None:
-    values = STAGE.options_of(Options.model_validate({"features": features}))
-    assert values["features"].get("octaves") == recorded
 
 
 def test_large_photographs_are_expected_to_take_a_third_of_the_time() -> None:

@@ -30,6 +30,9 @@ def test_it_leaves_a_mesh_with_colours_and_one_with_a_texture(
     mesh = read_mesh(dense / "mesh.ply")
     assert 1000 < len(mesh.faces) == finished_summary["mesh_faces"] <= 2000
     assert mesh.colours.std() > 10
+    record = read_record(Project.at(finished), "mesh")
+    assert record is not None
+    assert 5 < record["vertices_moved_percent"] < 100
     loaded = trimesh.load_scene(dense / "mesh.glb", process=False).geometry["mesh"]
     assert len(loaded.faces) == len(mesh.faces)
     picture = loaded.visual.material.baseColorTexture

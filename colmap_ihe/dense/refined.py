@@ -17,7 +17,9 @@ import numpy as np
 from colmap_ihe.colmap.native import pycolmap
 from colmap_ihe.dense.camera import Bool, Float32, Float64, Int64, PinholeCamera
 from colmap_ihe.dense.depth_maps import camera_of, depth_file, read_planes
+from colmap_ihe.dense.ply import read_mesh, write_mesh
 from colmap_ihe.dense.texture.mesh import Mesh, face_normals, vertex_normals
+from colmap_ihe.machine.files import replace_file
 from colmap_ihe.machine.progress import SILENT, Progress
 
 _REACH = 4.0  # pixels of a photograph on the surface, beyond which a depth is of another surface
@@ -56,6 +58,19 @@ def depth_maps(dense_dir: Path) -> list[DepthMap]:
 
 def _depth(file: Path) -> Float32:
     return np.asarray(read_planes(file)[0])
+
+
+def refine_surface(mesh: Path, dense_dir: Path, progress: Progress = SILENT) -> float:
+    """Move the vertices of the PLY file `mesh` to what the depth maps of a workspace `dense_dir` say, and return which
+    share of them moved, in percent. Raises `ProjectError` where one cannot be read, `Cancelled`."""
+    part = mesh.with_name(f".{mesh.stem}.refined.part.ply")
+    try:
+        surface, moved = refined_mesh(read_mesh(mesh), depth_maps(dense_dir), progress)
+        write_mesh(part, surface)
+        replace_file(part, mesh)
+    finally:
+        part.unlink(missing_ok=True)
+    return 100 * float(moved.mean()) if len(moved) else 0.0
 
 
 def refined_mesh(mesh: Mesh, maps: Sequence[DepthMap], progress: Progress = SILENT) -> tuple[Mesh, Bool]:
