@@ -6,7 +6,7 @@ Every image is an independent job, so any `concurrent.futures.Executor` runs the
 from __future__ import annotations
 
 import secrets
-from collections.abc import Collection, Mapping
+from collections.abc import Callable, Collection, Mapping
 from concurrent.futures import FIRST_COMPLETED, Executor, Future, ThreadPoolExecutor, wait
 from contextlib import nullcontext
 from dataclasses import dataclass, field
@@ -213,6 +213,31 @@ def read_planes(path: Path) -> Float32:
             f"{path}: cannot be read as a depth or normal map of COLMAP ({error})",
             hint="run the dense stage again with --from dense",
         ) from error
+
+
+@dataclass(frozen=True)
+class DepthMap:
+    """Hold what a photograph measured: its `camera`, and `read`, which returns (H, W) float32 depths along the optical
+    axis, 0 for none."""
+
+    camera: PinholeCamera
+    read: Callable[[], Float32]
+
+
+def depth_maps(dense_dir: Path) -> list[DepthMap]:
+    """Return the depth maps that a COLMAP dense workspace has, by name. Reading one raises `ProjectError`."""
+    model = pycolmap.Reconstruction(dense_dir / "sparse")
+    names = {str(model.images[number].name): number for number in model.reg_image_ids()}
+    files = {name: depth_file(dense_dir, name) for name in sorted(names)}
+    return [
+        DepthMap(camera_of(model, names[name]), partial(_depth, file))
+        for name, file in files.items()
+        if file.is_file()
+    ]
+
+
+def _depth(file: Path) -> Float32:
+    return np.asarray(read_planes(file)[0])
 
 
 def write_map(values: Array, path: Path) -> None:

@@ -9,6 +9,7 @@ in levels of the octree, means the same on every scene.
 from __future__ import annotations
 
 from collections.abc import Mapping
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -67,15 +68,16 @@ def reconstruct_surface(
     progress.start(4, "parts of the surface")
     parts = [mesh.with_name(f".{mesh.stem}.{word}.part.ply") for word in ("cloud", "poisson", "simple")]
     try:
-        with ColmapProcesses() as processes:
+        with ColmapProcesses() as processes, ThreadPoolExecutor(1) as beside:
             processes.start(1, _meshed)  # which imports COLMAP while the cloud is read and thinned
             thin, native = _prepared(cloud, faces, options or {})
             write_rows(parts[0], thin)
             progress.advance()
+            near = beside.submit(_tree, thin)
             _poisson(processes, parts[0], parts[1], native, progress)
         progress.advance()
         cell = 1 / _cells_per_unit(columns(thin, "xyz"), native.depth)
-        surface = _trimmed(parts[1], thin, cell, dense_dir, progress)
+        surface = _trimmed(parts[1], near.result(), cell, dense_dir, progress)
         before = len(surface.faces)
         if before > faces:
             write_mesh(parts[1], surface)
@@ -84,7 +86,7 @@ def reconstruct_surface(
             called(pycolmap.simplify_mesh, parts[1], parts[2], ratio, progress=progress, cancellable=False)
             simple = read_mesh(parts[2])
             # pycolmap 4.2.1 reads no colours and writes none, whatever interpolate_colors says.
-            surface = replace(simple, colours=nearest_colours(simple.vertices, thin))
+            surface = replace(simple, colours=_nearest_colours(simple.vertices, near.result(), thin))
         progress.advance()
         write_mesh(parts[2], surface)
         replace_file(parts[2], mesh)
@@ -131,9 +133,9 @@ def thinned(points: Rows, cells_per_unit: float) -> Rows:
     return mean[length > 1e-6]
 
 
-def nearest_colours(vertices: Float32, points: Rows) -> UInt8:
-    """Return (V, 3) uint8, the mean colour of the three points nearest to each vertex."""
-    rows, _ = _nearest(vertices, points, min(3, len(points)))
+def _nearest_colours(vertices: Float32, near: cv2.flann.Index, points: Rows) -> UInt8:
+    """Return (V, 3) uint8, the mean colour of the three `points` nearest to each vertex, which `near` finds."""
+    rows, _ = _nearest(vertices, near, min(3, len(points)))
     return np.asarray(np.rint(columns(points, COLOURS)[rows].mean(axis=1)), np.uint8)
 
 
@@ -206,14 +208,16 @@ def _occupied(positions: Float32) -> dict[int, int]:
     return {d: 1 + int(np.count_nonzero(differing >> (3 * (deepest - d)))) for d in _DEPTHS}
 
 
-def _trimmed(path: Path, points: Rows, cell: float, dense_dir: Path | None, progress: Progress) -> Mesh:
-    """Return Poisson's mesh without faces far from the cloud, what is seen through and floating parts. Raises
-    `MappingError`."""
+def _trimmed(
+    path: Path, near: cv2.flann.Index, cell: float, dense_dir: Path | None, progress: Progress
+) -> Mesh:
+    """Return Poisson's mesh without faces far from the points that `near` finds, without what is seen through, and
+    without floating parts. Raises `MappingError`."""
     mesh = read_mesh(path) if path.is_file() else None
     if mesh is not None and len(mesh.faces):
-        _, squared = _nearest(mesh.vertices, points, 1)
-        near = squared[:, 0] <= (_CELLS_BEYOND * cell) ** 2
-        mesh = mesh.with_faces(np.asarray(near[mesh.faces].all(axis=1)))
+        _, squared = _nearest(mesh.vertices, near, 1)
+        close = squared[:, 0] <= (_CELLS_BEYOND * cell) ** 2
+        mesh = mesh.with_faces(np.asarray(close[mesh.faces].all(axis=1)))
         if dense_dir is not None:
             mesh = without_seen_through(mesh, dense_dir, progress)
         mesh = without_small_parts(mesh, _SMALL_PART, _SMALL_CELLS * cell**2)
@@ -225,8 +229,12 @@ def _trimmed(path: Path, points: Rows, cell: float, dense_dir: Path | None, prog
     return mesh
 
 
-def _nearest(vertices: Float32, points: Rows, count: int) -> tuple[Int32, Float32]:
+def _tree(points: Rows) -> cv2.flann.Index:
+    """Return what finds the nearest of `points`."""
+    return cv2.flann.Index(columns(points, "xyz"), {"algorithm": _KD_TREE})
+
+
+def _nearest(vertices: Float32, near: cv2.flann.Index, count: int) -> tuple[Int32, Float32]:
     """Return (V, count), the rows of the points nearest to each vertex, and the squares of their distances."""
-    tree = cv2.flann.Index(columns(points, "xyz"), {"algorithm": _KD_TREE})
-    rows, squared = tree.knnSearch(vertices, count, params={"checks": -1})
+    rows, squared = near.knnSearch(vertices, count, params={"checks": -1})
     return np.asarray(rows, np.int32), np.asarray(squared, np.float32)

@@ -7,16 +7,14 @@ and neighbours go alike where these disagree.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
-from functools import partial
+from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
-from colmap_ihe.colmap.native import pycolmap
 from colmap_ihe.dense.camera import Bool, Float32, Float64, Int64, PinholeCamera
-from colmap_ihe.dense.depth_maps import camera_of, depth_file, read_planes
+from colmap_ihe.dense.depth_maps import DepthMap, depth_maps
 from colmap_ihe.dense.ply import read_mesh, write_mesh
 from colmap_ihe.dense.texture.mesh import Mesh, face_normals, vertex_normals
 from colmap_ihe.machine.files import replace_file
@@ -33,31 +31,6 @@ _ALIKE = (
 _ROUNDS = 20  # in which neighbours become alike
 _TURNED = 0.5  # cosine by which a face may turn at most
 _CHUNK = 200_000  # vertices at a time
-
-
-@dataclass(frozen=True)
-class DepthMap:
-    """Hold what a photograph measured: its `camera`, and `read`, which returns (H, W) float32 depths along the optical
-    axis, 0 for none."""
-
-    camera: PinholeCamera
-    read: Callable[[], Float32]
-
-
-def depth_maps(dense_dir: Path) -> list[DepthMap]:
-    """Return the depth maps that a COLMAP dense workspace has, by name. Reading one raises `ProjectError`."""
-    model = pycolmap.Reconstruction(dense_dir / "sparse")
-    names = {str(model.images[number].name): number for number in model.reg_image_ids()}
-    files = {name: depth_file(dense_dir, name) for name in sorted(names)}
-    return [
-        DepthMap(camera_of(model, names[name]), partial(_depth, file))
-        for name, file in files.items()
-        if file.is_file()
-    ]
-
-
-def _depth(file: Path) -> Float32:
-    return np.asarray(read_planes(file)[0])
 
 
 def refine_surface(mesh: Path, dense_dir: Path, progress: Progress = SILENT) -> float:

@@ -8,9 +8,8 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from colmap_ihe.colmap.native import pycolmap
 from colmap_ihe.dense.camera import Bool, Float32, Int64, PinholeCamera
-from colmap_ihe.dense.depth_maps import camera_of, depth_file, read_planes
+from colmap_ihe.dense.depth_maps import depth_maps
 from colmap_ihe.dense.texture.mesh import Mesh, components, neighbours
 from colmap_ihe.machine.progress import SILENT, Progress
 
@@ -26,17 +25,14 @@ def without_seen_through(mesh: Mesh, dense_dir: Path, progress: Progress = SILEN
     what is behind, and none the face. Raises `ProjectError`, `Cancelled`."""
     if not len(mesh.faces):
         return mesh
-    model = pycolmap.Reconstruction(dense_dir / "sparse")
     centres = mesh.middles
     through, support, empty = np.zeros((3, len(centres)), np.int32)
-    for number in sorted(model.reg_image_ids()):
+    for depths in depth_maps(dense_dir):
         progress.check()
-        file = depth_file(dense_dir, str(model.images[number].name))
-        if file.is_file():
-            beyond, at_it, nothing = _seen(centres, camera_of(model, number), read_planes(file)[0])
-            through += beyond
-            support += at_it
-            empty += nothing
+        beyond, at_it, nothing = _seen(centres, depths.camera, depths.read())
+        through += beyond
+        support += at_it
+        empty += nothing
     pairs = neighbours(mesh.faces)
     open_ = (through >= _LEAST_VIEWS) & (through > support)
     unseen = _smooth((support == 0) & (through + empty >= _LEAST_VIEWS), pairs)

@@ -10,7 +10,8 @@ import pytest
 from drawn_wall import FOOT, HEIGHT, NORMAL, RIGHT, UP, WIDTH, camera_at, on_wall
 
 from colmap_ihe.dense.camera import Float32, Float64
-from colmap_ihe.dense.refined import DepthMap, refined_mesh
+from colmap_ihe.dense.depth_maps import DepthMap
+from colmap_ihe.dense.refined import refined_mesh
 from colmap_ihe.dense.texture.mesh import Mesh
 
 NEAR = (1.0, 1.5, 2.0, 2.5, 3.0)
