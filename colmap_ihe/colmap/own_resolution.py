@@ -40,9 +40,8 @@ def write_as_doubled(grey: Path, names: Sequence[str], folder: Path, largest: in
         pixels = as_doubled(image, max(1.0, max(image.shape) / largest))
         (folder / name).parent.mkdir(parents=True, exist_ok=True)
         header = f"P5\n{image.shape[1]} {image.shape[0]}\n255\n".encode()
-        (folder / name).write_bytes(
-            header + pixels.tobytes()
-        )  # COLMAP goes by what is in a file, not by its name
+        # COLMAP goes by what is in a file, not by its name
+        (folder / name).write_bytes(header + pixels.tobytes())
         return True
 
     with ThreadPoolExecutor(threads) as pool:

@@ -25,9 +25,8 @@ _FEWEST = 3  # photographs that must see a vertex there
 _MOST = 16  # depths of a vertex that are kept: those that tell most
 _LEAST_COSINE = 0.2  # between normal and ray
 _SHARPEST = 0.05  # pixels between depths: less is no better
-_ALIKE = (
-    8.0  # how much one neighbour counts, where a vertex counts by 1 / the square of pixels between its depths
-)
+_ALIKE = 8.0
+"""How much one neighbour counts, where a vertex counts by 1 / the square of the pixels between its depths."""
 _ROUNDS = 20  # in which neighbours become alike
 _TURNED = 0.5  # cosine by which a face may turn at most
 _CHUNK = 200_000  # vertices at a time
