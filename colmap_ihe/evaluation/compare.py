@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import shutil
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from concurrent.futures import Executor
 from contextlib import ExitStack
 from dataclasses import asdict
@@ -75,8 +75,7 @@ def compare(
     compared = Project.at(Path(project), Path(images) if images else None)
     calibration = given_calibration(compared, options)
     truth = truth_of(compared)
-    names = [c.name for c in find_photographs(compared.images).captures] if pairs else []
-    chosen = read_pairs(Path(pairs), names) if pairs else None
+    chosen = _chosen(compared, pairs)
     common = Project.at(compared.comparison, compared.images)
     developed = common.root / "developed"  # RAW photographs, developed once for all methods
     results: list[MethodResult] = []
@@ -106,25 +105,30 @@ def compare(
                 _require_cameras(method, int(runs[0]["registered"]), _images_of(done), options)
             reconstructions.append(done)
             cameras = _seed_folder(reconstructions[0], 0) / "0"
-            results.append(
-                MethodResult(
-                    method,
-                    done.summary["weights"] and tuple(done.summary["weights"]),
-                    matching_of(done.project, cameras, chosen),
-                    runs,
-                    _dense_points(done, reconstructions[0], options, executor, progress),
-                    done.summary["second_grey"],
-                )
-            )
+            matching = matching_of(done.project, cameras, chosen)
+            points = _dense_points(done, reconstructions[0], options, executor, progress)
+            weights, second = done.summary["weights"], done.summary["second_grey"]
+            results.append(MethodResult(method, weights and tuple(weights), matching, runs, points, second))
         shutil.rmtree(developed, ignore_errors=True)
-        if not results:
-            raise MappingError(
-                f"{SECOND}: the photographs need no second grey, and no other method was named",
-                hint="name another method too, or take a direction by --set fit.second=red",
-            )
+        _require_results(results)
         _write(common.root, results)
         write_comparison(compared, results, [done.project for done in reconstructions], cameras)
     return results
+
+
+def _chosen(compared: Project, pairs: str | Path | None) -> Collection[frozenset[str]] | None:
+    """Return the pairs in which matching is measured, None for all. Raises `KnownError`s for a file of others."""
+    if not pairs:
+        return None
+    return read_pairs(Path(pairs), [c.name for c in find_photographs(compared.images).captures])
+
+
+def _require_results(results: Sequence[MethodResult]) -> None:
+    if not results:
+        raise MappingError(
+            f"{SECOND}: the photographs need no second grey, and no other method was named",
+            hint="name another method too, or take a direction by --set fit.second=red",
+        )
 
 
 def _has_second(advance: Callable[..., Reconstruction], options: Options) -> bool:

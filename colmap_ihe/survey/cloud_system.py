@@ -63,8 +63,13 @@ def system_of(rows: Rows, frame: Frame) -> CloudSystem:
     return CloudSystem(frame, crs, _offset(frame, crs), _step(rows, frame))
 
 
-def is_missing(name: str) -> bool:
-    """Tell whether a package cannot be imported."""
+def missing_packages(frame: Frame, *writers: str) -> list[str]:
+    """Return the names of the packages that are not installed: of `writers`, and of what a coordinate system needs."""
+    with_crs = ["pyproj"] if frame.crs or frame.origin else []
+    return [name for name in (*writers, *with_crs) if _is_missing(name)]
+
+
+def _is_missing(name: str) -> bool:
     try:
         import_module(name)
     except ImportError:

@@ -27,7 +27,7 @@ from colmap_ihe.survey.cloud_system import (
     CloudSystem,
     Rows,
     chunks,
-    is_missing,
+    missing_packages,
     system_of,
     whole_file,
 )
@@ -54,8 +54,7 @@ class _Extent:
 
 def missing_for_e57(frame: Frame) -> list[str]:
     """Return the names of the packages that are not installed and without which `write_e57` cannot write."""
-    with_crs = ["pyproj"] if frame.crs or frame.origin else []
-    return [name for name in ("pye57", *with_crs) if is_missing(name)]
+    return missing_packages(frame, "pye57")
 
 
 def write_e57(path: Path, rows: Rows, frame: Frame, progress: Progress = SILENT) -> None:

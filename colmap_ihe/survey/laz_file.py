@@ -13,7 +13,7 @@ from colmap_ihe.survey.cloud_system import (
     CloudSystem,
     Rows,
     chunks,
-    is_missing,
+    missing_packages,
     system_of,
     whole_file,
 )
@@ -26,8 +26,7 @@ _POINT_FORMAT = 7  # the least of LAS 1.4 with colours
 
 def missing_for_laz(frame: Frame) -> list[str]:
     """Return the names of the packages that are not installed and without which `write_laz` cannot write."""
-    with_crs = ["pyproj"] if frame.crs or frame.origin else []
-    return [name for name in ("laspy", "lazrs", *with_crs) if is_missing(name)]
+    return missing_packages(frame, "laspy", "lazrs")
 
 
 def write_laz(path: Path, rows: Rows, frame: Frame, progress: Progress = SILENT) -> None:

@@ -67,10 +67,10 @@ def fitted(model: F64, surveyed: F64, accuracy: F64, up: F64 | None = None, bent
         return Fitted(*_values(none), "they lie in a line, which leaves open how the model turns about it")
     held = up if in_a_line(surveyed) or in_a_line(model) else None
     limit = np.hypot(accuracy, bent_m)
-    best: Similarity | None = similarity_of(model, surveyed, accuracy, held)
-    assert best is not None
     # Of few points three always agree by chance, so that others would look wrong: all are tried first.
-    if _off(best, model, surveyed, limit).max() > _TIMES:
+    whole = similarity_of(model, surveyed, accuracy, held)
+    best: Similarity | None = whole
+    if _off(whole, model, surveyed, limit).max() > _TIMES:
         best = min(
             (
                 similarity_of(model[t], surveyed[t], accuracy[t], held)

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from colmap_ihe.survey.cloud_system import is_missing, system_of, whole_file
+from colmap_ihe.survey.cloud_system import missing_packages, system_of, whole_file
 from colmap_ihe.survey.frames import Frame
 
 KINDS = [(axis, "<f4") for axis in "xyz"]
@@ -37,5 +37,4 @@ def test_a_file_that_fails_is_removed_and_the_old_one_stays(tmp_path: Path) -> N
 
 
 def test_a_package_that_is_not_there_is_missing() -> None:
-    assert is_missing("no_such_package_of_anyone")
-    assert not is_missing("json")
+    assert missing_packages(Frame(), "json", "no_such_package_of_anyone") == ["no_such_package_of_anyone"]

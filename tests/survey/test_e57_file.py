@@ -12,30 +12,13 @@ import numpy.typing as npt
 import pye57
 import pyproj
 import pytest
+from cloud_rows import OFFSET, UTM, cloud, model_points
 
 from colmap_ihe.errors import Cancelled, DiskFullError, ProjectError
 from colmap_ihe.machine.progress import Silent
 from colmap_ihe.survey import cloud_system, e57_file
 from colmap_ihe.survey.e57_file import missing_for_e57, write_e57
 from colmap_ihe.survey.frames import GPS, Frame
-
-OFFSET = (691_000.0, 5_334_100.0, 0.0)
-UTM = Frame("EPSG:25832", OFFSET)
-KINDS = [*((axis, "<f4") for axis in "xyz"), *((name, "u1") for name in ("red", "green", "blue"))]
-
-
-def cloud(count: int) -> npt.NDArray[np.void]:
-    random = np.random.default_rng(3)
-    rows = np.zeros(count, KINDS)
-    for axis in "xyz":
-        rows[axis] = random.uniform(-60, 60, count)
-    for name in ("red", "green", "blue"):
-        rows[name] = random.integers(0, 256, count)
-    return rows
-
-
-def model_points(rows: npt.NDArray[np.void]) -> npt.NDArray[np.float64]:
-    return np.stack([rows[axis] for axis in "xyz"], axis=1).astype(np.float64)
 
 
 def points_in(path: Path) -> npt.NDArray[np.float64]:

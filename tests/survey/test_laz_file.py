@@ -7,30 +7,13 @@ from pathlib import Path
 
 import laspy
 import numpy as np
-import numpy.typing as npt
 import pyproj
 import pytest
+from cloud_rows import UTM, cloud, model_points
 
 from colmap_ihe.survey import cloud_system
 from colmap_ihe.survey.frames import GPS, Frame
 from colmap_ihe.survey.laz_file import missing_for_laz, write_laz
-
-UTM = Frame("EPSG:25832", (691_000.0, 5_334_100.0, 0.0))
-KINDS = [*((axis, "<f4") for axis in "xyz"), *((name, "u1") for name in ("red", "green", "blue"))]
-
-
-def cloud(count: int = 2500) -> npt.NDArray[np.void]:
-    random = np.random.default_rng(3)
-    rows = np.zeros(count, KINDS)
-    for axis in "xyz":
-        rows[axis] = random.uniform(-60, 60, count)
-    for name in ("red", "green", "blue"):
-        rows[name] = random.integers(0, 256, count)
-    return rows
-
-
-def model_points(rows: npt.NDArray[np.void]) -> npt.NDArray[np.float64]:
-    return np.stack([rows[axis] for axis in "xyz"], axis=1).astype(np.float64)
 
 
 def test_coordinates_at_utm_offsets_are_true_to_a_tenth_of_a_millimetre(
