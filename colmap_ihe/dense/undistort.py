@@ -192,11 +192,8 @@ def _read_png(path: Path, *, as_rgb: bool) -> Png | None:
     if path.suffix.lower() != ".png" or not path.is_file():
         return None
     png = decode_png(path.read_bytes())
-    return (
-        png
-        if png and png.pixels.ndim == (3 if as_rgb else 2) and png.pixels.shape[2:] in ((), (3,))
-        else None
-    )
+    fits = png is not None and png.pixels.shape[2:] == ((3,) if as_rgb else ())
+    return png if fits else None
 
 
 def _bitmap(path: Path, *, as_rgb: bool) -> pycolmap.Bitmap:

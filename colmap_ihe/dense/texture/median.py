@@ -12,10 +12,6 @@ def median_of_known(values: Array) -> Array:
     are."""
     rising = np.sort(values, axis=1)  # NaN last
     count = np.asarray((~np.isnan(rising)).sum(axis=1, keepdims=True))
-    low, high = (
-        np.take_along_axis(rising, row, axis=1) for row in (np.maximum(count - 1, 0) // 2, count // 2)
-    )
-    none_between = np.asarray(count % 2 == 1)
-    return np.where(none_between, low, (low + np.where(none_between, low, high)) / 2)[:, 0].astype(
-        values.dtype
-    )
+    low = np.take_along_axis(rising, np.maximum(count - 1, 0) // 2, axis=1)
+    high = np.where(count % 2 == 1, low, np.take_along_axis(rising, count // 2, axis=1))
+    return np.where(count % 2 == 1, low, (low + high) / 2)[:, 0].astype(values.dtype)
