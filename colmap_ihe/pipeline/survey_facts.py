@@ -17,6 +17,7 @@ from colmap_ihe.colmap.observations import Float64, Observations
 from colmap_ihe.machine.memory import in_bytes
 from colmap_ihe.machine.words import counted
 from colmap_ihe.photographs.exif.blocks import is_place
+from colmap_ihe.report.truth_words import truth_rows
 
 _Row = tuple[str, str]
 
@@ -63,7 +64,7 @@ def survey_facts(
         ("points", f"{summary['points3D']:,}"),
         ("dense cloud", _dense(summary)),
         ("mesh", _mesh(summary)),
-        *_truth(summary),
+        *truth_rows(summary.get("truth", {})),
         ("memory", _memory(summary["peak_memory_bytes"])),
     ]
     return [(name, value) for name, value in rows if value]
@@ -157,15 +158,6 @@ def _mesh(summary: Mapping[str, Any]) -> str:
     size = summary["mesh_texture"]
     look = f"a texture of {size[0]}x{size[1]}" if size else "vertex colours"
     return f"{summary['mesh_faces']:,} triangles with {look}"
-
-
-def _truth(summary: Mapping[str, Any]) -> list[_Row]:
-    rows = []
-    for name, value in summary.get("truth", {}).items():
-        values = value.items() if isinstance(value, Mapping) else [("", value)]
-        text = ", ".join(f"{part} {number:.4g}".strip() for part, number in values)
-        rows.append((f"truth: {name.replace('_', ' ')}", text))
-    return rows
 
 
 def _memory(most: int | None) -> str:

@@ -10,6 +10,7 @@ from typing import Any
 
 from colmap_ihe.report.camera_words import camera_rows
 from colmap_ihe.report.survey_words import survey_in_words
+from colmap_ihe.report.truth_words import truth_rows
 
 _NAMES = ("red", "green", "blue")
 _LATEX = {
@@ -80,10 +81,7 @@ def summary_rows(summary: Mapping[str, Any]) -> list[tuple[str, str]]:
         size = summary["mesh_texture"]
         look = f"a texture of {size[0]}x{size[1]}" if size else "vertex colours"
         rows.append(("mesh", f"{summary['mesh_faces']:,} triangles with {look}"))
-    for name, value in summary.get("truth", {}).items():
-        values = value.items() if isinstance(value, Mapping) else [("", value)]
-        text = ", ".join(f"{part} {number:.4g}".strip() for part, number in values)
-        rows.append((f"truth: {name.replace('_', ' ')}", text))
+    rows += truth_rows(summary.get("truth", {}))
     page = summary.get("page_seconds")
     times = {**summary["stages"], **({} if page is None else {"page": page})}
     stages = ", ".join(f"{name} {seconds:.0f} s" for name, seconds in times.items())

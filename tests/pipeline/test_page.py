@@ -135,8 +135,7 @@ def test_report_writes_it_again(finished: Path, capsys: pytest.CaptureFixture[st
     assert page == finished / "report/index.html"
     html = page.read_text()
     assert html.lower().startswith("<!doctype html>")
-    assert "truth: rotation error deg" in html
-    assert "0.0625" in html
+    assert "rotations 0.0625 degrees off" in html
 
 
 def test_report_of_nothing_is_refused(new_project: Make, capsys: pytest.CaptureFixture[str]) -> None:

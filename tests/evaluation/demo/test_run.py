@@ -24,4 +24,4 @@ def test_the_error_against_the_truth_is_small_and_told(
     assert truth["depth_right_percent"] > 50
     assert truth["painted_depth_percent"].keys() == PANELS.keys()
     rows = dict(summary_rows({**finished_summary, "truth": truth}))
-    assert rows["truth: rotation error deg"] == f"{truth['rotation_error_deg']:.4g}"
+    assert f"rotations {truth['rotation_error_deg']:.4f} degrees off" in rows["cameras against the truth"]
