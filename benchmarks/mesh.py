@@ -4,10 +4,10 @@
 
 PROJECT is a finished project. "Accuracy" is the share of points on the mesh that are so near to a true surface,
 "completeness" the share of what the photographs truly see that is so near to the mesh; the distance is in percent
-of the scene's extent. "Reprojection" renders the textured mesh from each camera and takes the mean absolute
-difference from the undistorted photograph, in grey levels of 255, over the pixels that the mesh covers; "detail" is
-the mean gradient of these renderings in percent of that of the photographs, at pixels three and more from seams and
-silhouettes. "Step at seams" is the mean absolute difference, over red, green and blue, between the two sides of the
+of the scene's extent. "Before the sky" is the share of the mesh where three photographs and more truly see the sky.
+"Reprojection" renders the textured mesh from each camera and takes the mean absolute difference from the undistorted
+photograph, in grey levels of 255, over the pixels that the mesh covers; "detail" is the mean gradient of these
+renderings in percent of that of the photographs, at pixels three and more from seams and silhouettes. "Step at seams" is the mean absolute difference, over red, green and blue, between the two sides of the
 edges at which two patches meet, at three points of each edge. "Texels" are those that faces cover. The table is
 printed as JSON too, in one line.
 """
@@ -33,7 +33,7 @@ from colmap_ihe.dense.ply import read_mesh
 from colmap_ihe.dense.texture.bake import sample
 from colmap_ihe.dense.texture.mesh import components
 from colmap_ihe.dense.texture.raster import areas, covered, depth_picture
-from colmap_ihe.evaluation.truth import pose_errors, read_truth
+from colmap_ihe.evaluation.truth import F32, TrueImage, pose_errors, read_truth
 
 SAMPLES = 1_000_000
 WITHIN_PERCENT = (0.1, 0.5)
@@ -85,7 +85,20 @@ def _against_truth(dense: Path, folder: Path) -> list[tuple[str, str]]:
                 f"accuracy {accuracy:.1f} %, completeness {completeness:.1f} %",
             )
         )
-    return rows
+    views = np.sum([_before_sky(on_mesh, image) for image in truth.images.values()], axis=0)
+    return [*rows, ("before the sky", f"{100 * np.mean(views >= 3):.3f} % of the surface")]
+
+
+def _before_sky(points: F32, image: TrueImage) -> npt.NDArray[np.bool_]:
+    """Return (N,), true where a true image sees the sky, at and around the pixels of points (N, 3) in metres."""
+    depth = image.depth_m()
+    view = PinholeCamera(image.calibration, image.cam_from_world, depth.shape[::-1])
+    pixels, distance = view.project(points)
+    sky = cv2.erode((depth <= 0).astype(np.uint8), np.ones((3, 3), np.uint8))
+    with np.errstate(invalid="ignore"):
+        inside = (distance > 0) & (pixels >= 0).all(axis=1) & (pixels < view.size).all(axis=1)
+    column, row = np.where(inside[:, None], pixels, 0).astype(int).T
+    return np.asarray(inside & (sky[row, column] > 0))
 
 
 def _reprojection(dense: Path, pictures: Path | None) -> list[tuple[str, str]]:

@@ -217,11 +217,12 @@ def read_planes(path: Path) -> Float32:
 
 @dataclass(frozen=True)
 class DepthMap:
-    """Hold what a photograph measured: its `camera`, and `read`, which returns (H, W) float32 depths along the optical
-    axis, 0 for none."""
+    """Hold what a photograph measured: its `camera`, `read`, which returns (H, W) float32 depths along the optical
+    axis, 0 for none, and the file of the undistorted `photograph`."""
 
     camera: PinholeCamera
     read: Callable[[], Float32]
+    photograph: Path
 
 
 def depth_maps(dense_dir: Path) -> list[DepthMap]:
@@ -230,7 +231,7 @@ def depth_maps(dense_dir: Path) -> list[DepthMap]:
     names = {str(model.images[number].name): number for number in model.reg_image_ids()}
     files = {name: depth_file(dense_dir, name) for name in sorted(names)}
     return [
-        DepthMap(camera_of(model, names[name]), partial(_depth, file))
+        DepthMap(camera_of(model, names[name]), partial(_depth, file), dense_dir / "images" / name)
         for name, file in files.items()
         if file.is_file()
     ]

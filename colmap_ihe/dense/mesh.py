@@ -39,6 +39,7 @@ _LEVELS_TRIMMED = 2.0  # below the octree's depth; the surface then reaches thre
 _CELLS_BEYOND = 2.5  # that it may reach at most, which the density alone does not bound
 _SMALL_PART = 0.002  # of the area of the largest part
 _SMALL_CELLS = 200  # the area of a small part in any case
+_CUT_OFF_CELLS = 50  # that of one which only the cut parts from the rest, as the ball on a thin neck
 
 
 @dataclass(frozen=True)
@@ -218,9 +219,10 @@ def _trimmed(
         _, squared = _nearest(mesh.vertices, near, 1)
         close = squared[:, 0] <= (_CELLS_BEYOND * cell) ** 2
         mesh = mesh.with_faces(np.asarray(close[mesh.faces].all(axis=1)))
-        if dense_dir is not None:
-            mesh = without_seen_through(mesh, dense_dir, progress)
         mesh = without_small_parts(mesh, _SMALL_PART, _SMALL_CELLS * cell**2)
+        if dense_dir is not None:
+            cut = without_seen_through(mesh, dense_dir, progress)
+            mesh = without_small_parts(cut, 0, _CUT_OFF_CELLS * cell**2)
     if mesh is None or not len(mesh.faces):
         raise MappingError(
             "no surface is dense enough to be kept",

@@ -10,7 +10,9 @@ import numpy as np
 
 from colmap_ihe.dense.camera import Bool, Float32, Int64, PinholeCamera
 from colmap_ihe.dense.depth_maps import depth_maps
+from colmap_ihe.dense.stereo.rims import plain_ground
 from colmap_ihe.dense.texture.mesh import Mesh, components, neighbours
+from colmap_ihe.dense.undistort import read_grey
 from colmap_ihe.machine.progress import SILENT, Progress
 
 _BEYOND = 0.005  # relative depth behind a face of what is seen through it
@@ -22,26 +24,33 @@ _LEAST_FACES = 12  # of a hole: less is noise of the depth
 def without_seen_through(mesh: Mesh, dense_dir: Path, progress: Progress = SILENT) -> Mesh:
     """Return `mesh` without the faces through which at least two depth maps of `dense_dir`, and more than see the face
     itself, show what is behind; small holes stay closed. And without those at its border at which two find nothing, or
-    what is behind, and none the face. Raises `ProjectError`, `Cancelled`."""
+    what is behind, and none the face, or at which two photographs, and more than see the face itself, show plain ground
+    without depth, as the sky is. Raises `ProjectError`, `Cancelled`."""
     if not len(mesh.faces):
         return mesh
     centres = mesh.middles
-    through, support, empty = np.zeros((3, len(centres)), np.int32)
+    through, support, empty, outside = np.zeros((4, len(centres)), np.int32)
     for depths in depth_maps(dense_dir):
         progress.check()
-        beyond, at_it, nothing = _seen(centres, depths.camera, depths.read())
+        depth = depths.read()
+        ground = plain_ground(read_grey(depths.photograph), depth)
+        beyond, at_it, nothing, on_ground = _seen(centres, depths.camera, depth, ground)
         through += beyond
         support += at_it
         empty += nothing
+        outside += on_ground
     pairs = neighbours(mesh.faces)
     open_ = (through >= _LEAST_VIEWS) & (through > support)
-    unseen = _smooth((support == 0) & (through + empty >= _LEAST_VIEWS), pairs)
-    return mesh.with_faces(~(_large(open_, pairs) | _at_border(unseen, pairs)))
+    unseen = (support == 0) & (through + empty >= _LEAST_VIEWS)
+    unseen |= (outside >= _LEAST_VIEWS) & (outside > support)
+    return mesh.with_faces(~(_large(open_, pairs) | _at_border(_smooth(unseen, pairs), pairs)))
 
 
-def _seen(centres: Float32, view: PinholeCamera, depth: Float32) -> tuple[Bool, Bool, Bool]:
-    """Return (F,), true where all depths within a pixel of a face's centre are beyond it, where one is at it, and where
-    there is none."""
+def _seen(
+    centres: Float32, view: PinholeCamera, depth: Float32, ground: Bool
+) -> tuple[Bool, Bool, Bool, Bool]:
+    """Return (F,), true where all depths within a pixel of a face's centre are beyond it, where one is at it, where
+    there is none, and where one of these pixels is plain ground: what shows there is not the face."""
     pixels, distance = view.project(centres)
     width, height = view.size
     with np.errstate(invalid="ignore"):
@@ -52,8 +61,9 @@ def _seen(centres: Float32, view: PinholeCamera, depth: Float32) -> tuple[Bool, 
     nearest = cv2.erode(np.asarray(depth), around)[row, column]  # 0 beside what has none
     farthest = cv2.dilate(np.asarray(depth), around)[row, column]
     beyond = inside & (nearest > (1 + _BEYOND) * distance)
-    at_it = inside & (np.abs(depth[row, column] - distance) <= _BEYOND * distance)
-    return beyond, at_it, inside & (farthest == 0)
+    on_ground = inside & (cv2.dilate(ground.astype(np.uint8), around)[row, column] > 0)
+    at_it = inside & ~on_ground & (np.abs(depth[row, column] - distance) <= _BEYOND * distance)
+    return beyond, at_it, inside & (farthest == 0), on_ground
 
 
 def _large(chosen: Bool, pairs: Int64) -> Bool:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import partial
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -29,7 +30,7 @@ def flat_wall(cells: int = 20) -> Mesh:
 def depth_of(across: float, out: float) -> DepthMap:
     """Return the depth map of a camera that sees a wall so far out of the true one."""
     depth = np.full((480, 640), 5.0 - out, np.float32)
-    return DepthMap(camera_at(across), lambda: depth)
+    return DepthMap(camera_at(across), lambda: depth, Path())
 
 
 def out_of(mesh: Mesh) -> Float64:
@@ -60,7 +61,7 @@ def test_of_a_step_in_the_depth_no_mean_is_taken() -> None:
     """The depths left of the middle of each picture are of the wall, right of it far in front: vertices go to one."""
     depth = np.full((480, 640), 4.99, np.float32)
     depth[:, 320:] = 4.0
-    half = [DepthMap(camera_at(2.0), lambda: depth)] * 3
+    half = [DepthMap(camera_at(2.0), lambda: depth, Path())] * 3
     mesh, _ = refined_mesh(flat_wall(40), half)
     assert set(out_of(mesh).round(5).tolist()) == {0.0, 0.01}
 
@@ -77,7 +78,7 @@ def test_where_photographs_disagree_neighbours_go_alike() -> None:
         depth = np.full((480, 640), 5.0, np.float32)
         depth[:, np.arange(640) + 0.5 > column] = 4.99
         depth[240:] += random.normal(0, 0.005, (240, 640)).astype(np.float32)
-        maps.append(DepthMap(camera_at(across), partial(np.copy, depth)))
+        maps.append(DepthMap(camera_at(across), partial(np.copy, depth), Path()))
     mesh, moved = refined_mesh(flat_wall(100), maps)
     places = mesh.vertices - FOOT
     across, up, out = places @ RIGHT, places @ UP, out_of(mesh)
@@ -94,7 +95,7 @@ def test_depths_between_pixels_are_interpolated() -> None:
     """A wall that leans: its depth grows by a 25th of a pixel's size from column to column."""
     column = np.arange(640, dtype=np.float32)
     leaning: Float32 = np.repeat((5.0 + 0.0004 * (column - 319.5))[None], 480, axis=0).astype(np.float32)
-    mesh, moved = refined_mesh(flat_wall(), [DepthMap(camera_at(2.0), lambda: leaning)] * 3)
+    mesh, moved = refined_mesh(flat_wall(), [DepthMap(camera_at(2.0), lambda: leaning, Path())] * 3)
     across = (flat_wall().vertices - FOOT) @ RIGHT
     expected = -0.0004 * (across - 2) * 500 / 5
     near = moved & (abs(across - 2) < 0.7) & (abs((flat_wall().vertices - FOOT) @ UP - 1.5) < 0.8)
@@ -111,5 +112,5 @@ def test_faces_do_not_turn_over() -> None:
     pixels, _ = camera_at(2.0).project(small.vertices[[220]])
     column, row = np.floor(pixels[0]).astype(int)
     depth[row, column] = 4.965
-    mesh, moved = refined_mesh(small, [DepthMap(camera_at(2.0), lambda: depth)] * 3)
+    mesh, moved = refined_mesh(small, [DepthMap(camera_at(2.0), lambda: depth, Path())] * 3)
     assert abs(out_of(mesh)).max() < 0.01 and not moved.all()

@@ -6,6 +6,8 @@ from pathlib import Path
 
 import numpy as np
 import pycolmap
+import pytest
+from PIL import Image
 
 from colmap_ihe.dense.camera import Bool, Float32
 from colmap_ihe.dense.depth_maps import depth_file, read_planes, write_map
@@ -27,7 +29,9 @@ def _wall() -> Mesh:
 
 
 def _workspace(folder: Path, half_widths: tuple[float, float, float]) -> Path:
-    """Write a model and the depth maps of `CAMERAS`, each of which sees a square opening of its own half width."""
+    """Write a model, plain photographs and the depth maps of `CAMERAS`, each of which sees a square opening of its own
+    half width."""
+    (folder / "images").mkdir()
     model = pycolmap.Reconstruction()
     parameters = [FOCAL_PX, SIZE[0] / 2, SIZE[1] / 2]
     lens = pycolmap.Camera(
@@ -38,6 +42,7 @@ def _workspace(folder: Path, half_widths: tuple[float, float, float]) -> Path:
         image = pycolmap.Image(name=f"{number}.png", camera_id=1, image_id=number)
         model.add_image_with_trivial_frame(image, pycolmap.Rigid3d(pycolmap.Rotation3d(), [-x, 0, 0]))
         write_map(_depth(x, half), depth_file(folder, f"{number}.png"))
+        Image.new("L", SIZE, 200).save(folder / f"images/{number}.png")
     (folder / "sparse").mkdir()
     model.write(folder / "sparse")
     return folder
@@ -78,8 +83,10 @@ def test_views_without_a_map_say_nothing(tmp_path: Path) -> None:
     assert len(without_seen_through(_wall(), workspace).faces) == len(_wall().faces)
 
 
-def _without_depth(workspace: Path, columns: slice, rows: slice = slice(None)) -> None:
-    for number in range(1, 1 + len(CAMERAS)):
+def _without_depth(
+    workspace: Path, columns: slice, rows: slice = slice(None), numbers: tuple[int, ...] = (1, 2, 3)
+) -> None:
+    for number in numbers:
         file = depth_file(workspace, f"{number}.png")
         depth = np.array(read_planes(file)[0])
         depth[rows, columns] = 0
@@ -98,3 +105,20 @@ def test_a_hole_in_the_depth_of_a_wall_stays_closed(tmp_path: Path) -> None:
     workspace = _workspace(tmp_path, (0, 0, 0))
     _without_depth(workspace, slice(90, 110), slice(60, 90))
     assert len(without_seen_through(_wall(), workspace).faces) == len(_wall().faces)
+
+
+@pytest.mark.parametrize(("grain", "cut"), [(0, True), (20, False)])
+def test_a_rim_of_plain_sky_that_one_map_took_for_the_wall_is_cut(
+    tmp_path: Path, grain: int, cut: bool
+) -> None:
+    workspace = _workspace(tmp_path, (0, 0, 0))
+    _without_depth(workspace, slice(140, None), numbers=(1, 3))
+    noise = np.random.default_rng(1).integers(-grain, grain + 1, SIZE[::-1])
+    for number in (1, 2, 3):
+        Image.fromarray((200 + noise).astype(np.uint8)).save(workspace / f"images/{number}.png")
+    kept = without_seen_through(_wall(), workspace).corners().mean(axis=1)
+    assert (kept[:, 0].max() < 1.55) == cut
+
+
+def test_the_border_of_a_plain_wall_with_depth_stays(tmp_path: Path) -> None:
+    assert len(without_seen_through(_wall(), _workspace(tmp_path, (0, 0, 0))).faces) == len(_wall().faces)

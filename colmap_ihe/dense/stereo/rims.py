@@ -14,7 +14,7 @@ from collections.abc import Sequence
 import cv2
 import numpy as np
 
-from colmap_ihe.dense.camera import Bool, Float32
+from colmap_ihe.dense.camera import Bool, Float32, UInt8
 from colmap_ihe.dense.stereo.merge import filled
 from colmap_ihe.dense.stereo.refine import project, sampled
 from colmap_ihe.dense.stereo.views import StereoView
@@ -51,6 +51,15 @@ def without_rims(reference: StereoView, sources: Sequence[StereoView], inverse_d
         return inverse_depth
     correlation = _grain_correlation(reference, sources, filled(inverse_depth), area)
     return np.where(rim & (correlation < _MIN_CORRELATION), 0, inverse_depth).astype(np.float32)
+
+
+def plain_ground(grey_u8: UInt8, depth: Float32) -> Bool:
+    """Return (H, W), true in large plain areas without depth, and near them where a photograph (H, W) looks as they do
+    and has no `depth` (H, W) float32 either: the sky, or what shows nothing else."""
+    grey = grey_u8.astype(np.float32)
+    deviation = _deviation(grey)
+    area = _large((depth == 0) & (deviation <= _PLAIN_LEVELS))
+    return np.asarray(area | (_rim(grey, deviation, area) & (depth == 0)))
 
 
 def _large(plain: Bool) -> Bool:

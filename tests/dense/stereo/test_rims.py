@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from colmap_ihe.dense.camera import Float32
-from colmap_ihe.dense.stereo.rims import without_rims
+from colmap_ihe.dense.stereo.rims import plain_ground, without_rims
 from colmap_ihe.dense.stereo.views import StereoView
 
 SIZE, OUTLINE, RIM_PX = (320, 240), 160, 5
@@ -70,3 +70,11 @@ def test_what_no_source_sees_and_what_is_masked_stays(inverse: Float32) -> None:
     mask[:, OUTLINE:] = 0
     assert (without_rims(replace(reference, mask_u8=mask), sources, inverse) == inverse).all()
     assert not without_rims(reference, sources, np.zeros_like(inverse)).any()
+
+
+def test_plain_ground_is_the_sky_up_to_its_depth_and_no_stone(inverse: Float32) -> None:
+    grey = _view(0, 0, 10).grey_u8
+    ground = plain_ground(grey, inverse)
+    assert ground[INSIDE, OUTLINE + RIM_PX :].mean() > 0.99
+    assert not ground[:, : OUTLINE + RIM_PX].any()
+    assert not plain_ground(grey, np.ones_like(inverse)).any()
