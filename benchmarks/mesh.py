@@ -5,11 +5,12 @@
 PROJECT is a finished project. "Accuracy" is the share of points on the mesh that are so near to a true surface,
 "completeness" the share of what the photographs truly see that is so near to the mesh; the distance is in percent
 of the scene's extent. "Before the sky" is the share of the mesh where three photographs and more truly see the sky.
-"Reprojection" renders the textured mesh from each camera and takes the mean absolute difference from the undistorted
-photograph, in grey levels of 255, over the pixels that the mesh covers; "detail" is the mean gradient of these
-renderings in percent of that of the photographs, at pixels three and more from seams and silhouettes. "Step at seams" is the mean absolute difference, over red, green and blue, between the two sides of the
-edges at which two patches meet, at three points of each edge. "Texels" are those that faces cover. The table is
-printed as JSON too, in one line.
+"Reprojection" renders the textured mesh from each camera and takes the mean absolute difference from the
+undistorted photograph, in grey levels of 255, over the pixels that the mesh covers; "detail" is the mean gradient
+of these renderings in percent of that of the photographs, at pixels three and more from seams and silhouettes.
+"Step at seams" is the mean absolute difference, over red, green and blue, between the two sides of the edges at
+which two patches meet, at three points of each edge. "Texels" are those that faces cover. The table is printed as
+JSON too, in one line.
 """
 
 from __future__ import annotations
