@@ -76,7 +76,7 @@ def texture_mesh(
     agreed = agreed_colours(candidates.quality, candidates.colour)
     progress.start(1, "atlases")
     pairs = neighbours(mesh.faces)
-    labels, coloured = choose(candidates, mesh, pairs, len(views))
+    labels, coloured = choose(candidates, mesh, pairs, views)
     patches = cut(mesh, labels, coloured, views, pairs)
     atlas = pack(patches, largest)
     points = seam_points(patches, atlas)

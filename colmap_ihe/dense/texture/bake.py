@@ -21,17 +21,19 @@ _REMAP_ROW = 1024
 _REMAP_ROWS = 16_384  # OpenCV takes no more than 32,766
 
 
-def texels_of(atlas: Atlas) -> Covered:
-    """Return each texel that a chart covers once, with a face of the atlas; where charts overlap, the last face.
+def texels_of(atlas: Atlas, coloured: Bool) -> Covered:
+    """Return each texel that a chart covers once, with a face of the atlas; where faces overlap, the last of those that
+    are `coloured` (F,), else the last.
 
     A face that covers the centre of no texel gets the one that it lies in, else its colour would be its neighbour's.
     """
     face = np.full(atlas.size[0] * atlas.size[1], -1, np.int32)
     weights = np.zeros((len(face), 3), np.float32)
     corners = atlas.texel[atlas.faces]
-    for part in covered(corners, atlas.size):
-        face[part.pixel] = part.face
-        weights[part.pixel] = part.weights
+    for rows in (np.flatnonzero(~coloured), np.flatnonzero(coloured)):
+        for part in covered(corners[rows], atlas.size):
+            face[part.pixel] = rows[part.face]
+            weights[part.pixel] = part.weights
     small = np.setdiff1d(np.arange(len(corners)), face)
     column, row = np.clip(np.floor(corners[small].mean(axis=1)).T, 0, np.array([atlas.size]).T - 1)
     texel = (row * atlas.size[0] + column).astype(np.int64)
@@ -98,7 +100,7 @@ def paint(atlas: Atlas, patches: Patches, pictures: Iterable[UInt8], corners: Fl
     Labels of `patches` are numbers of `pictures`, or above them. Where no photograph colours a face it has the colours
     `corners` (P, 3) of its corners.
     """
-    texels = _with_rim(texels_of(atlas), atlas)
+    texels = _with_rim(texels_of(atlas, patches.coloured), atlas)
     rows = atlas.source[atlas.faces][texels.face]
     label = np.where(patches.coloured[texels.face], patches.label[rows[:, 0]], -1)
     inside = np.clip(texels.weights, 0, 1)[:, :, None]
