@@ -15,8 +15,7 @@ from colmap_ihe.grey.weights import FIXED
 
 _BLOCK = 8  # a side, in pixels of the half size
 _LOST = 0.3  # a grey that keeps less than this share of a block's contrast has lost it
-_SEES = 0.5  # a second grey that keeps so much of it shows it
-_DETAIL = 3.0  # times the noise: contrast of a block that holds detail
+_DETAIL = 3.0  # times the noise: contrast of a block that holds detail, and of one that a second grey shows
 _FLATTEST = 0.05  # of the blocks, which noise is measured in
 _FLOOR = 0.02  # levels squared, of noise: rounding, and flat areas of strong compression
 _MOST_GAIN = 3.0  # levels of the second grey for a level of a channel
@@ -88,11 +87,12 @@ def lost_places(grey: U8, colour: U8, noise: Noise) -> tuple[NDArray[np.bool_], 
 
 
 def fit_second(photographs: Sequence[Blocks], name: str | None = None) -> SecondFit:
-    """Return the second grey that shows most blocks of those that the first loses: at least half of their contrast.
+    """Return the second grey that shows most of the detail that the first loses.
 
-    Contrast is in units of the noise, as the guard has it: sqrt(w'Cw / w'Nw) of the best weights w there are. Of
-    directions that show equally many, that with most contrast in all of them. With the `name` of fixed weights these
-    are taken, however little is lost.
+    Contrast is in units of the noise, as the guard has it: sqrt(w'Cw / w'Nw) of the best weights w there are. A block
+    counts by its contrast squared in the second, up to that of a block that holds detail. What share of the best
+    contrast is kept does not count: half of it is more than features and stereo need of a bright pattern, and noise of
+    a pale one. With the `name` of fixed weights these are taken, however little is lost.
     """
     every = Blocks(
         np.concatenate([np.empty((0, 6), np.float32), *(p.colours for p in photographs)]),
@@ -102,7 +102,7 @@ def fit_second(photographs: Sequence[Blocks], name: str | None = None) -> Second
     noise = _noise_of(every)
     judged = _judge(every, noise)
     chosen = _direction(judged) if name is None else np.array(FIXED[name])
-    regained = judged.lost & (_contrast(every, noise, chosen) >= _SEES**2 * judged.best)
+    regained = judged.lost & (_contrast(every, noise, chosen) > _DETAIL**2)
     ends = np.cumsum([0, *(len(p.grey) for p in photographs)])
     parts = [slice(*both) for both in pairwise(ends)]
 
@@ -163,7 +163,7 @@ def _noise_of(blocks: Blocks) -> Noise:
 
 
 def _direction(judged: _Judged) -> F64:
-    """Return the direction in colour, (3,), that shows most of the lost blocks."""
+    """Return the direction in colour, (3,), that shows most of the detail of the lost blocks."""
     numbers = np.flatnonzero(judged.lost)
     if not len(numbers):
         return np.array(FIXED["blue"])
@@ -173,14 +173,13 @@ def _direction(judged: _Judged) -> F64:
     up, turn = number / _DIRECTIONS, np.pi * (1 + 5**0.5) * number
     aside = np.sqrt(1 - up**2)
     directions = np.stack((aside * np.cos(turn), aside * np.sin(turn), up), axis=1)
-    shown, total = np.empty(_DIRECTIONS), np.empty(_DIRECTIONS)
-    nine, best = judged.white[some].reshape(-1, 9).T, judged.best[some]
+    shown = np.empty(_DIRECTIONS)
+    nine = judged.white[some].reshape(-1, 9).T
     for begin in range(0, _DIRECTIONS, 100):
         u = directions[begin : begin + 100]
         contrast = np.einsum("ni,nj->nij", u, u).reshape(-1, 9) @ nine
-        shown[begin : begin + 100] = (contrast >= _SEES**2 * best).sum(axis=1)
-        total[begin : begin + 100] = np.log1p(np.maximum(contrast, 0)).sum(axis=1)
-    return np.asarray(directions[np.lexsort((-total, -shown))[0]] @ judged.whitening)
+        shown[begin : begin + 100] = np.clip(contrast / _DETAIL**2, 0, 1).sum(axis=1)
+    return np.asarray(directions[np.argmax(shown)] @ judged.whitening)
 
 
 def _scaled(direction: F64, noise: Noise, name: str) -> SecondGrey:

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from painted import PAINTED, grey_of, painted_wall
 
 from colmap_ihe.grey.second import SecondGrey, shrunk
-from colmap_ihe.grey.second_fit import blocks_of, fit_second, lost_places
+from colmap_ihe.grey.second_fit import Blocks, blocks_of, fit_second, lost_places
 
 RED_GREEN = SecondGrey(1.5, -1.5, 0.0, 1.0, 1.0)
 
@@ -109,3 +109,18 @@ def test_lost_places_are_those_of_the_painting_and_other_weights_lose_others() -
     by_red, by_rec709 = lost_places(colour[..., 0], colour, noise)
     assert not by_red[painting].any()
     assert by_rec709[painting].mean() > 0.95
+
+
+def test_a_pale_painting_counts_as_much_as_a_bright_one() -> None:
+    """A direction that keeps half of the pale one's contrast shows noise there; another shows detail in both."""
+    covariance = np.zeros((1100, 3, 3), np.float32)
+    covariance[:, [0, 1, 2], [0, 1, 2]] = 1
+    covariance[:60, 0, 0] += 400
+    covariance[60:100, 2, 2] += 16
+    colours = covariance[:, [0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]]
+    flat = np.ones(len(colours), np.float32)
+    fit = fit_second([Blocks(colours, flat, flat)])
+    assert (fit.lost, fit.regained) == (1, 1)
+    assert fit.second is not None
+    weights = np.square([fit.second.red, fit.second.green, fit.second.blue])
+    assert 1 + 16 * weights[2] / weights.sum() > 9
