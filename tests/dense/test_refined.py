@@ -133,7 +133,7 @@ def maps_of_a_step() -> list[DepthMap]:
         at = camera_at(across).project(on_wall(np.array([2.06]), np.array([1.5])).astype(np.float32))[0][0, 0]
         depth = np.full((480, 640), 5.0, np.float32)
         depth[:, np.arange(640) + 0.5 > at] = 4.97
-        maps.append(DepthMap(camera_at(across), partial(np.copy, depth)))
+        maps.append(DepthMap(camera_at(across), partial(np.copy, depth), Path()))
     return maps
 
 
