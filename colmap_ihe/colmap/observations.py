@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from colmap_ihe.colmap.calibration.block import Block, block_of
+from colmap_ihe.colmap.calibration.block import Block, part_of
 from colmap_ihe.colmap.native import pycolmap
 
 Float64 = NDArray[np.float64]
@@ -47,7 +47,7 @@ def observations_of(model: pycolmap.Reconstruction) -> Observations:
     """Return what the registered images of a model see, in the order of their names."""
     images = sorted((model.images[i] for i in model.reg_image_ids()), key=lambda image: str(image.name))
     cameras = [model.cameras[image.camera_id] for image in images]
-    block, _ = block_of(model, [image.image_id for image in images], sorted(model.cameras))
+    block = part_of(model, [image.image_id for image in images], sorted(model.cameras)).block
     return Observations(
         [str(image.name) for image in images],
         block,

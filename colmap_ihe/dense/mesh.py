@@ -27,6 +27,13 @@ from colmap_ihe.errors import MappingError, NativeError
 from colmap_ihe.machine.files import replace_file
 from colmap_ihe.machine.progress import SILENT, Progress
 
+_GAPS = (
+    (32, 0x1F00000000FFFF),
+    (16, 0x1F0000FF0000FF),
+    (8, 0x100F00F00F00F00F),
+    (4, 0x10C30C30C30C30C3),
+    (2, 0x1249249249249249),
+)
 _KD_TREE = 4  # FLANN's exact one, KDTreeSingleIndex
 
 _NORMAL = ("nx", "ny", "nz")
@@ -106,10 +113,11 @@ def _prepared(
 ) -> tuple[Rows, pycolmap.PoissonMeshingOptions]:
     """Return the thinned points of a cloud, and how to mesh them. Raises `MappingError` where they are too few."""
     points = read_ply(cloud)["vertex"]
-    normals = columns(points, _NORMAL)
-    finite = np.isfinite(columns(points, "xyz")).all(axis=1) & np.isfinite(normals).all(axis=1)
-    points = points[finite & normals.any(axis=1)]
-    del normals
+    sound = np.logical_or.reduce([points[name] != 0 for name in _NORMAL])
+    for name in (*"xyz", *_NORMAL):
+        sound &= np.isfinite(points[name])
+    if not sound.all():
+        points = points[sound]
     _require_points(len(points))
     depth = _depth(columns(points, "xyz"), faces)
     native = poisson_options({"depth": depth, "trim": depth - _LEVELS_TRIMMED, **options})
@@ -175,14 +183,17 @@ def _require_points(count: int) -> None:
 
 
 def _cells_per_unit(positions: Float32, depth: int) -> float:
-    side = _SCALE * float(np.ptp(positions, axis=0).max())
+    side = _SCALE * max(float(np.ptp(positions[:, axis])) for axis in range(3))
     return float(2**depth) / max(side, 1e-12)
 
 
 def _cells(positions: Float32, cells_per_unit: float) -> Int64:
     """Return (N,) int64, the number of the cell of each point."""
-    cell = ((positions - positions.min(axis=0)) * cells_per_unit).astype(np.int64)
-    return np.asarray((cell[:, 0] << 42) | (cell[:, 1] << 21) | cell[:, 2])
+    number = np.zeros(len(positions), np.int64)
+    for axis in range(3):
+        across = positions[:, axis]
+        number = (number << 21) | ((across - across.min()) * cells_per_unit).astype(np.int64)
+    return number
 
 
 def _depth(positions: Float32, faces: int) -> int:
@@ -202,14 +213,22 @@ def _occupied(positions: Float32) -> dict[int, int]:
     """Return how many cells hold points at each of `_DEPTHS`: sorted along Morton's curve, the points of a cell of any
     depth follow one another."""
     deepest = _DEPTHS[-1]
-    cells = ((positions - positions.min(axis=0)) * _cells_per_unit(positions, deepest)).astype(np.int64)
-    code = np.zeros(len(cells), np.int64)
-    for bit in range(deepest):
-        for axis in range(3):
-            code |= ((cells[:, axis] >> bit) & 1) << (3 * bit + axis)
+    scale = _cells_per_unit(positions, deepest)
+    code = np.zeros(len(positions), np.int64)
+    for axis in range(3):
+        across = positions[:, axis]
+        code |= _with_gaps(((across - across.min()) * scale).astype(np.int64)) << axis
     code.sort()
     differing = code[1:] ^ code[:-1]
     return {d: 1 + int(np.count_nonzero(differing >> (3 * (deepest - d)))) for d in _DEPTHS}
+
+
+def _with_gaps(numbers: Int64) -> Int64:
+    """Return numbers (N,) below 2^21 with two zeros before each of their bits: halves are moved apart, then halves of
+    these, five times."""
+    for shift, kept in _GAPS:
+        numbers = (numbers | (numbers << shift)) & kept
+    return numbers
 
 
 def _trimmed(

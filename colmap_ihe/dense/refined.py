@@ -8,6 +8,7 @@ and neighbours go alike where these disagree. Then faces are split where the sur
 from __future__ import annotations
 
 from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -18,8 +19,10 @@ from colmap_ihe.dense.depth_maps import DepthMap, depth_maps
 from colmap_ihe.dense.ply import read_mesh, write_mesh
 from colmap_ihe.dense.split_faces import split_where_bent
 from colmap_ihe.dense.texture.mesh import Mesh, face_normals, vertex_normals
+from colmap_ihe.machine.executor import in_order
 from colmap_ihe.machine.files import replace_file
 from colmap_ihe.machine.progress import SILENT, Progress
+from colmap_ihe.machine.threads import local_workers
 
 SIMPLIFIED = 0.6
 """Of the faces of a mesh: those that simplification leaves. The others are made where it bends."""
@@ -72,10 +75,14 @@ def refined_mesh(mesh: Mesh, maps: Sequence[DepthMap], progress: Progress = SILE
     normals = vertex_normals(mesh).astype(np.float64)
     steps = np.full((_MOST, len(mesh.vertices)), np.nan, np.float32)
     weights = np.zeros_like(steps)
-    for depths in maps:
-        rows, step, weight = _steps(mesh.vertices, normals, depths.camera, depths.read())
-        _keep(steps, weights, rows, step, weight)
-        progress.advance()
+
+    def compare(depths: DepthMap) -> tuple[Int64, Float64, Float64]:
+        return _steps(mesh.vertices, normals, depths.camera, depths.read())
+
+    with ThreadPoolExecutor(local_workers()) as threads:
+        for rows, step, weight in in_order(threads, compare, maps, progress=progress):
+            _keep(steps, weights, rows, step, weight)
+            progress.advance()
     median, trust = _medians(steps, weights)
     moved = np.isfinite(median)
     smooth = _alike(median, trust, mesh, normals, progress)
@@ -158,8 +165,9 @@ def _alike(step: Float32, trust: Float32, mesh: Mesh, normals: Float64, progress
     surface with its `normals` (V, 3) bends between them; nan stays."""
     sides = np.sort(mesh.faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1)
     sides = sides[np.isfinite(step[sides]).all(axis=1)]
-    first, second = np.unique(sides, axis=0).T
     count = len(step)
+    keys = np.sort(sides[:, 0].astype(np.int64) * count + sides[:, 1])
+    first, second = np.divmod(keys[np.flatnonzero(np.diff(keys, prepend=-1))], max(count, 1))
     cosine = np.clip((normals[first] * normals[second]).sum(axis=1), 0, 1)
     weight = _ALIKE * cosine**_BENT
     total = trust + np.bincount(first, weight, count) + np.bincount(second, weight, count)

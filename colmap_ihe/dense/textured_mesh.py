@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass
 from functools import partial
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +17,7 @@ from colmap_ihe.colmap.measures import upright
 from colmap_ihe.colmap.native import pycolmap
 from colmap_ihe.dense.camera import Float32, Float64, Int64, PinholeCamera, UInt8
 from colmap_ihe.dense.depth_maps import camera_of
+from colmap_ihe.dense.obj import mtl_text, obj_text
 from colmap_ihe.dense.ply import read_mesh
 from colmap_ihe.dense.texture.agree import agreed_colours, at_corners, centre_colours, doubted
 from colmap_ihe.dense.texture.atlas import Atlas, cut, pack
@@ -32,6 +34,7 @@ from colmap_ihe.machine.progress import SILENT, Progress
 
 FILES = ("mesh.glb", "mesh.obj", "mesh.mtl", "mesh.jpeg")
 _JPEG_QUALITY = 97
+_FACES_AT_ONCE = 30_000
 _UNLIT = "KHR_materials_unlit"
 
 
@@ -71,12 +74,11 @@ def texture_mesh(
     masks = [partial(read_mask, dense_dir, image.name) for image in images]
     candidates = _looked_through(mesh, views, masks, paths, executor, progress)
     tables = exposure_tables(candidates.view, candidates.colour, len(views))
-    candidates.colour = tables[np.maximum(candidates.view, 0)[..., None], candidates.colour, np.arange(3)]
-    candidates.quality = doubted(candidates.quality, candidates.colour)
-    agreed = agreed_colours(candidates.quality, candidates.colour)
+    agreed = _agreed(candidates, tables, executor, progress)
+    executor.submit(import_module, "trimesh")  # for the files, while the atlas is made
     progress.start(1, "atlases")
     pairs = neighbours(mesh.faces)
-    labels, coloured = choose(candidates, mesh, pairs, len(views))
+    labels, coloured = choose(candidates, mesh, pairs, views)
     patches = cut(mesh, labels, coloured, views, pairs)
     atlas = pack(patches, largest)
     points = seam_points(patches, atlas)
@@ -126,6 +128,23 @@ def _looked_through(
         candidates.add(number, quality, colour)
         progress.advance()
     return candidates
+
+
+def _agreed(candidates: Candidates, tables: UInt8, executor: Executor, progress: Progress) -> Float32:
+    """Return (F, 3), the colours that photographs agree on, once they are made alike by `tables`; make the quality
+    negative where one is far from them. Some faces at a time."""
+
+    def judge(faces: slice) -> tuple[slice, Float32, Float32]:
+        view, quality = candidates.view[faces], candidates.quality[faces]
+        colour = tables[np.maximum(view, 0)[..., None], candidates.colour[faces], np.arange(3)]
+        quality = doubted(quality, colour)
+        return faces, quality, agreed_colours(quality, colour)
+
+    agreed = np.empty((len(candidates.view), 3), np.float32)
+    parts = [slice(start, start + _FACES_AT_ONCE) for start in range(0, len(agreed), _FACES_AT_ONCE)]
+    for faces, quality, colours in in_order(executor, judge, parts, progress=progress):
+        candidates.quality[faces], agreed[faces] = quality, colours
+    return agreed
 
 
 def _pictures(paths: list[Path], tables: UInt8, executor: Executor, progress: Progress) -> Iterator[UInt8]:
@@ -191,14 +210,7 @@ def _write(folder: Path, mesh: Mesh, atlas: Atlas, vertex: Int64, texture: UInt8
     write_bytes(
         folder / "mesh.glb", scene.export(file_type="glb", include_normals=True, tree_postprocessor=_unlit)
     )
-    white = [255, 255, 255, 255]
-    plain = trimesh.visual.material.SimpleMaterial(
-        name="mesh", image=_Coded(jpeg, atlas.size), ambient=white, diffuse=white, specular=[0, 0, 0, 255]
-    )
-    surface.visual = trimesh.visual.TextureVisuals(uv=uv, material=plain)
-    text, files = trimesh.exchange.obj.export_obj(
-        surface, include_normals=False, return_texture=True, mtl_name="mesh.mtl", header=None
-    )
-    for name, content in files.items():
-        write_bytes(folder / name, content)
+    write_bytes(folder / "mesh.jpeg", jpeg)
+    write_bytes(folder / "mesh.mtl", mtl_text("mesh", "mesh.jpeg").encode())
+    text = obj_text(mesh.vertices[vertex], uv, atlas.faces, "mesh", "mesh.mtl")
     write_bytes(folder / "mesh.obj", text.encode())

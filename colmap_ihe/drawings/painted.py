@@ -88,7 +88,7 @@ def paint_mesh(
     candidates.quality = doubted(candidates.quality, candidates.colour)
     agreed = agreed_colours(candidates.quality, candidates.colour)
     pairs = neighbours(mesh.faces)
-    labels, coloured = choose(candidates, mesh, pairs, len(views))
+    labels, coloured = choose(candidates, mesh, pairs, views)
     patches = cut(mesh, labels, coloured, views, pairs)
     progress.start(len(views), "photographs compared at seams")
     colours, seen = corner_colours(patches, _pictures(sources, progress), mesh.colours)

@@ -11,7 +11,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from colmap_ihe.colmap.calibration.block import block_of, thinned
+from colmap_ihe.colmap.calibration.block import part_of, thinned
 from colmap_ihe.colmap.calibration.equations import Prior, System, moved, system_of
 from colmap_ihe.colmap.calibration.lens import FreeCamera, Terms, derivatives
 from colmap_ihe.colmap.calibration.rebuild import give
@@ -41,8 +41,8 @@ def adjust_with_control(
     places. Raises `Cancelled`, and `LinAlgError` where there is no solution."""
     image_ids = sorted(model.reg_image_ids())
     camera_ids = sorted({model.images[i].camera_id for i in image_ids})
-    whole, _ = block_of(model, image_ids, camera_ids)
-    block = whole.of_points(thinned(whole, _POINTS_AN_IMAGE * len(image_ids)))
+    part = part_of(model, image_ids, camera_ids)
+    block = part.block.of_points(thinned(part.block, _POINTS_AN_IMAGE * len(image_ids)))
     free = free_cameras([model.cameras[i] for i in camera_ids], [free_params.get(i, ()) for i in camera_ids])
     count = free[0].basis.shape[1]
     prior = Prior(np.zeros(count), np.full(count, np.inf))
@@ -50,7 +50,7 @@ def adjust_with_control(
         state, sigma = _adjusted(State(block, free, np.zeros(count), terms.located), terms, prior, progress)
         matrix = _normal_matrix(state, terms, prior, sigma)
     cameras = [one.at(state.values) for one in free]
-    give(model, image_ids, camera_ids, cameras, state.block, sigma)
+    give(model, part, cameras, state.block, sigma)
     model.update_point_3d_errors()
     return Spread(state, matrix)
 

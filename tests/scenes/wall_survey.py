@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from colmap_ihe.colmap.calibration.block import Block, block_of
+from colmap_ihe.colmap.calibration.block import Block, part_of
 from colmap_ihe.colmap.calibration.rebuild import Triangulation
 from colmap_ihe.colmap.native import pycolmap
 from colmap_ihe.colmap.part_databases import write_images
@@ -135,7 +135,7 @@ def moved_a_little(model: pycolmap.Reconstruction, share: float = 0.003, seed: i
 def whole_block(model: pycolmap.Reconstruction) -> tuple[Block, list[pycolmap.Camera]]:
     """The block of all images of a model, and its cameras by their ids."""
     camera_ids = sorted(model.cameras)
-    block, _ = block_of(model, sorted(model.reg_image_ids()), camera_ids)
+    block = part_of(model, sorted(model.reg_image_ids()), camera_ids).block
     return block, [model.cameras[i] for i in camera_ids]
 
 

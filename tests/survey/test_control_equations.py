@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from survey_block import survey_block
 
-from colmap_ihe.colmap.calibration.block import block_of
+from colmap_ihe.colmap.calibration.block import part_of
 from colmap_ihe.colmap.native import pycolmap
 from colmap_ihe.survey.adjustment import free_cameras
 from colmap_ihe.survey.control_equations import ControlTerms, rows_of
@@ -17,7 +17,7 @@ def test_derivatives_are_those_of_the_residuals() -> None:
     made = survey_block(4, 4, 60)
     ids = sorted(made.model.reg_image_ids())
     assert len(ids) == 4
-    block, _ = block_of(made.model, ids, [1])
+    block = part_of(made.model, ids, [1]).block
     free = free_cameras([made.model.cameras[1]], [[0, 1, 2, 3]])
     draw = np.random.default_rng(0)
     points = np.array([made.model.points3D[i].xyz for i in sorted(made.model.points3D)[:3]])

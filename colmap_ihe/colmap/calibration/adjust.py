@@ -58,7 +58,7 @@ def adjust(
     terms = derivatives(block, cameras, values)
     scale = sigma or deviation_of(terms.residuals, freedom)
     cost = _cost(terms, scale, prior, values)
-    damping = 1e-6
+    damping, gained = 1e-6, 0.0
     for _ in range(most):
         progress.check()
         ahead, there, gain = _step(block, terms, scale, prior, values, damping)
@@ -74,6 +74,9 @@ def adjust(
         if sigma is None and abs(now / scale - 1) > _OTHER:
             scale = now
             cost = _cost(terms, scale, prior, values)
+        if gain < min(2 * _CLOSE, gained / 2) and damping < 1e-3:
+            break  # a step gains a part of what the last one did, which is less than `_CLOSE` now
+        gained = gain
     return Adjusted(block, values, scale, terms.residuals, prior.cost(values))
 
 
@@ -93,7 +96,7 @@ def place(block: Block, cameras: Sequence[pycolmap.Camera], sigma: float, *, rou
     free = [FreeCamera(camera, np.zeros((len(camera.params), 0))) for camera in cameras]
     for _ in range(rounds):
         terms = derivatives(block, free, np.zeros(0))
-        by_world, _, residuals = weighted(block, terms, sigma)
+        by_world, *_, residuals = weighted(block, terms, sigma)
         squares = sums(block, by_world.transpose(0, 2, 1) @ by_world)
         right = sums(block, np.einsum("mki,mk->mi", by_world, residuals))
         squares[:, range(3), range(3)] += 1e-6 * np.trace(squares, axis1=1, axis2=2)[:, None] + 1e-12

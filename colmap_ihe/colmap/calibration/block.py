@@ -64,11 +64,20 @@ class Block:
         return block.of_points(points), points
 
 
-def block_of(
-    model: pycolmap.Reconstruction, image_ids: Sequence[int], camera_ids: Sequence[int]
-) -> tuple[Block, NDArray[np.uint64]]:
-    """Return the block of these images, whose cameras are among `camera_ids`, and the ids (P,) of its points: those
-    that two or more of the images see. Of several observations of a point in one image the first counts."""
+@dataclass(frozen=True)
+class Part:
+    """Hold what of a model is computed with: its images and cameras by id, the block of all that these images see, and
+    the ids (P,) of its points."""
+
+    image_ids: Sequence[int]
+    camera_ids: Sequence[int]
+    block: Block
+    point_ids: NDArray[np.uint64]
+
+
+def part_of(model: pycolmap.Reconstruction, image_ids: Sequence[int], camera_ids: Sequence[int]) -> Part:
+    """Return these images of a model, whose cameras are among `camera_ids`, with the points that two or more of them
+    see. Of several observations of a point in one image the first counts."""
     images = [model.images[image_id] for image_id in image_ids]
     seen = [image.get_observation_points2D() for image in images]
     numbers = np.repeat(np.arange(len(images)), [len(points) for points in seen])
@@ -86,18 +95,22 @@ def block_of(
     point_ids, lengths = point_ids[by_image], counts[by_image]
     offsets = np.arange(lengths.sum()) - np.repeat(np.cumsum(lengths) - lengths, lengths)
     rows = np.repeat(begins[by_image], lengths) + offsets
-    poses = np.array([image.cam_from_world().matrix() for image in images]).reshape(-1, 3, 4)
     camera_number = {camera_id: number for number, camera_id in enumerate(camera_ids)}
     block = Block(
-        np.ascontiguousarray(poses[:, :, :3]),
-        np.ascontiguousarray(poses[:, :, 3]),
+        *poses_of(model, image_ids),
         np.array([camera_number[image.camera_id] for image in images], np.intp),
         np.array([model.points3D[i].xyz for i in point_ids.tolist()], np.float64).reshape(-1, 3),
         numbers[rows],
         np.repeat(np.arange(len(lengths)), lengths),
         pixels[rows],
     )
-    return block, point_ids
+    return Part(image_ids, camera_ids, block, point_ids)
+
+
+def poses_of(model: pycolmap.Reconstruction, image_ids: Sequence[int]) -> tuple[Float64, Float64]:
+    """Return rotations (N, 3, 3) and translations (N, 3), from the world to the camera."""
+    poses = np.array([model.images[i].cam_from_world().matrix() for i in image_ids]).reshape(-1, 3, 4)
+    return np.ascontiguousarray(poses[:, :, :3]), np.ascontiguousarray(poses[:, :, 3])
 
 
 def thinned(block: Block, most: int) -> Ints:

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from colmap_ihe.colmap.calibration.block import block_of, thinned
+from colmap_ihe.colmap.calibration.block import Block, Part, part_of, thinned
 from colmap_ihe.colmap.calibration.choose import Chooser, Fit
 from colmap_ihe.colmap.calibration.covisible import covisible
 from colmap_ihe.colmap.calibration.deviations import Deviations, deviations_of
@@ -79,12 +79,11 @@ def calibrate(
     lenses = lenses_of(model, camera_ids, known)
     free = [number for number, lens in enumerate(lenses) if lens.freedom]
     image_ids = covisible(model, [[camera_ids[c] for c in lenses[n].cameras] for n in free], MOST_IMAGES)
-    block, _ = block_of(model, image_ids, camera_ids)
-    if not free or len(block.points) < FEWEST_POINTS:
+    part = part_of(model, image_ids, camera_ids)
+    if not free or len(part.block.points) < FEWEST_POINTS:
         return None
-    chooser = Chooser(
-        block.of_points(thinned(block, _TO_CHOOSE)), [known.cameras[i] for i in camera_ids], progress
-    )
+    known_cameras = [known.cameras[i] for i in camera_ids]
+    chooser = Chooser(_thinned(part, _TO_CHOOSE), known_cameras, progress)
     progress.start(len(free) + 2, "calibration steps")
     with threads.limited(1):  # the matrices are small; and one thread gives the same to the bit
         as_mapped = [model.cameras[i] for i in camera_ids]
@@ -106,10 +105,10 @@ def calibrate(
         other_lens = base.adjusted.sigma > _OTHER_LENS * best.adjusted.sigma
         best = base if gain.worse else best
         if as_colmap_has_them(model, camera_ids, best.lenses):
-            final, before = _as_it_is(model, image_ids, camera_ids, best.lenses)
+            final, before = _as_it_is(model, part, best.lenses)
         else:
-            final = _finish(model, image_ids, camera_ids, best, chooser, triangulation, progress)
-            before = list(chooser.known)
+            final = _finish(model, part, best, chooser, triangulation, progress)
+            before = known_cameras
         deviations = deviations_of(final, before)
     progress.advance()
     by_id = {camera_ids[c]: lens.freedom for lens in final.lenses if lens.freedom for c in lens.cameras}
@@ -155,6 +154,10 @@ def _calibrated(chooser: Chooser, start: Fit, number: int, given_model: bool) ->
     return chooser.chosen(start, number)
 
 
+def _thinned(part: Part, most: int) -> Block:
+    return part.block.of_points(thinned(part.block, most))
+
+
 def as_colmap_has_them(
     model: pycolmap.Reconstruction, camera_ids: Sequence[int], lenses: Sequence[Lens]
 ) -> bool:
@@ -168,16 +171,12 @@ def as_colmap_has_them(
 
 
 def _as_it_is(
-    model: pycolmap.Reconstruction,
-    image_ids: Sequence[int],
-    camera_ids: Sequence[int],
-    lenses: tuple[Lens, ...],
+    model: pycolmap.Reconstruction, part: Part, lenses: tuple[Lens, ...]
 ) -> tuple[Fit, list[pycolmap.Camera]]:
     """Return the fit of a model as it stands, and its cameras without a focal length from EXIF, which COLMAP does not
     weigh."""
-    block, _ = block_of(model, image_ids, camera_ids)
-    block = block.of_points(thinned(block, _POINTS_AN_IMAGE * len(image_ids)))
-    cameras = [copy(model.cameras[i]) for i in camera_ids]
+    block = _thinned(part, _POINTS_AN_IMAGE * len(part.image_ids))
+    cameras = [copy(model.cameras[i]) for i in part.camera_ids]
     for camera in cameras:
         camera.has_prior_focal_length = False
     return Chooser(block, cameras).fit(block, lenses, cameras, most=0), cameras
@@ -185,18 +184,18 @@ def _as_it_is(
 
 def _finish(
     model: pycolmap.Reconstruction,
-    image_ids: Sequence[int],
-    camera_ids: Sequence[int],
+    part: Part,
     best: Fit,
     chooser: Chooser,
     triangulation: Triangulation,
     progress: Progress,
 ) -> Fit:
     """Adjust the images by all points, and rebuild the model; once more where that brought other observations."""
-    whole = len(image_ids) == model.num_reg_images()
+    whole = len(part.image_ids) == model.num_reg_images()
     for rebuilt in (False, True):
-        block, _ = block_of(model, image_ids, camera_ids)
-        block = block.of_points(thinned(block, _POINTS_AN_IMAGE * len(image_ids)))
+        if rebuilt:
+            part = part_of(model, part.image_ids, part.camera_ids)
+        block = _thinned(part, _POINTS_AN_IMAGE * len(part.image_ids))
         try:
             best = replace(chooser, block=block).again(best)
         except np.linalg.LinAlgError:
@@ -204,7 +203,7 @@ def _finish(
                 break
             raise
         observations = model.compute_num_observations()
-        give(model, image_ids, camera_ids, best.cameras, best.adjusted.block, best.adjusted.sigma)
+        give(model, part, best.cameras, best.adjusted.block, best.adjusted.sigma)
         progress.check()
         if not whole:
             adjust_poses(model, progress, triangulation.threads)

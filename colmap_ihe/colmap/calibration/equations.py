@@ -49,20 +49,21 @@ class System:
     residuals: Float64
 
 
-def weighted(block: Block, terms: Terms, sigma: float) -> tuple[Float64, Float64, Float64]:
+def weighted(block: Block, terms: Terms, sigma: float) -> tuple[Float64, Float64, Float64, Float64]:
+    """Return derivatives by the point in the world and in the camera, those by the free parameters, and residuals, each
+    times the root of its observation's weight; 0 where it has no projection."""
     root = (np.sqrt(weights_of(terms.residuals, sigma)) / sigma)[:, None]
     usable = root > 0
     residuals = np.where(usable, terms.residuals, 0.0) * root
     by_point = np.where(usable[..., None], terms.by_point, 0.0) * root[..., None]
-    return by_point @ block.rotations[block.image], by_point, residuals
+    by_free = np.nan_to_num(terms.by_free) * root[..., None]
+    return by_point @ block.rotations[block.image], by_point, by_free, residuals
 
 
 def system_of(
     block: Block, terms: Terms, sigma: float, prior: Prior, values: Float64, damping: float
 ) -> System:
-    by_world, by_point, residuals = weighted(block, terms, sigma)
-    root = (np.sqrt(weights_of(terms.residuals, sigma)) / sigma)[:, None, None]
-    by_free = np.nan_to_num(terms.by_free) * root
+    by_world, by_point, by_free, residuals = weighted(block, terms, sigma)
     arms = terms.in_camera - block.translations[block.image]
     # By a turn w before the pose: the point moves by w x (R X), so by_point times that.
     by_pose = np.concatenate([np.cross(arms[:, None, :], by_point), by_point], axis=2)
@@ -122,9 +123,8 @@ def _eliminate(
     size = 6 * len(seen)
     crossed = np.zeros((len(own), 3, size + with_free.shape[2]))
     crossed[:, :, size:] = with_free
-    poses = np.zeros((len(own), 3, len(seen), 6))
+    poses = crossed[:, :, :size].reshape(len(own), 3, len(seen), 6)  # of the same memory
     poses[block.point[mine] - chunk.start, :, column] = with_pose[mine]
-    crossed[:, :, :size] = poses.reshape(len(own), 3, size)
     flat = crossed.reshape(-1, crossed.shape[2])
     tail = np.arange(6 * len(block.rotations), len(gradient))
     columns = np.concatenate([(6 * seen[:, None] + np.arange(6)).ravel(), tail])
@@ -155,7 +155,7 @@ def moved(block: Block, values: Float64, system: System, move: Float64) -> tuple
     free = move[6 * len(block.rotations) :]
     along = np.einsum("mkj,mj->mk", system.by_pose, poses[block.image]) + system.by_free @ free
     right = system.right + sums(block, np.einsum("mki,mk->mi", system.by_world, along))
-    points = np.einsum("pji,pjk,pk->pi", system.factors, system.factors, right, optimize=True)
+    points = (system.factors.transpose(0, 2, 1) @ (system.factors @ right[..., None]))[..., 0]
     turns = np.stack([pycolmap.Rotation3d(turn).matrix() for turn in poses[:, :3]])
     moved = replace(
         block,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from copy import copy
 from dataclasses import dataclass
@@ -67,15 +68,19 @@ def derivatives(block: Block, free: Sequence[FreeCamera], values: Float64) -> Te
         residuals[mine] = at - block.pixels[mine]
         with np.errstate(all="ignore"):  # at the limits of a projection; what is not finite is left out below
             by_point[mine] = _by_point(camera, xyz)
-            by_free[mine] = _by_params(camera, xyz, at) @ one.basis
+            if one.basis.any():  # not of cameras that are held
+                by_params = _by_params(camera, xyz, at).reshape(-1, len(one.basis))
+                by_free[mine] = (by_params @ one.basis).reshape(len(xyz), 2, -1)
     residuals[~_finite(residuals, by_point, by_free)] = np.nan
     return Terms(points, residuals, by_point, by_free)
 
 
 def _finite(*arrays: Float64) -> NDArray[np.bool_]:
     """Tell of which of m rows all values are finite, (m,)."""
-    finite = [np.isfinite(array).all(axis=tuple(range(1, array.ndim))) for array in arrays]
-    return np.asarray(np.logical_and.reduce(finite))
+    widths = [math.prod(array.shape[1:]) for array in arrays]
+    flat = [array.reshape(len(array), width) for array, width in zip(arrays, widths, strict=True)]
+    columns = [column for array in flat for column in np.isfinite(array).T]  # faster than along rows of a few
+    return np.asarray(np.logical_and.reduce(columns))
 
 
 def _by_point(camera: pycolmap.Camera, xyz: Float64) -> Float64:

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from colmap_ihe.colmap.calibration.adjust import place
-from colmap_ihe.colmap.calibration.block import Block, block_of
+from colmap_ihe.colmap.calibration.block import Block, Part, poses_of
 from colmap_ihe.colmap.native import called, fill, pycolmap
 from colmap_ihe.machine.progress import SILENT, Progress
 
@@ -31,26 +31,27 @@ class Triangulation:
 
 def give(
     model: pycolmap.Reconstruction,
-    image_ids: Sequence[int],
-    camera_ids: Sequence[int],
+    part: Part,
     cameras: Sequence[pycolmap.Camera],
     poses: Block,
     sigma: float,
 ) -> None:
-    """Give a model these cameras, and its images the poses of a block; the points follow, by observations of standard
-    deviation `sigma` in pixels."""
-    for camera_id, camera in zip(camera_ids, cameras, strict=True):
+    """Give a part of a model these cameras, and its images the poses of a block; the points follow, by observations of
+    standard deviation `sigma` in pixels."""
+    for camera_id, camera in zip(part.camera_ids, cameras, strict=True):
         model.cameras[camera_id].model = camera.model
         model.cameras[camera_id].params = camera.params.tolist()
-    for image_id, rotation, translation in zip(image_ids, poses.rotations, poses.translations, strict=True):
+    for image_id, rotation, translation in zip(
+        part.image_ids, poses.rotations, poses.translations, strict=True
+    ):
         image = model.images[image_id]
         pose = pycolmap.Rigid3d(np.concatenate([rotation, translation[:, None]], axis=1))
         frame = image.frame
         assert frame is not None  # of a model that is read or mapped every image has one
         frame.set_cam_from_world(image.camera_id, pose)
-    block, ids = block_of(model, image_ids, camera_ids)
-    block = place(block, cameras, sigma)
-    for point_id, xyz in zip(ids.tolist(), block.points, strict=True):
+    rotations, translations = poses_of(model, part.image_ids)
+    block = place(replace(part.block, rotations=rotations, translations=translations), cameras, sigma)
+    for point_id, xyz in zip(part.point_ids.tolist(), block.points, strict=True):
         model.points3D[point_id].xyz = xyz
 
 

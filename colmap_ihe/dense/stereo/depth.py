@@ -15,6 +15,7 @@ from colmap_ihe.dense.stereo.normals import normals_from_inverse_depth
 from colmap_ihe.dense.stereo.rectify import PairLeftOutError, RectifiedPair, rectify
 from colmap_ihe.dense.stereo.refine import compare, prepared, refined
 from colmap_ihe.dense.stereo.rims import without_rims
+from colmap_ihe.dense.stereo.strips import overwrite
 from colmap_ihe.dense.stereo.views import StereoView, sizes_coarse_to_fine
 
 # Measured with benchmarks/dense.py.
@@ -159,7 +160,7 @@ def _confirmed(
         fit = compare(reference, source, moved)
         support += fit.same & (fit.correlation >= _MIN_CORRELATION)
         alike += fit.same & (fit.likeness >= _MIN_CORRELATION)
-        np.maximum(best, fit.correlation, out=best, where=fit.same)
+        overwrite(best, np.maximum(best, fit.correlation), fit.same)
     keep = (inverse > 0) & (moved > 0)
     if view.mask_u8 is not None:
         keep &= view.mask_u8 > 0

@@ -20,6 +20,7 @@ from colmap_ihe.dense.camera import Bool, Float32
 from colmap_ihe.dense.stereo.merge import filled
 from colmap_ihe.dense.stereo.normals import fitted_planes
 from colmap_ihe.dense.stereo.refine import project, sampled
+from colmap_ihe.dense.stereo.strips import overwrite
 from colmap_ihe.dense.stereo.views import StereoView
 
 # Measured with benchmarks/dense_truth.py.
@@ -41,20 +42,22 @@ _IN_HOLES_LEVELS, _IN_HOLES = 4.0, 1.6
 
 @dataclass(frozen=True)
 class _Pixels:
-    """List pixels as 2-D arrays, which OpenCV samples: `rows` and `columns`, of an image of `shape`."""
+    """List pixels as 2-D arrays, which OpenCV samples: `rows` and `columns`, of an image of `shape`, and their `number`
+    there, row by row."""
 
     rows: NDArray[np.intp]
     columns: NDArray[np.intp]
+    number: NDArray[np.intp]
     shape: tuple[int, int]
 
     def of(self, image: NDArray[np.float32]) -> Float32:
         """Return the values of the pixels in an image (H, W)."""
-        return image[self.rows, self.columns]
+        return np.asarray(image.take(self.number))
 
     def mean_around(self, values: Float32, radius_px: int) -> Float32:
         """Return the mean of the values of the pixels, over windows; pixels that are not listed count as 0."""
         image = np.zeros(self.shape, np.float32)
-        image[self.rows, self.columns] = values
+        image.ravel()[self.number] = values
         return self.of(np.asarray(cv2.blur(image, (2 * radius_px + 1,) * 2), np.float32))
 
 
@@ -111,25 +114,27 @@ def _listed(beside: Bool) -> _Pixels:
     rows, columns = np.nonzero(cv2.dilate(beside.astype(np.uint8), around))
     width = min(256, len(rows))
     places = np.minimum(np.arange(-(-len(rows) // width) * width), len(rows) - 1).reshape(-1, width)
-    return _Pixels(rows[places], columns[places], (beside.shape[0], beside.shape[1]))
+    rows, columns, shape = rows[places], columns[places], (beside.shape[0], beside.shape[1])
+    return _Pixels(rows, columns, rows * shape[1] + columns, shape)
 
 
 def _surfaces(
     inverse_depth: Float32, pixels: _Pixels, present: Float32, one_pixel: float
 ) -> tuple[Float32, Float32]:
     """Return the nearest and the farthest of the surfaces around each pixel, continued to it; `present` without one."""
-    value, slope_x, slope_y, misfit = fitted_planes(inverse_depth, _RADIUS_PX)
+    planes = [values.ravel() for values in fitted_planes(inverse_depth, _RADIUS_PX)]
     height, width = pixels.shape
     nearer, farther = np.zeros_like(present), np.full_like(present, np.inf)
     offsets = [(x, y) for y in (-_AWAY_PX, 0, _AWAY_PX) for x in (-_AWAY_PX, 0, _AWAY_PX) if x or y]
     for x, y in offsets:
         rows, columns = pixels.rows + y, pixels.columns + x
         outside = (rows < 0) | (rows >= height) | (columns < 0) | (columns >= width)
-        window = np.clip(rows, 0, height - 1), np.clip(columns, 0, width - 1)
-        continued = value[window] - slope_x[window] * x - slope_y[window] * y
-        sound = ~outside & (misfit[window] < (_MISFIT * one_pixel) ** 2) & (continued > 0)
-        np.maximum(nearer, continued, out=nearer, where=sound)
-        np.minimum(farther, continued, out=farther, where=sound)
+        windows = pixels.number + (y * width + x)  # of those outside, any
+        value, slope_x, slope_y, misfit = (each.take(windows, mode="clip") for each in planes)
+        continued = value - slope_x * x - slope_y * y
+        sound = ~outside & (misfit < (_MISFIT * one_pixel) ** 2) & (continued > 0)
+        overwrite(nearer, np.maximum(nearer, continued), sound)
+        overwrite(farther, np.minimum(farther, continued), sound)
     return np.where(nearer > 0, nearer, present), np.where(np.isfinite(farther), farther, present)
 
 
@@ -150,11 +155,11 @@ def _differences(
     for source in sources:
         brighter = None
         for differences, inverse_depth in zip(by_source, inverse_depths, strict=True):
-            x, y, _, _, seen = project(reference, source, u, v, inverse_depth)
-            difference = grey - sampled(source, x, y)
+            at = project(reference, source, u, v, inverse_depth)
+            difference = grey - sampled(source, at.x, at.y)
             if brighter is None:
-                brighter = _brighter(difference, seen & held, pixels)
-            levels = np.where(seen, np.minimum(np.abs(difference - brighter), _MOST_LEVELS), _MOST_LEVELS)
+                brighter = _brighter(difference, at.seen & held, pixels)
+            levels = np.where(at.seen, np.minimum(np.abs(difference - brighter), _MOST_LEVELS), _MOST_LEVELS)
             differences.append(pixels.mean_around(levels.astype(np.float32), _ALIKE_PX))
     best = slice(0, _BEST_SOURCES)
     return [np.asarray(np.sort(np.stack(each), axis=0)[best].mean(axis=0)) for each in by_source]

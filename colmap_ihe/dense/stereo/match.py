@@ -14,6 +14,7 @@ import numpy as np
 
 from colmap_ihe.dense.camera import Bool, Float32, UInt8
 from colmap_ihe.dense.stereo.rectify import RectifiedPair, inside
+from colmap_ihe.dense.stereo.strips import overwrite
 from colmap_ihe.dense.stereo.views import StereoView
 
 SUBPIXELS = 16
@@ -80,7 +81,9 @@ def _inverse_depth(
     x, y = pair.source_pixels(disparity)
     scale = pair.disparity_per_inverse_depth()
     held = matched & inside(x, y, source) & (scale > 0) & (disparity > 0)
-    inverse = np.where(held, disparity / np.where(held, scale, 1), 0).astype(np.float32)
+    inverse = np.zeros_like(disparity)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        overwrite(inverse, disparity / scale, held)
     return pair.to_reference(inverse, reference.size)
 
 

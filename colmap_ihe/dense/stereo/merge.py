@@ -8,6 +8,7 @@ import cv2
 import numpy as np
 
 from colmap_ihe.dense.camera import Float32, UInt8
+from colmap_ihe.dense.stereo.strips import overwrite, strips
 
 _STEP = 0.03  # relative change of inverse depth between neighbours beside an edge
 
@@ -21,27 +22,37 @@ def merge(inverse_depths: Sequence[Float32], one_pixel: Sequence[float]) -> tupl
     with weights 1 / one_pixel^2, as for matches of the same precision. Returns (H, W) float32
     and (H, W) uint8.
     """
-    shape = inverse_depths[0].shape
-    best = np.zeros(shape, np.float32)
-    support = np.zeros(shape, np.uint8)
+    best = np.zeros(inverse_depths[0].shape, np.float32)
+    support = np.zeros(best.shape, np.uint8)
     finest_first = sorted(range(len(one_pixel)), key=lambda index: one_pixel[index])
-    for index in finest_first:
-        candidate = inverse_depths[index]
-        count = np.zeros(shape, np.uint8)
-        total = np.zeros(shape, np.float32)
-        weights = np.zeros(shape, np.float32)
-        for other in finest_first:
-            tolerance = np.float32(max(one_pixel[index], one_pixel[other]))
-            weight = np.float32((one_pixel[finest_first[0]] / one_pixel[other]) ** 2)
-            agrees = np.abs(inverse_depths[other] - candidate) <= tolerance
-            agrees &= (inverse_depths[other] > 0) & (candidate > 0)
-            count += agrees
-            total += agrees * inverse_depths[other] * weight
-            weights += agrees * weight
-        better = count > support
-        best[better] = total[better] / weights[better]
-        support[better] = count[better]
+    ordered = [one_pixel[index] for index in finest_first]
+    for strip in strips(best.shape):
+        parts = [inverse_depths[index][strip.own] for index in finest_first]
+        _merge_rows(parts, ordered, best[strip.own], support[strip.own])
     return best, support
+
+
+def _merge_rows(
+    inverse_depths: Sequence[Float32], one_pixel: Sequence[float], best: Float32, support: UInt8
+) -> None:
+    """Do as `merge` does, the finest first, and write to `best` and `support`, which are 0."""
+    weights = [np.float32((one_pixel[0] / pixel) ** 2) for pixel in one_pixel]
+    weighted = [values * weight for values, weight in zip(inverse_depths, weights, strict=True)]
+    held = [values > 0 for values in inverse_depths]
+    for row, candidate in enumerate(inverse_depths):
+        count = np.zeros(best.shape, np.uint8)
+        total, sum_of_weights = np.zeros((2, *best.shape), np.float32)
+        for other, values in enumerate(inverse_depths):
+            tolerance = np.float32(max(one_pixel[row], one_pixel[other]))
+            agrees = np.abs(values - candidate) <= tolerance
+            agrees &= held[other] & held[row]
+            count += agrees
+            total += agrees * weighted[other]
+            sum_of_weights += agrees * weights[other]
+        better = count > support
+        with np.errstate(invalid="ignore"):
+            overwrite(best, total / sum_of_weights, better)
+        overwrite(support, count, better)
 
 
 def filled(inverse_depth: Float32) -> Float32:

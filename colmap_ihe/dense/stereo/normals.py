@@ -6,6 +6,7 @@ import cv2
 import numpy as np
 
 from colmap_ihe.dense.camera import Float32, Float64
+from colmap_ihe.dense.stereo.strips import overwrite, strips
 
 # A window beside a pixel is taken where its misfit is so much less than that of the window around it: beside an edge
 # it is less by orders of magnitude, on a surface only by chance.
@@ -34,7 +35,8 @@ def normals_from_inverse_depth(inverse_depth: Float32, K: Float64, radius_px: in
         small_x, small_y, small_misfit = best_slopes(smooth, small, small)
         unusual = misfit > _UNUSUAL * np.median(misfit[fitted])
         better = unusual & (small_misfit < _MUCH_LESS * misfit)
-        slope_x, slope_y = np.where(better, small_x, slope_x), np.where(better, small_y, slope_y)
+        overwrite(slope_x, small_x, better)
+        overwrite(slope_y, small_y, better)
     return normals_from_slopes(inverse_depth, slope_x, slope_y, K)
 
 
@@ -54,12 +56,17 @@ def normals_from_slopes(inverse_depth: Float32, slope_x: Float32, slope_y: Float
     height, width = inverse_depth.shape
     x = ((np.arange(width) + 0.5 - K[0, 2]) / K[0, 0]).astype(np.float32)[None, :]
     y = ((np.arange(height) + 0.5 - K[1, 2]) / K[1, 1]).astype(np.float32)[:, None]
-    # (slope_x, slope_y, rest) points away from the camera.
-    away = np.stack([slope_x, slope_y, inverse_depth - slope_x * x - slope_y * y], axis=-1)
-    length = np.sqrt(np.square(away).sum(axis=-1))
-    sound = (inverse_depth > 0) & (length > 0)
-    scale = np.where(sound, -1 / np.where(sound, length, 1), 0).astype(np.float32)
-    return np.asarray(away * scale[..., None], np.float32)
+    normals = np.empty((height, width, 3), np.float32)
+    for strip in strips(inverse_depth.shape):
+        own = strip.own
+        rest = inverse_depth[own] - slope_x[own] * x - slope_y[own] * y[own]
+        away = (slope_x[own], slope_y[own], rest)  # from the camera
+        length = np.sqrt(away[0] * away[0] + away[1] * away[1] + away[2] * away[2])
+        sound = (inverse_depth[own] > 0) & (length > 0)
+        scale = np.where(sound, -1 / np.where(sound, length, 1), 0).astype(np.float32)
+        for axis, values in enumerate(away):
+            np.multiply(values, scale, out=normals[own, :, axis])
+    return normals
 
 
 def best_slopes(inverse_depth: Float32, radius_px: int, away_px: int) -> tuple[Float32, Float32, Float32]:
@@ -67,33 +74,50 @@ def best_slopes(inverse_depth: Float32, radius_px: int, away_px: int) -> tuple[F
     windows beside it have their middle `away_px` columns and rows away."""
     mean, slope_x, slope_y, misfit = fitted_planes(inverse_depth, radius_px)
     best = misfit * np.float32(_CLEARLY_LESS)
-    away = np.zeros(inverse_depth.shape, np.int32)
     offsets = [(x, y) for y in (-away_px, 0, away_px) for x in (-away_px, 0, away_px) if x or y]
-    for offset in offsets:
-        of_pixels, of_windows = _overlap(inverse_depth.shape, offset)
-        here = mean[of_windows] - slope_x[of_windows] * offset[0] - slope_y[of_windows] * offset[1]
-        worst = np.maximum(misfit[of_windows], np.square(inverse_depth[of_pixels] - here))
-        better = worst < best[of_pixels]
-        best[of_pixels][better] = worst[better]
-        away[of_pixels][better] = offset[1] * inverse_depth.shape[1] + offset[0]
-    window = np.arange(inverse_depth.size, dtype=np.int32).reshape(inverse_depth.shape) + away
-    return slope_x.ravel()[window], slope_y.ravel()[window], best
+    best_x, best_y = slope_x.copy(), slope_y.copy()
+    for strip in strips(inverse_depth.shape):
+        for offset in offsets:
+            of_pixels, of_windows = _overlap(inverse_depth.shape, offset, strip.own)
+            here = mean[of_windows] - slope_x[of_windows] * offset[0] - slope_y[of_windows] * offset[1]
+            worst = np.maximum(misfit[of_windows], np.square(inverse_depth[of_pixels] - here))
+            better = worst < best[of_pixels]
+            overwrite(best[of_pixels], worst, better)
+            overwrite(best_x[of_pixels], slope_x[of_windows], better)
+            overwrite(best_y[of_pixels], slope_y[of_windows], better)
+    return best_x, best_y, best
 
 
 def fitted_planes(inverse_depth: Float32, radius_px: int) -> tuple[Float32, Float32, Float32, Float32]:
     """Return of the window around each pixel the fitted plane, as its value there and its slopes by column and row, and
     its mean square misfit, infinite where no plane can be fitted."""
     held = (inverse_depth > 0).astype(np.float32)
-    offsets = np.arange(-radius_px, radius_px + 1, dtype=np.float32)[:, None]
-    ones, first, second = np.ones_like(offsets), offsets, offsets * offsets
+    ones = np.ones((2 * radius_px + 1, 1), np.float32)
+    count = np.maximum(_moment(held, ones, ones), 1)
+    sums = [
+        operator(
+            inverse_depth, cv2.CV_64F, (len(ones), len(ones)), normalize=False, borderType=cv2.BORDER_CONSTANT
+        )
+        for operator in (cv2.boxFilter, cv2.sqrBoxFilter)
+    ]
+    planes = np.empty((4, *held.shape), np.float32)
+    for strip in strips(held.shape, radius_px):
+        given = [values[strip.seen] for values in (inverse_depth, held, count, *sums)]
+        planes[:, strip.own] = [values[strip.inner] for values in _planes(radius_px, *given)]
+    return planes[0], planes[1], planes[2], planes[3]
 
-    def moment(image: Float32, x: Float32, y: Float32) -> Float32:
-        sums = cv2.sepFilter2D(image, cv2.CV_32F, x, y, borderType=cv2.BORDER_CONSTANT)
-        return np.asarray(sums, np.float32)
 
-    count = np.maximum(moment(held, ones, ones), 1)
+def _planes(
+    radius_px: int, inverse_depth: Float32, held: Float32, count: Float32, total: Float64, squares: Float64
+) -> tuple[Float32, Float32, Float32, Float32]:
+    """Do as `fitted_planes` does, from where there are depths, and of each window their count, sum and sum of squares;
+    these are float64, as the variance is a millionth of the square."""
+    mean, square = total / count, squares / count
+    mean_w = mean.astype(np.float32)
+    variance = np.maximum(square - mean * mean, 0).astype(np.float32)
+    first = np.arange(-radius_px, radius_px + 1, dtype=np.float32)[:, None]
+    ones, second, moment = np.ones_like(first), first * first, _moment
     mean_x, mean_y = moment(held, first, ones) / count, moment(held, ones, first) / count
-    mean_w, variance = _mean_and_variance(inverse_depth, count, radius_px)
     xx = moment(held, second, ones) / count - mean_x * mean_x
     yy = moment(held, ones, second) / count - mean_y * mean_y
     xy = moment(held, first, first) / count - mean_x * mean_y
@@ -110,21 +134,18 @@ def fitted_planes(inverse_depth: Float32, radius_px: int) -> tuple[Float32, Floa
     return value, slope_x, slope_y, np.where(full, misfit, np.inf).astype(np.float32)
 
 
-def _mean_and_variance(image: Float32, count: Float32, radius_px: int) -> tuple[Float32, Float32]:
-    """Return mean and variance of the `count` pixels that are not 0 in windows; summed in float64, as the variance is
-    a millionth of the square."""
-    side = 2 * radius_px + 1
-    mean, square = (
-        operator(image, cv2.CV_64F, (side, side), normalize=False, borderType=cv2.BORDER_CONSTANT) / count
-        for operator in (cv2.boxFilter, cv2.sqrBoxFilter)
-    )
-    return mean.astype(np.float32), np.maximum(square - mean * mean, 0).astype(np.float32)
+def _moment(image: Float32, x: Float32, y: Float32) -> Float32:
+    """Return (H, W) float32, sums over the window around each pixel, by weights of its columns and rows."""
+    sums = cv2.sepFilter2D(image, cv2.CV_32F, x, y, borderType=cv2.BORDER_CONSTANT)
+    return np.asarray(sums, np.float32)
 
 
-def _overlap(shape: tuple[int, ...], offset: _Offset) -> tuple[tuple[slice, slice], tuple[slice, slice]]:
-    """Return the slices of the pixels of an image and of those `offset` (columns, rows) away, where both are inside."""
-    pixels, others = [], []
-    for size, shift in zip(shape, reversed(offset), strict=True):
-        pixels.append(slice(max(0, -shift), size - max(0, shift)))
-        others.append(slice(max(0, shift), size - max(0, -shift)))
-    return (pixels[0], pixels[1]), (others[0], others[1])
+def _overlap(
+    shape: tuple[int, ...], offset: _Offset, rows: slice
+) -> tuple[tuple[slice, slice], tuple[slice, slice]]:
+    """Return the slices of the pixels of some rows of an image and of those `offset` (columns, rows) away, where both
+    are inside."""
+    x, y = offset
+    first, left = max(rows.start, -y), max(0, -x)
+    last, right = max(first, min(rows.stop, shape[0] - y)), max(left, shape[1] - max(0, x))
+    return (slice(first, last), slice(left, right)), (slice(first + y, last + y), slice(left + x, right + x))

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from colmap_ihe.dense.camera import Bool, Float32, Float64
 from colmap_ihe.dense.stereo.rectify import inside
+from colmap_ihe.dense.stereo.strips import strips
 from colmap_ihe.dense.stereo.views import StereoView
 
 WINDOW_PX = 7
@@ -34,12 +35,18 @@ _CLEAR_CORRELATION = 0.6  # of the pixels that tell how much brighter a source i
 
 @dataclass(frozen=True)
 class Reference:
-    """Hold the reference's grey values with the local statistics that every comparison needs."""
+    """Hold the reference's grey values with the local statistics that every comparison needs, from the row `top` on."""
 
     view: StereoView
     grey: Float32
     mean: Float32
     variance: Float32
+    top: int = 0
+
+    def of(self, rows: slice) -> Reference:
+        """Return some rows of it."""
+        top = self.top + rows.start
+        return Reference(self.view, self.grey[rows], self.mean[rows], self.variance[rows], top)
 
 
 @dataclass(frozen=True)
@@ -57,15 +64,29 @@ class Comparison:
 
 
 @dataclass(frozen=True)
-class _Match:
-    """Hold where a source sees the reference's pixels at the present depth, as `project` returns it, its grey values
-    there, and the statistics of their windows."""
+class Projection:
+    """Hold the OpenCV positions `x` and `y` in a source of a reference's pixels at some depth, and where it sees them;
+    and for the derivative by inverse depth the `epipole` (3,) and the inverse `scale` of homogeneous positions."""
 
     x: Float32
     y: Float32
-    dx: Float32
-    dy: Float32
     seen: Bool
+    scale: Float32
+    epipole: Float64
+
+    def derivative(self) -> tuple[Float32, Float32]:
+        """Return how far a pixel moves by inverse depth."""
+        across, down, along = self.epipole.astype(np.float32)
+        half = np.float32(0.5)
+        return (across - (self.x + half) * along) * self.scale, (down - (self.y + half) * along) * self.scale
+
+
+@dataclass(frozen=True)
+class _Match:
+    """Hold where a source sees the reference's pixels at the present depth, its grey values there, and the statistics
+    of their windows."""
+
+    at: Projection
     grey: Float32
     mean: Float32
     variance: Float32
@@ -81,26 +102,28 @@ def prepared(view: StereoView) -> Reference:
 
 def compare(reference: Reference, source: StereoView, inverse_depth: Float32) -> Comparison:
     """Tell how a source supports `inverse_depth` (H, W) float32, > 0, of the reference."""
-    match = _match(reference, source, inverse_depth)
-    noise = NOISE_VARIANCE / _expected(reference, match.variance)
-    likeness = np.where(match.seen, match.correlation + noise, -1)
-    return Comparison(match.correlation, likeness, _same(reference, match))
+    correlation, likeness, brighter, off, most = (np.empty_like(inverse_depth) for _ in range(5))
+    seen = np.empty(inverse_depth.shape, bool)
+    for strip in strips(inverse_depth.shape, WINDOW_PX // 2):
+        own, inner = strip.own, strip.inner
+        part = reference.of(strip.seen)
+        match = _match(part, source, inverse_depth[strip.seen])
+        expected = _expected(part, match.variance)[inner]
+        seen[own], correlation[own] = match.at.seen[inner], match.correlation[inner]
+        likeness[own] = np.where(seen[own], correlation[own] + NOISE_VARIANCE / expected, -1)
+        brighter[own] = (match.grey - part.grey)[inner]
+        off[own] = brighter[own] - (match.mean - part.mean)[inner]
+        contrast = np.sqrt(np.minimum(part.variance, match.variance)[inner])
+        most[own] = np.maximum(np.float32(_MOST_LEVELS), np.float32(_MOST_CONTRAST) * contrast)
+    # The mean of a small window is no measure of how much brighter a source is where part of the window sees something
+    # else.
+    brighter -= _light(brighter, seen & (correlation >= _CLEAR_CORRELATION))
+    same = (_around(off) <= _SURE_LEVELS) | (_around(brighter) <= most)
+    return Comparison(correlation, likeness, same)
 
 
-def _same(reference: Reference, match: _Match) -> Bool:
-    """Tell which pixels look alike themselves. The mean of a small window is no measure of how much brighter a source
-    is where part of the window sees something else."""
-    brighter = match.grey - reference.grey
-    from_means = _around(brighter - (match.mean - reference.mean))
-    from_light = _around(brighter - _light(brighter, match))
-    contrast = np.sqrt(np.minimum(reference.variance, match.variance))
-    most = np.maximum(np.float32(_MOST_LEVELS), np.float32(_MOST_CONTRAST) * contrast)
-    return np.asarray((from_means <= _SURE_LEVELS) | (from_light <= most))
-
-
-def _light(brighter: Float32, match: _Match) -> Float32:
-    """Return how many levels the source is brighter around each pixel, from those whose windows match."""
-    clear = match.seen & (match.correlation >= _CLEAR_CORRELATION)
+def _light(brighter: Float32, clear: Bool) -> Float32:
+    """Return how many levels the source is brighter around each pixel, from those that are `clear`."""
     usual = np.float32(np.median(brighter[clear])) if clear.any() else np.float32(0)
     clear &= np.abs(brighter - usual) < _MOST_BRIGHTER
     side = (_LIGHT_PX, _LIGHT_PX)
@@ -117,14 +140,15 @@ def _around(levels: Float32) -> Float32:
 
 
 def _match(reference: Reference, source: StereoView, inverse_depth: Float32) -> _Match:
-    u, v = (np.arange(side) + 0.5 for side in reference.view.size)
-    x, y, dx, dy, seen = project(reference.view, source, u[None, :], v[:, None], inverse_depth)
-    grey = sampled(source, x, y)
+    height, width = inverse_depth.shape
+    u, v = np.arange(width) + 0.5, np.arange(reference.top, reference.top + height) + 0.5
+    at = project(reference.view, source, u[None, :], v[:, None], inverse_depth)
+    grey = sampled(source, at.x, at.y)
     mean = _window_mean(grey)
     variance = np.maximum(_window_mean(grey * grey) - mean * mean, 0)
     covariance = _window_mean(grey * reference.grey) - mean * reference.mean
-    correlation = np.where(seen, covariance / _expected(reference, variance), -1)
-    return _Match(x, y, dx, dy, seen, grey, mean, variance, correlation)
+    correlation = np.where(at.seen, covariance / _expected(reference, variance), -1)
+    return _Match(at, grey, mean, variance, correlation)
 
 
 def _expected(reference: Reference, variance: Float32) -> Float32:
@@ -135,11 +159,12 @@ def _expected(reference: Reference, variance: Float32) -> Float32:
 def _pull(reference: Reference, source: StereoView, match: _Match) -> tuple[Float32, Float32]:
     """Return numerator and denominator (H, W) of the change of inverse depth that a source alone asks for."""
     # One pixel along the epipolar line, for the derivative by central difference.
-    length: Float32 = np.maximum(np.sqrt(match.dx * match.dx + match.dy * match.dy), np.float32(1e-12))
+    dx, dy = match.at.derivative()
+    length: Float32 = np.maximum(np.sqrt(dx * dx + dy * dy), np.float32(1e-12))
     half = np.float32(0.5) / length
-    half_x, half_y = match.dx * half, match.dy * half
-    after, before = (sampled(source, match.x + s * half_x, match.y + s * half_y) for s in (1, -1))
-    slope = after - before
+    half_x, half_y = dx * half, dy * half
+    x, y = match.at.x, match.at.y
+    slope = sampled(source, x + half_x, y + half_y) - sampled(source, x - half_x, y - half_y)
     slope_mean = _window_mean(slope)
     gain = np.sqrt((reference.variance + NOISE_VARIANCE) / (match.variance + NOISE_VARIANCE))
     slope_reference = _window_mean(slope * reference.grey) - slope_mean * reference.mean
@@ -159,18 +184,26 @@ def refined(
     """Return `inverse_depth` (H, W) float32, > 0, moved to where the sources agree best, by `one_pixel` at most
     in each iteration."""
     for _ in range(iterations):
-        numerator = np.zeros_like(inverse_depth)
-        denominator = np.zeros_like(inverse_depth)
-        for source in sources:
-            match = _match(reference, source, inverse_depth)
-            own_numerator, own_denominator = _pull(reference, source, match)
-            weight = np.square(np.clip((match.correlation - 0.3) / 0.7, 0, 1))
-            numerator += weight * own_numerator
-            denominator += weight * own_denominator
-        floor = np.float32(1e-3 / one_pixel**2)
-        step = numerator / (denominator + floor)
-        inverse_depth = inverse_depth + np.clip(step, -one_pixel, one_pixel)
+        moved = np.empty_like(inverse_depth)
+        for strip in strips(inverse_depth.shape, WINDOW_PX // 2):
+            step = _step(reference.of(strip.seen), sources, inverse_depth[strip.seen], one_pixel)
+            moved[strip.own] = inverse_depth[strip.own] + step[strip.inner]
+        inverse_depth = moved
     return inverse_depth
+
+
+def _step(
+    reference: Reference, sources: Sequence[StereoView], inverse_depth: Float32, one_pixel: float
+) -> Float32:
+    numerator, denominator = np.zeros((2, *inverse_depth.shape), np.float32)
+    for source in sources:
+        match = _match(reference, source, inverse_depth)
+        own_numerator, own_denominator = _pull(reference, source, match)
+        weight = np.square(np.clip((match.correlation - 0.3) / 0.7, 0, 1))
+        numerator += weight * own_numerator
+        denominator += weight * own_denominator
+    step = numerator / (denominator + np.float32(1e-3 / one_pixel**2))
+    return np.asarray(np.clip(step, -one_pixel, one_pixel), np.float32)
 
 
 def project(
@@ -179,10 +212,9 @@ def project(
     u: NDArray[np.floating],
     v: NDArray[np.floating],
     inverse_depth: Float32,
-) -> tuple[Float32, Float32, Float32, Float32, Bool]:
-    """Return OpenCV positions in the source of the reference's pixels at `inverse_depth`, their derivative by inverse
-    depth, and whether the source sees them. `u` and `v` are the pixels' columns and rows, the first one at 0.5, which
-    broadcast to the shape of `inverse_depth`."""
+) -> Projection:
+    """Return where the source sees the reference's pixels at `inverse_depth`. `u` and `v` are the pixels' columns and
+    rows, the first one at 0.5, which broadcast to the shape of `inverse_depth`."""
     rotation = source.rotation @ reference.rotation.T
     translation = source.cam_from_world[:, 3] - rotation @ reference.cam_from_world[:, 3]
     infinite: Float64 = source.K @ rotation @ np.linalg.inv(reference.K)
@@ -194,12 +226,9 @@ def project(
         for row, shift in zip(infinite, epipole, strict=True)
     )
     in_front = c > 1e-6
-    scale = np.where(in_front, 1 / np.where(in_front, c, 1), 0).astype(np.float32)
-    x, y = a * scale, b * scale
-    dx = (np.float32(epipole[0]) - x * np.float32(epipole[2])) * scale
-    dy = (np.float32(epipole[1]) - y * np.float32(epipole[2])) * scale
-    x, y = x - np.float32(0.5), y - np.float32(0.5)
-    return x, y, dx, dy, in_front & inside(x, y, source)
+    scale = np.reciprocal(np.maximum(c, np.float32(1e-6))) * in_front
+    x, y = a * scale - np.float32(0.5), b * scale - np.float32(0.5)
+    return Projection(x, y, in_front & inside(x, y, source), scale, epipole)
 
 
 def sampled(view: StereoView, x: Float32, y: Float32) -> Float32:

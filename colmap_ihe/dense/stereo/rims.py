@@ -17,6 +17,7 @@ import numpy as np
 from colmap_ihe.dense.camera import Bool, Float32, UInt8
 from colmap_ihe.dense.stereo.merge import filled
 from colmap_ihe.dense.stereo.refine import project, sampled
+from colmap_ihe.dense.stereo.strips import strips
 from colmap_ihe.dense.stereo.views import StereoView
 
 # Measured with benchmarks/dense_truth.py and benchmarks/dense.py.
@@ -27,6 +28,7 @@ _ALIKE_LEVELS, _ALIKE_NOISE = 3.0, 3.0  # difference from the area beside: in le
 _GRAIN_PX = 7  # grain is what differs from the mean of a window of so many pixels
 _MOST_GRAIN = 4.0  # levels; more counts as this
 _CLEAR_PX = 3  # from what is not plain, whose blur is no grain
+_REACHED_PX = 5  # from a pixel, by what tells whether it is clear and which grain it has
 _WINDOW_PX = 41  # over which the grain of two photographs is compared
 _LEAST_SHARE = 0.02  # of such a window that must be plain and seen
 _MIN_CORRELATION = (
@@ -49,7 +51,7 @@ def without_rims(reference: StereoView, sources: Sequence[StereoView], inverse_d
     rim = _rim(grey, deviation, area) & (inverse_depth > 0)
     if not rim.any():
         return inverse_depth
-    correlation = _grain_correlation(reference, sources, filled(inverse_depth), area)
+    correlation = _grain_correlation(reference, sources, filled(inverse_depth), area, rim)
     return np.where(rim & (correlation < _MIN_CORRELATION), 0, inverse_depth).astype(np.float32)
 
 
@@ -83,27 +85,46 @@ def _rim(grey: Float32, deviation: Float32, area: Bool) -> Bool:
 
 
 def _grain_correlation(
-    reference: StereoView, sources: Sequence[StereoView], inverse_depth: Float32, area: Bool
+    reference: StereoView, sources: Sequence[StereoView], inverse_depth: Float32, area: Bool, rim: Bool
 ) -> Float32:
-    """Return (H, W) float32, -1 to 1: the correlation, around each pixel, of the grain of an area in `reference` and
-    in the sources at `inverse_depth` > 0; 1 where there is none to compare."""
-    u, v = (np.arange(side, dtype=np.float32) + np.float32(0.5) for side in reference.size)
+    """Return (H, W) float32, -1 to 1: the correlation, around each pixel of a rim, of the grain of an area in
+    `reference` and in the sources at `inverse_depth` > 0; 1 where there is none to compare, and away from rims."""
+    result = np.ones(inverse_depth.shape, np.float32)
     grey = reference.grey_u8.astype(np.float32)
-    clear = area & _clear(grey)
-    grain = _grain(grey)
-    by_source = []
-    for source in sources:
-        x, y, _, _, seen = project(reference, source, u[None, :], v[:, None], inverse_depth)
-        other = sampled(source, x, y)
-        both = (clear & seen & _clear(other)).astype(np.float32)
-        own, others = grain * both, _grain(other) * both
-        spread = _mean(own * own, _WINDOW_PX) * _mean(others * others, _WINDOW_PX)
-        correlation = _mean(own * others, _WINDOW_PX) / np.sqrt(np.maximum(spread, np.float32(1e-9)))
-        compared = _mean(both, _WINDOW_PX) >= _LEAST_SHARE
-        by_source.append(np.where(compared, correlation, np.nan))
-    best = -np.sort(-np.stack(by_source), axis=0)[:_BEST_SOURCES]
-    count = np.isfinite(best).sum(axis=0)
-    return np.where(count > 0, np.nansum(best, axis=0) / np.maximum(count, 1), 1).astype(np.float32)
+    clear, grain = area & _clear(grey), _grain(grey)
+    for strip in strips(rim.shape, _WINDOW_PX // 2 + _REACHED_PX):
+        if rim[strip.own].any():
+            rows = strip.seen
+            by_source = [
+                _correlation(reference, source, rows, inverse_depth[rows], clear[rows], grain[rows])[
+                    strip.inner
+                ]
+                for source in sources
+            ]
+            best = -np.sort(-np.stack(by_source), axis=0)[:_BEST_SOURCES]
+            count = np.isfinite(best).sum(axis=0)
+            result[strip.own] = np.where(count > 0, np.nansum(best, axis=0) / np.maximum(count, 1), 1)
+    return result
+
+
+def _correlation(
+    reference: StereoView,
+    source: StereoView,
+    rows: slice,
+    inverse_depth: Float32,
+    clear: Bool,
+    grain: Float32,
+) -> Float32:
+    """Return the correlation with one source of some rows, nan where there is nothing to compare; all but the views are
+    of these rows."""
+    u, v = (np.arange(side, dtype=np.float32) + np.float32(0.5) for side in reference.size)
+    at = project(reference, source, u[None, :], v[rows, None], inverse_depth)
+    other = sampled(source, at.x, at.y)
+    both = (clear & at.seen & _clear(other)).astype(np.float32)
+    own, others = grain * both, _grain(other) * both
+    spread = _mean(own * own, _WINDOW_PX) * _mean(others * others, _WINDOW_PX)
+    correlation = _mean(own * others, _WINDOW_PX) / np.sqrt(np.maximum(spread, np.float32(1e-9)))
+    return np.where(_mean(both, _WINDOW_PX) >= _LEAST_SHARE, correlation, np.nan)
 
 
 def _grain(grey: Float32) -> Float32:

@@ -8,31 +8,36 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from colmap_ihe.dense.camera import Bool, Float32, Float64, Int32, Int64, UInt8
+from colmap_ihe.dense.camera import Array, Bool, Float32, Float64, Int32, Int64, UInt8
 from colmap_ihe.dense.texture.atlas import Atlas, Patches
 from colmap_ihe.dense.texture.raster import Covered, barycentric, covered
-from colmap_ihe.dense.texture.seams import Integers, SeamPoints, seam_shifts, spread_shifts
+from colmap_ihe.dense.texture.seams import Integers, Reach, SeamPoints, seam_shifts
 
 _SEAM_BLUR_PX = 1.5  # of the colours compared across seams: photographs are not aligned to less than a pixel
 _RIM_TEXELS = 1.5
 _SEAM_SHARES = (1.0, 0.5, 0.5)  # of the difference at seams that each round takes away
 _FARTHEST = 20.0  # barycentric coordinate, beyond which a face is too thin to go on from
+_MIXED_AT_ONCE = 50_000
 _REMAP_ROW = 1024
 _REMAP_ROWS = 16_384  # OpenCV takes no more than 32,766
 
 
-def texels_of(atlas: Atlas) -> Covered:
-    """Return each texel that a chart covers once, with a face of the atlas; where charts overlap, the last face.
+def texels_of(atlas: Atlas, coloured: Bool) -> Covered:
+    """Return each texel that a chart covers once, with a face of the atlas; where faces overlap, the last of those that
+    are `coloured` (F,), else the last.
 
     A face that covers the centre of no texel gets the one that it lies in, else its colour would be its neighbour's.
     """
     face = np.full(atlas.size[0] * atlas.size[1], -1, np.int32)
     weights = np.zeros((len(face), 3), np.float32)
     corners = atlas.texel[atlas.faces]
-    for part in covered(corners, atlas.size):
-        face[part.pixel] = part.face
-        weights[part.pixel] = part.weights
-    small = np.setdiff1d(np.arange(len(corners)), face)
+    for rows in (np.flatnonzero(~coloured), np.flatnonzero(coloured)):
+        for part in covered(corners[rows], atlas.size):
+            face[part.pixel] = rows[part.face]
+            weights[part.pixel] = part.weights
+    empty = np.ones(len(corners) + 1, bool)
+    empty[face] = False  # the last is where no face is
+    small = np.flatnonzero(empty[:-1])
     column, row = np.clip(np.floor(corners[small].mean(axis=1)).T, 0, np.array([atlas.size]).T - 1)
     texel = (row * atlas.size[0] + column).astype(np.int64)
     free = face[texel] < 0
@@ -84,7 +89,7 @@ def corner_colours(
 @dataclass(frozen=True)
 class Paint:
     """Hold the texels that charts cover, not yet levelled: `texels` with their faces, the `corners` (T, 3) of the cut
-    mesh around each with their `shares` (T, 3, 1), and the `colours` (T, 3) float32."""
+    mesh around each with their `shares` (T, 3), and the `colours` (T, 3) float32."""
 
     texels: Covered
     corners: Int64
@@ -98,18 +103,31 @@ def paint(atlas: Atlas, patches: Patches, pictures: Iterable[UInt8], corners: Fl
     Labels of `patches` are numbers of `pictures`, or above them. Where no photograph colours a face it has the colours
     `corners` (P, 3) of its corners.
     """
-    texels = _with_rim(texels_of(atlas), atlas)
+    texels = _with_rim(texels_of(atlas, patches.coloured), atlas)
     rows = atlas.source[atlas.faces][texels.face]
     label = np.where(patches.coloured[texels.face], patches.label[rows[:, 0]], -1)
-    inside = np.clip(texels.weights, 0, 1)[:, :, None]
-    inside /= inside.sum(axis=1, keepdims=True)
-    colours = (corners.astype(np.float32)[rows] * inside).sum(axis=1)
+    inside = np.clip(texels.weights, 0, 1)
+    inside /= (inside[:, 0] + inside[:, 1] + inside[:, 2])[:, None]
+    colours = np.empty((len(rows), 3), np.float32)
+    plain = np.flatnonzero(label < 0)
+    colours[plain] = _mixed(corners.astype(np.float32), rows[plain], inside[plain])
     for number, picture in enumerate(pictures):
         members = np.flatnonzero(label == number)
         if len(members):
-            pixels = (patches.pixel[rows[members]] * texels.weights[members, :, None]).sum(axis=1)
+            pixels = _mixed(patches.pixel, rows[members], texels.weights[members])
             colours[members] = sample(picture, pixels, atlas.scale)
     return Paint(texels, rows, inside, colours)
+
+
+def _mixed(values: Array, rows: Int64, shares: Float32) -> Array:
+    """Return (T, C), the sums of `values` (N, C) at `rows` (T, 3), by `shares` (T, 3). Some at a time, which stay in
+    the cache of a core."""
+    sums = np.empty((len(rows), values.shape[1]), np.result_type(values, shares))
+    for start in range(0, len(rows), _MIXED_AT_ONCE):
+        part = slice(start, start + _MIXED_AT_ONCE)
+        first, second, third = (values[rows[part, k]] * shares[part, k, None] for k in range(3))
+        sums[part] = first + second + third
+    return sums
 
 
 def bake(atlas: Atlas, patches: Patches, painted: Paint, offsets: Float64, points: SeamPoints) -> UInt8:
@@ -119,14 +137,15 @@ def bake(atlas: Atlas, patches: Patches, painted: Paint, offsets: Float64, point
     `points`.
     """
     texels = painted.texels
-    colours = painted.colours + (offsets.astype(np.float32)[painted.corners] * painted.shares).sum(axis=1)
+    colours = painted.colours + _mixed(offsets.astype(np.float32), painted.corners, painted.shares)
     if not len(colours):
         return np.zeros((*atlas.size[::-1], 3), np.uint8)
     everywhere = _nearest(texels, atlas)[1].reshape(atlas.size[::-1])
+    reach = Reach.of(points, atlas.size, texels.pixel, patches.patch[texels.face])
     for share in _SEAM_SHARES:
         sides = sample(colours[everywhere], points.texel.reshape(-1, 2)).reshape(-1, 2, 3)
         shifts = share * seam_shifts(points, sides)
-        colours += spread_shifts(points, shifts, atlas.size, texels.pixel, patches.patch[texels.face])
+        reach.add(shifts, colours)
     return np.asarray(np.clip(np.rint(colours), 0, 255).astype(np.uint8)[everywhere])
 
 

@@ -4,7 +4,8 @@ The energy is that of a Potts model: the costs of the labels, and a price for ea
 labels. Single faces change their labels first (iterated conditional modes, Besag 1986), which stops in the nearest
 minimum. Then whole patches take the label of a neighbour wherever that lowers the energy, and become one with it: a
 patch crosses the barrier that its faces one by one do not. At the end patches of a few faces are given away at any
-cost.
+cost. Faces that no photograph colours lose little where they are folded or hidden on a picture, and would be patches of
+one to ten faces each; so they may go to any.
 """
 
 from __future__ import annotations
@@ -20,17 +21,21 @@ _FIRST_EDGE, _EDGE = 0.4, 1.0  # price of an edge between labels, while faces se
 _FACE_ROUNDS = 12
 _PATCH_ROUNDS = 60
 _SMALL = 22  # faces: patches below go to a neighbour that can take them, whatever that costs
+_STRANGE = 1.0  # cost of a picture that does not show a face, for one that has no colours of photographs
 _LEAST_GAIN = 1e-6
 
 
 @dataclass(frozen=True)
 class Choices:
     """Hold `label` (F, K) int32, the labels that each face may have, and `cost` (F, K) float32, infinite where an
-    entry is none; `count` is above all labels."""
+    entry is none; `count` is above all labels. A patch may also have another label below `pictures`, at a price for
+    each face, where that is no choice of those of its faces only that are `free` (F,)."""
 
     label: Int32
     cost: Float32
     count: int
+    free: Bool
+    pictures: int
 
 
 def label_faces(choices: Choices, pairs: Int64) -> Int32:
@@ -107,12 +112,17 @@ def _change_patches(choices: Choices, labels: Int32, pairs: Int64, small: int) -
 def _patch_costs(choices: Choices, patch: Int64, size: Int64) -> Float64:
     """Return (P, L), the sum of the costs of each label over the faces of a patch, infinite where one cannot have
     it."""
-    known = np.isfinite(choices.cost)
-    key = (patch[:, None] * choices.count + choices.label)[known]
-    cells = len(size) * choices.count
-    cost = np.bincount(key, choices.cost[known], cells).reshape(len(size), choices.count)
-    able = np.bincount(key, minlength=cells).reshape(cost.shape)
-    return np.where(able == size[:, None], cost, np.inf)
+    shape = len(size), choices.count
+    listed = np.isfinite(choices.cost)
+    shown = listed & choices.free[:, None] & (choices.label < choices.pictures)
+    key = patch[:, None] * choices.count + choices.label
+    cost = np.bincount(key[listed], choices.cost[listed], shape[0] * shape[1]).reshape(shape)
+    able = np.bincount(key[listed], minlength=cost.size).reshape(shape)
+    strange = np.bincount(patch, choices.free)[:, None] - np.bincount(
+        key[shown], minlength=cost.size
+    ).reshape(shape)
+    strange[:, choices.pictures :] = 0
+    return np.where(able + strange == size[:, None], cost + _STRANGE * strange, np.inf)
 
 
 def _best_neighbour(cost: Float64, label: Int64, ends: Int64) -> tuple[Int64, Float64]:

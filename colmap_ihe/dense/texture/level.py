@@ -55,32 +55,39 @@ def _levelled(
     patches: Patches, ends: Int64, difference: Float64, is_seam: Bool, taken: Bool, rest: Float64
 ) -> Float64:
     """Return (P, 3), the offsets by those of `ends` that are `taken`, from a start with which few rounds lead on: the
-    offsets where all corners of a patch have the same."""
+    offsets where all corners of a patch have the same. Zero at corners that are no such ends."""
     patch = np.zeros(len(patches.vertex), np.int64)
     patch[patches.faces] = patches.patch[:, None]
     weight = np.where(is_seam, 1.0, _SMOOTH)[:, None]
     of_patch = np.asarray(np.bincount(patch, rest[:, 0])[:, None], np.float64)
     seams, none = taken & is_seam, np.zeros((len(of_patch), 3))
     start = _solve(patch[ends[seams]], weight[seams], difference[seams], of_patch, none)[patch]
-    return _solve(ends[taken], weight[taken], difference[taken], rest, start)
+    used = np.zeros(len(patch), bool)
+    used[ends[taken]] = True
+    row = np.cumsum(used) - 1
+    offsets = np.zeros((len(patch), 3))
+    offsets[used] = _solve(row[ends[taken]], weight[taken], difference[taken], rest[used], start[used])
+    return offsets
 
 
 def _solve(ends: Int64, weight: Float64, difference: Float64, rest: Float64, start: Float64) -> Float64:
     """Return (N, 3), offsets of least squares: `difference` (E, 3) is expected between those of `ends` (E, 2), by
     `weight` (E, 1), and zero of each by `rest` (N, 1)."""
     count = len(start)
-    diagonal = rest + np.bincount(ends.ravel(), np.repeat(weight, 2), count)[:, None]
+    diagonal = rest[:, 0] + np.bincount(ends.ravel(), np.repeat(weight, 2), count)
     first, second = np.ascontiguousarray(ends.T)  # read once a round
-    weights = np.ascontiguousarray(weight[:, 0])
+    weights, rests = np.ascontiguousarray(weight[:, 0]), np.ascontiguousarray(rest[:, 0])
 
     def times(offsets: Float64) -> Float64:
-        sums = np.empty_like(offsets)
-        for k, column in enumerate(np.ascontiguousarray(offsets.T)):
-            pull = weights * (column[first] - column[second])
-            sums[:, k] = np.bincount(first, pull, count) - np.bincount(second, pull, count)
-        return rest * offsets + sums
+        product = rests * offsets
+        for k, channel in enumerate(offsets):
+            pull = weights * (channel.take(first) - channel.take(second))
+            product[k] += np.bincount(first, pull, count)
+            product[k] -= np.bincount(second, pull, count)
+        return product
 
-    return _conjugate_gradients(times, _scatter(ends, weight * difference, count), diagonal, start)
+    target = _scatter(ends, weight * difference, count)
+    return _conjugate_gradients(times, target, diagonal, np.ascontiguousarray(start.T)).T
 
 
 def _seams(patches: Patches) -> Int64:
@@ -93,40 +100,40 @@ def _seams(patches: Patches) -> Int64:
 def _edges(patches: Patches) -> Int64:
     """Return (E, 2), pairs of corners that an edge within a patch joins."""
     edges = np.sort(patches.faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1).astype(np.int64)
-    keys = np.unique(edges[:, 0] * len(patches.vertex) + edges[:, 1])
+    keys = np.sort(edges[:, 0] * len(patches.vertex) + edges[:, 1])
+    keys = keys[np.flatnonzero(np.diff(keys, prepend=-1))]
     return np.stack(np.divmod(keys, len(patches.vertex)), axis=1)
 
 
 def _scatter(ends: Int64, values: Float64, count: int) -> Float64:
-    """Return (count, 3): the sum of `values` (N, 3) at first ends less that at second ends."""
+    """Return (3, count): the sum of `values` (N, 3) at first ends less that at second ends."""
     first, second = ends.T
-    columns = [np.bincount(first, v, count) - np.bincount(second, v, count) for v in values.T]
-    return np.stack(columns, axis=1)
+    return np.stack([np.bincount(first, v, count) - np.bincount(second, v, count) for v in values.T])
 
 
 def _conjugate_gradients(
     times: Callable[[Float64], Float64], target: Float64, diagonal: Float64, start: Float64
 ) -> Float64:
-    """Solve for all columns at once (Hestenes and Stiefel 1952)."""
+    """Solve for all channels (3, N) at once (Hestenes and Stiefel 1952)."""
     solution = start.copy()
     rest = target - times(start)
     scaled = rest / diagonal
     direction = scaled.copy()
     energy = _products(rest, scaled)
-    goal = _TOLERANCE**2 * np.maximum((target**2 / diagonal).sum(axis=0), 1e-30)
+    goal = _TOLERANCE**2 * np.maximum((target**2 / diagonal).sum(axis=1), 1e-30)
     for _ in range(_ROUNDS):
         if (energy <= goal).all():
             break
         image = times(direction)
-        step = energy / np.maximum(_products(direction, image), 1e-300)
+        step = (energy / np.maximum(_products(direction, image), 1e-300))[:, None]
         solution += step * direction
         rest -= step * image
         scaled = rest / diagonal
         before, energy = energy, _products(rest, scaled)
-        direction = scaled + energy / np.maximum(before, 1e-300) * direction
+        direction = scaled + (energy / np.maximum(before, 1e-300))[:, None] * direction
     return solution
 
 
 def _products(a: Float64, b: Float64) -> Float64:
-    """Return (3,), the scalar products of the columns of two (N, 3)."""
-    return np.asarray(np.einsum("nk,nk->k", a, b))
+    """Return (3,), the scalar products of the channels of two (3, N)."""
+    return np.asarray(np.einsum("kn,kn->k", a, b))

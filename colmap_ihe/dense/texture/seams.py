@@ -73,29 +73,47 @@ def seam_shifts(points: SeamPoints, colours: Float32) -> Float32:
     return np.stack((part[:, None] * difference, (part[:, None] - 1) * difference), axis=1)
 
 
-def spread_shifts(
-    points: SeamPoints, shifts: Float32, size: tuple[int, int], texels: Integers, patch: Int64
-) -> Float32:
-    """Return (T, 3) float32: what to add to the `texels` (T,), row-major numbers on a texture of `size` (width,
-    height), of the patches `patch` (T,): the shift of the nearest point of a seam, less with distance."""
-    total = np.zeros((len(texels), 3), np.float32)
-    if not len(points.patch):
-        return total
-    column, row = np.clip(np.floor(points.texel.reshape(-1, 2)), 0, np.array(size) - 1).T.astype(np.int64)
-    place, point = np.unique(row * size[0] + column, return_inverse=True)
-    count = np.bincount(point)
-    mean = np.stack([np.bincount(point, c) / count for c in shifts.reshape(-1, 3).T], axis=1)
-    owner = np.empty(len(place), np.int64)
-    owner[point] = points.patch.ravel()
-    away = np.ones(size[0] * size[1], np.uint8)
-    away[place] = 0
-    distance, label = cv2.distanceTransformWithLabels(
-        away.reshape(size[::-1]), cv2.DIST_L2, 5, labelType=cv2.DIST_LABEL_PIXEL
-    )
-    rank = np.zeros(len(place) + 1, np.int64)
-    rank[label.ravel()[place]] = np.arange(len(place))
-    fade = 1 - distance.ravel()[texels] / _FADE_TEXELS
-    nearest = rank[label.ravel()[texels]]
-    near = np.flatnonzero((fade > 0) & (owner[nearest] == patch))
-    total[near] = mean[nearest[near]] * fade[near, None]
-    return total
+@dataclass(frozen=True)
+class Reach:
+    """Hold how far what is added at seam points goes on: `point` (2 N,), the place of each side of a point, of so many
+    `places`; `texel` (M,), the rows of the texels near one of these in the same patch, `nearest` (M,), which place that
+    is, and `fade` (M,), 1 there and less with distance."""
+
+    point: Int64
+    places: int
+    texel: Int64
+    nearest: Int64
+    fade: Float32
+
+    @classmethod
+    def of(cls, points: SeamPoints, size: tuple[int, int], texels: Integers, patch: Int64) -> Reach:
+        """Return it for `texels` (T,), row-major numbers on a texture of `size` (width, height), of the patches `patch`
+        (T,)."""
+        nothing = np.zeros(0, np.int64)
+        if not len(points.patch):
+            return cls(nothing, 0, nothing, nothing, np.zeros(0, np.float32))
+        column, row = np.clip(np.floor(points.texel.reshape(-1, 2)), 0, np.array(size) - 1).T.astype(np.int64)
+        place, point = np.unique(row * size[0] + column, return_inverse=True)
+        owner = np.empty(len(place), np.int64)
+        owner[point] = points.patch.ravel()
+        away = np.ones(size[0] * size[1], np.uint8)
+        away[place] = 0
+        distance, label = cv2.distanceTransformWithLabels(
+            away.reshape(size[::-1]), cv2.DIST_L2, 5, labelType=cv2.DIST_LABEL_PIXEL
+        )
+        rank = np.zeros(len(place) + 1, np.int64)
+        rank[label.ravel()[place]] = np.arange(len(place))
+        fade = 1 - distance.ravel()[texels] / _FADE_TEXELS
+        near = np.flatnonzero(fade > 0)
+        nearest = rank[label.ravel()[texels[near]]]
+        same = owner[nearest] == patch[near]
+        return cls(point, len(place), near[same], nearest[same], fade[near[same]])
+
+    def add(self, shifts: Float32, colours: Float32) -> None:
+        """Add to the `colours` (T, 3) float32 of the texels the `shifts` (N, 2, 3) of the nearest seam points."""
+        if not self.places:
+            return
+        count = np.bincount(self.point, minlength=self.places)
+        for channel, values in enumerate(shifts.reshape(-1, 3).T):
+            mean = np.bincount(self.point, values, self.places) / count
+            colours[self.texel, channel] += (mean[self.nearest] * self.fade).astype(np.float32)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import cv2
@@ -112,16 +112,33 @@ def _seen(corners: Float64, size: tuple[int, int], nearest: Float32) -> tuple[Bo
     return seen, clear
 
 
-def choose(candidates: Candidates, mesh: Mesh, pairs: Int64, views: int) -> tuple[Int32, Bool]:
+def choose(
+    candidates: Candidates, mesh: Mesh, pairs: Int64, views: Sequence[PinholeCamera]
+) -> tuple[Int32, Bool]:
     """Return (F,) int32, the label of each face, and (F,), true where a photograph colours it.
 
-    A label below `views` is the view on whose picture the face is laid; `views` + 0 .. 5 is the side of a box that it
-    looks at: -x, -y, -z, x, y, z. A face that no view shows clear of edges has no photograph's colours, but is laid on
-    the picture of its neighbours where that view shows it, so that it makes no patch of its own. `pairs` (E, 2) are
-    neighbouring faces.
+    A label is the number of the view on whose picture the face is laid; above them 0 .. 5 are the sides of a box that
+    it looks at: -x, -y, -z, x, y, z. A face that no view shows clear of edges has no photograph's colours, but is laid
+    on the picture of its neighbours, so that it makes no patch of its own: where that view shows it, and a few such
+    faces also where it does not, though they may be folded over others there. `pairs` (E, 2) are neighbouring faces.
     """
     clear = np.asarray((candidates.quality > 0).any(axis=1))
-    return label_faces(_choices(candidates, mesh, clear, views), pairs), clear
+    choices = _choices(candidates, mesh, clear, len(views))
+    labels = label_faces(choices, pairs)
+    far = np.flatnonzero(~clear)[_far_from_picture(mesh.corners()[~clear], labels[~clear], views)]
+    labels[far] = choices.label[far, choices.cost[far].argmin(axis=1)]
+    return labels, clear
+
+
+def _far_from_picture(corners: Float32, labels: Int32, views: Sequence[PinholeCamera]) -> Bool:
+    """Return (N,), true where corners (N, 3, 3) are behind the camera of their label, or farther from its picture than
+    half its size: there faces become too large for a texture."""
+    far = np.zeros(len(labels), bool)
+    for number in np.unique(labels[labels < len(views)]):
+        rows = np.flatnonzero(labels == number)
+        pixels, _ = views[number].project(corners[rows])
+        far[rows] = ~(np.abs(pixels / views[number].size - 0.5) <= 1).all(axis=(1, 2))
+    return far
 
 
 def _choices(candidates: Candidates, mesh: Mesh, clear: Bool, views: int) -> Choices:
@@ -138,7 +155,7 @@ def _choices(candidates: Candidates, mesh: Mesh, clear: Bool, views: int) -> Cho
     rows = np.flatnonzero(~clear)
     cost[rows] = np.where(label[rows] == UNSEEN, np.inf, _LAID)
     label[rows, -_SIDES:], cost[rows, -_SIDES:] = _sides(mesh, rows, views)
-    return Choices(label, cost, views + 6)
+    return Choices(label, cost, views + 6, ~clear, views)
 
 
 def _sides(mesh: Mesh, rows: Int64, views: int) -> tuple[Int32, Float32]:

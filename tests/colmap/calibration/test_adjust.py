@@ -7,9 +7,10 @@ import pytest
 from running import StopsWhen
 from wall_survey import camera, given_cameras, moved_a_little, survey, whole_block
 
+from colmap_ihe.colmap.calibration import adjust as module
 from colmap_ihe.colmap.calibration.adjust import Adjusted, adjust, cleaned, place, residuals_of
 from colmap_ihe.colmap.calibration.block import Block, Float64
-from colmap_ihe.colmap.calibration.equations import Prior, covariance, system_of
+from colmap_ihe.colmap.calibration.equations import Prior, System, covariance, solve, system_of
 from colmap_ihe.colmap.calibration.lens import FreeCamera, derivatives, tied
 from colmap_ihe.colmap.native import pycolmap
 from colmap_ihe.errors import Cancelled
@@ -74,6 +75,31 @@ def test_a_prior_holds_as_far_as_it_is_sure() -> None:
     found = adjust(block, [free], np.zeros(4), unsure)
     assert found.values[0] == pytest.approx(-30, abs=3)
     assert found.prior_cost == pytest.approx((found.values[0] / 300) ** 2)
+
+
+def test_no_equations_are_set_up_after_a_step_that_leaves_nothing_to_gain(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    gains: list[float] = []
+
+    def noted(system: System, damping: float) -> tuple[Float64, float]:
+        move, gain = solve(system, damping)
+        gains.append(gain)
+        return move, gain
+
+    monkeypatch.setattr(module, "solve", noted)
+    block, free = perturbed(noise=0.3)
+    found = adjust(block, [free], np.zeros(4), NOTHING)
+    assert 1 <= gains[-1] < min(2, gains[-2] / 2)
+    gains.clear()
+    adjust(found.block, [free], found.values, NOTHING)
+    assert len(gains) == 1
+    assert gains[0] < 1  # by a step that is not made
+
+    gains.clear()  # with wrong observations a step may gain nearly as much as the one before
+    block, free = perturbed(noise=0.3, wrong=0.05)
+    adjust(block, [free], np.zeros(4), NOTHING)
+    assert gains[-1] < 1 <= gains[-2] < 2
 
 
 def test_one_thread_gives_the_same_twice() -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from wall_survey import camera, pixels_of, survey, whole_block
 
-from colmap_ihe.colmap.calibration.block import block_of, thinned
+from colmap_ihe.colmap.calibration.block import part_of, thinned
 from colmap_ihe.colmap.native import pycolmap
 
 
@@ -30,7 +30,8 @@ def test_points_lie_where_their_observations_are() -> None:
 
 def test_only_what_two_of_the_images_see_is_in_it() -> None:
     model = survey([camera()], 6)
-    block, ids = block_of(model, [2, 5], [1])
+    part = part_of(model, [2, 5], [1])
+    block, ids = part.block, part.point_ids
     both = {i for i, point in model.points3D.items() if {2, 5} <= {e.image_id for e in point.track.elements}}
     assert set(ids.tolist()) == both
     assert (np.diff(block.starts) == 2).all()
@@ -45,7 +46,8 @@ def test_of_two_observations_in_one_image_the_first_counts() -> None:
     if image.points2D[second].has_point3D():
         model.delete_observation(1, second)
     model.add_observation(point_id, pycolmap.TrackElement(1, second))
-    block, ids = block_of(model, [1, 2, 3, 4], [1])
+    part = part_of(model, [1, 2, 3, 4], [1])
+    block, ids = part.block, part.point_ids
     number = ids.tolist().index(point_id)
     rows = slice(block.starts[number], block.starts[number + 1])
     assert block.image[rows].tolist() == [0, 1, 2, 3]

@@ -9,7 +9,7 @@ import pytest
 from running import StopsWhen
 from wall_survey import camera, given_cameras, moved_a_little, position_error, survey, triangulation_of
 
-from colmap_ihe.colmap.calibration.block import Float64, block_of
+from colmap_ihe.colmap.calibration.block import Float64, Part, part_of
 from colmap_ihe.colmap.calibration.choose import Chooser, Fit
 from colmap_ihe.colmap.calibration.freedom import Freedom, Lens
 from colmap_ihe.colmap.calibration.rebuild import adjust_poses, give, triangulate
@@ -29,10 +29,11 @@ def perturbed() -> tuple[pycolmap.Reconstruction, pycolmap.Reconstruction]:
     return truth, model
 
 
-def fit_of(model: pycolmap.Reconstruction, image_ids: list[int]) -> Fit:
-    block, _ = block_of(model, image_ids, [1])
-    chooser = Chooser(block, [model.cameras[1]])
-    return chooser.fit(block, (Lens((0,), (0,), Freedom("RADIAL", 2, True)),), [model.cameras[1]])
+def fit_of(model: pycolmap.Reconstruction, image_ids: list[int]) -> tuple[Part, Fit]:
+    part = part_of(model, image_ids, [1])
+    chooser = Chooser(part.block, [model.cameras[1]])
+    lenses = (Lens((0,), (0,), Freedom("RADIAL", 2, True)),)
+    return part, chooser.fit(part.block, lenses, [model.cameras[1]])
 
 
 def errors(model: pycolmap.Reconstruction) -> Float64:
@@ -50,8 +51,8 @@ def errors(model: pycolmap.Reconstruction) -> Float64:
 def test_cameras_and_poses_are_given_and_points_follow() -> None:
     truth, model = perturbed()
     assert np.median(errors(model)) > 1
-    fit = fit_of(model, list(range(1, 9)))
-    give(model, list(range(1, 9)), [1], fit.cameras, fit.adjusted.block, fit.adjusted.sigma)
+    part, fit = fit_of(model, list(range(1, 9)))
+    give(model, part, fit.cameras, fit.adjusted.block, fit.adjusted.sigma)
     assert model.cameras[1].model_name == "RADIAL"
     assert model.cameras[1].params == pytest.approx((1000, 612, 447, -0.05, 0), rel=1e-3, abs=1e-3)
     assert np.max(errors(model)) < 0.02
@@ -61,8 +62,8 @@ def test_cameras_and_poses_are_given_and_points_follow() -> None:
 def test_of_more_images_those_of_the_fit_are_given_and_colmap_adjusts_the_others() -> None:
     truth, model = perturbed()
     others = {i: model.images[i].cam_from_world().matrix() for i in (7, 8)}
-    fit = fit_of(model, list(range(1, 7)))
-    give(model, list(range(1, 7)), [1], fit.cameras, fit.adjusted.block, fit.adjusted.sigma)
+    part, fit = fit_of(model, list(range(1, 7)))
+    give(model, part, fit.cameras, fit.adjusted.block, fit.adjusted.sigma)
     for image_id, pose in others.items():
         np.testing.assert_array_equal(model.images[image_id].cam_from_world().matrix(), pose)
     params = model.cameras[1].params.tolist()

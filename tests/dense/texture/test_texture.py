@@ -76,7 +76,7 @@ def labelled(mesh: Mesh, views: list[PinholeCamera]) -> tuple[Any, Any]:
     for number, view in enumerate(views):
         candidates.add(number, quality_in(mesh, view), mesh.colours[mesh.faces[:, 0]])
     pairs = neighbours(mesh.faces)
-    labels, coloured = choose(candidates, mesh, pairs, len(views))
+    labels, coloured = choose(candidates, mesh, pairs, views)
     return np.where(coloured, labels, UNSEEN), pairs
 
 
@@ -85,7 +85,7 @@ def patched(mesh: Mesh, views: list[PinholeCamera]) -> Patches:
     for number, view in enumerate(views):
         candidates.add(number, quality_in(mesh, view), mesh.colours[mesh.faces[:, 0]])
     pairs = neighbours(mesh.faces)
-    return cut(mesh, *choose(candidates, mesh, pairs, len(views)), views, pairs)
+    return cut(mesh, *choose(candidates, mesh, pairs, views), views, pairs)
 
 
 def textured(mesh: Mesh, views: list[PinholeCamera], pictures: list[UInt8], *, level: bool = True) -> Any:
@@ -189,7 +189,7 @@ def test_the_nearer_photograph_is_taken_and_patches_are_whole() -> None:
             mesh.colours[mesh.faces[:, 0]],
         )
     pairs = neighbours(mesh.faces)
-    labels, _ = choose(noisy, mesh, pairs, 3)
+    labels, _ = choose(noisy, mesh, pairs, [camera()] * 3)
     assert len(set(labels)) == 1  # a tenth of quality is not worth a seam
 
 
@@ -262,7 +262,7 @@ def test_a_patch_goes_to_its_neighbour_where_its_faces_one_by_one_do_not() -> No
 
     def labels(gain: float) -> Any:
         cost = np.where(square[:, None], (gain, 0), (0, 5)).astype(np.float32)
-        choices = Choices(label, cost, 2)
+        choices = Choices(label, cost, 2, np.zeros(len(label), bool), 2)
         one_by_one = _change_faces(choices, square.astype(np.int32), pairs, 0.4)
         return one_by_one, label_faces(choices, pairs)
 
@@ -281,7 +281,7 @@ def test_a_small_patch_stays_where_no_neighbour_sees_it() -> None:
         candidates = Candidates.none(len(mesh.faces))
         candidates.add(0, np.where(seen, 0, 1).astype(np.float32), mesh.colours[mesh.faces[:, 0]])
         candidates.add(1, np.where(only, 5, 0).astype(np.float32), mesh.colours[mesh.faces[:, 0]])
-        assert set(choose(candidates, mesh, pairs, 2)[0].tolist()) == expected
+        assert set(choose(candidates, mesh, pairs, [camera()] * 2)[0].tolist()) == expected
 
 
 def test_a_face_that_is_seen_only_beside_an_edge_lies_in_the_patch_around_it() -> None:
@@ -292,7 +292,7 @@ def test_a_face_that_is_seen_only_beside_an_edge_lies_in_the_patch_around_it() -
     candidates = Candidates.none(len(mesh.faces))
     candidates.add(0, quality, mesh.colours[mesh.faces[:, 0]])
     pairs = neighbours(mesh.faces)
-    labels, coloured = choose(candidates, mesh, pairs, 1)
+    labels, coloured = choose(candidates, mesh, pairs, [camera()])
     assert (labels == 0).all()
     assert np.flatnonzero(~coloured).tolist() == [100]
     patches = cut(mesh, labels, coloured, [view], pairs)
@@ -302,12 +302,53 @@ def test_a_face_that_is_seen_only_beside_an_edge_lies_in_the_patch_around_it() -
     assert seen.all()  # by the faces around it
 
 
+def with_flap(apex: list[float]) -> Mesh:
+    """The square, with one more face at its border that looks away from the camera."""
+    mesh = grid(20)
+    vertices = np.concatenate((mesh.vertices, np.array([apex], np.float32)))
+    faces = np.concatenate((mesh.faces, np.array([[9, 10, len(vertices) - 1]], np.int32)))
+    return Mesh(vertices, faces, np.full(vertices.shape, 77, np.uint8))
+
+
+def test_a_face_that_no_photograph_shows_lies_folded_in_the_patch_beside_it() -> None:
+    """It makes no patch of its own, and takes no texel from the faces over which it lies."""
+    mesh, view = with_flap([-0.05, -0.5, 0.01]), camera()
+    patches = patched(mesh, [view])
+    assert patches.patch.max() == 0
+    assert np.flatnonzero(~patches.coloured).tolist() == [len(mesh.faces) - 1]
+    colours = textured(mesh, [view], [picture(view, ramp)])[:-1]
+    centres = mesh.corners().mean(axis=1)[:-1]
+    assert np.abs(colours - ramp(centres[:, 0], centres[:, 1])).max() < 3
+
+
+def test_a_face_behind_a_camera_is_not_laid_on_its_picture() -> None:
+    mesh, view = with_flap([-0.05, -1.5, -9.0]), camera()
+    patches = patched(mesh, [view])
+    assert patches.patch.max() == 1
+    assert np.isfinite(patches.pixel).all()
+    assert max(pack(patches, 1024).size) < 300
+
+
+def test_a_large_part_that_no_photograph_shows_is_laid_flat() -> None:
+    """The back of the square, which hangs together with it along one side."""
+    front, back = grid(20), grid(20, z=0.1)
+    mesh = joined(front, Mesh(back.vertices, back.faces[:, ::-1], back.colours))
+    along = np.arange(20)
+    start = len(front.vertices)
+    joint = np.stack((along + 1, along, start + along), axis=1)
+    faces = np.concatenate(
+        (mesh.faces, joint, np.stack((along + 1, start + along, start + along + 1), axis=1))
+    )
+    patches = patched(Mesh(mesh.vertices, faces.astype(np.int32), mesh.colours), [camera()])
+    assert set(patches.label[patches.faces[800:1600]].ravel().tolist()) == {1 + 5}
+
+
 def test_every_face_has_a_texel_and_charts_do_not_touch() -> None:
     mesh, views = grid(20), [camera(x=-1.05), camera(x=1.05)]
     patches = patched(mesh, views)
     atlas = pack(patches, 256)
     assert max(atlas.size) <= 256
-    texels = texels_of(atlas)
+    texels = texels_of(atlas, patches.coloured)
     assert len(np.unique(texels.pixel)) == len(texels.pixel)
     assert set(texels.face) == set(range(len(mesh.faces)))
     owner = np.full(atlas.size[::-1], -1)
