@@ -67,8 +67,10 @@ def reconstruct_surface(
     options: Mapping[str, Any] | None = None,
     progress: Progress = SILENT,
     dense_dir: Path | None = None,
+    simplified: float = 1.0,
 ) -> Surface:
-    """Mesh the PLY file `cloud`, with normals and colours, to `mesh` with at most `faces` faces.
+    """Mesh the PLY file `cloud`, with normals and colours, to `mesh` with at most `faces` faces; simplification
+    leaves the share `simplified` of them.
 
     `options` goes to pycolmap.PoissonMeshingOptions, over the values chosen for the cloud. What the depth maps of a
     workspace `dense_dir` see through is cut out. Raises `MappingError` where the points give no surface, `NativeError`.
@@ -87,9 +89,10 @@ def reconstruct_surface(
         cell = 1 / _cells_per_unit(columns(thin, "xyz"), native.depth)
         surface = _trimmed(parts[1], near.result(), cell, dense_dir, progress)
         before = len(surface.faces)
-        if before > faces:
+        kept = round(simplified * faces)
+        if before > kept:
             write_mesh(parts[1], surface)
-            ratio = pycolmap.MeshSimplificationOptions(target_face_ratio=faces / before)
+            ratio = pycolmap.MeshSimplificationOptions(target_face_ratio=kept / before)
             apply_options(ratio, {}, "the simplification")
             called(pycolmap.simplify_mesh, parts[1], parts[2], ratio, progress=progress, cancellable=False)
             simple = read_mesh(parts[2])

@@ -2,14 +2,14 @@
 
 A mesh by Poisson and simplification is smoother than what the photographs measured, and the cloud that it comes from
 keeps few of their depths at each place. Here each vertex goes along its normal to the weighted median of the depths,
-and neighbours go alike where these disagree.
+and neighbours go alike where these disagree. Then faces are split where the surface bends, and vertices go once more.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -17,11 +17,15 @@ import numpy as np
 from colmap_ihe.dense.camera import Bool, Float32, Float64, Int64, PinholeCamera
 from colmap_ihe.dense.depth_maps import DepthMap, depth_maps
 from colmap_ihe.dense.ply import read_mesh, write_mesh
+from colmap_ihe.dense.split_faces import split_where_bent
 from colmap_ihe.dense.texture.mesh import Mesh, face_normals, vertex_normals
 from colmap_ihe.machine.executor import in_order
 from colmap_ihe.machine.files import replace_file
 from colmap_ihe.machine.progress import SILENT, Progress
 from colmap_ihe.machine.threads import local_workers
+
+SIMPLIFIED = 0.6
+"""Of the faces of a mesh: those that simplification leaves. The others are made where it bends."""
 
 _REACH = 4.0  # pixels of a photograph on the surface, beyond which a depth is of another surface
 _FEWEST = 3  # photographs that must see a vertex there
@@ -30,22 +34,37 @@ _LEAST_COSINE = 0.2  # between normal and ray
 _SHARPEST = 0.05  # pixels between depths: less is no better
 _ALIKE = 8.0
 """How much one neighbour counts, where a vertex counts by 1 / the square of the pixels between its depths."""
+_BENT = 8  # power of the cosine between the normals of two neighbours, by which they count
 _ROUNDS = 20  # in which neighbours become alike
 _TURNED = 0.5  # cosine by which a face may turn at most
 _CHUNK = 200_000  # vertices at a time
 
 
-def refine_surface(mesh: Path, dense_dir: Path, progress: Progress = SILENT) -> float:
-    """Move the vertices of the PLY file `mesh` to what the depth maps of a workspace `dense_dir` say, and return which
-    share of them moved, in percent. Raises `ProjectError` where one cannot be read, `Cancelled`."""
+@dataclass(frozen=True)
+class RefinedSurface:
+    """Describe a mesh by its faces, and by the share of its vertices that depth maps moved, in percent."""
+
+    faces: int
+    moved_percent: float
+
+
+def refine_surface(
+    mesh: Path, dense_dir: Path, faces: int = 0, progress: Progress = SILENT
+) -> RefinedSurface:
+    """Move the vertices of the PLY file `mesh` to what the depth maps of a workspace `dense_dir` say, with up to
+    `faces` faces where the surface bends. Raises `ProjectError` where a map cannot be read, `Cancelled`."""
     part = mesh.with_name(f".{mesh.stem}.refined.part.ply")
+    maps = depth_maps(dense_dir)
     try:
-        surface, moved = refined_mesh(read_mesh(mesh), depth_maps(dense_dir), progress)
+        surface, moved = refined_mesh(read_mesh(mesh), maps, progress)
+        most = min(faces, int(len(surface.faces) / SIMPLIFIED))
+        if moved.any() and most > len(surface.faces):
+            surface, moved = refined_mesh(split_where_bent(surface, most), maps, progress)
         write_mesh(part, surface)
         replace_file(part, mesh)
     finally:
         part.unlink(missing_ok=True)
-    return 100 * float(moved.mean()) if len(moved) else 0.0
+    return RefinedSurface(len(surface.faces), 100 * float(moved.mean()) if len(moved) else 0.0)
 
 
 def refined_mesh(mesh: Mesh, maps: Sequence[DepthMap], progress: Progress = SILENT) -> tuple[Mesh, Bool]:
@@ -66,7 +85,7 @@ def refined_mesh(mesh: Mesh, maps: Sequence[DepthMap], progress: Progress = SILE
             progress.advance()
     median, trust = _medians(steps, weights)
     moved = np.isfinite(median)
-    smooth = _alike(median, trust, mesh, progress)
+    smooth = _alike(median, trust, mesh, normals, progress)
     vertices = mesh.vertices + (np.where(moved, smooth, 0)[:, None] * normals).astype(np.float32)
     moved &= ~_turned_over(mesh, vertices)
     vertices[~moved] = mesh.vertices[~moved]
@@ -141,19 +160,23 @@ def _weighted_median(values: Float32, weights: Float32) -> Float32:
     return np.asarray(np.take_along_axis(values, row, axis=0)[0])
 
 
-def _alike(step: Float32, trust: Float32, mesh: Mesh, progress: Progress) -> Float64:
-    """Return steps (V,) that are alike at neighbours, the more the less they are to be trusted; nan stays."""
+def _alike(step: Float32, trust: Float32, mesh: Mesh, normals: Float64, progress: Progress) -> Float64:
+    """Return steps (V,) that are alike at neighbours, the more the less they are to be trusted, and the less the
+    surface with its `normals` (V, 3) bends between them; nan stays."""
     sides = np.sort(mesh.faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1)
     sides = sides[np.isfinite(step[sides]).all(axis=1)]
     count = len(step)
     keys = np.sort(sides[:, 0].astype(np.int64) * count + sides[:, 1])
     first, second = np.divmod(keys[np.flatnonzero(np.diff(keys, prepend=-1))], max(count, 1))
-    total = trust + _ALIKE * (np.bincount(first, minlength=count) + np.bincount(second, minlength=count))
+    cosine = np.clip((normals[first] * normals[second]).sum(axis=1), 0, 1)
+    weight = _ALIKE * cosine**_BENT
+    total = trust + np.bincount(first, weight, count) + np.bincount(second, weight, count)
     smooth = step.astype(np.float64)
     for _ in range(_ROUNDS):
         progress.check()
-        around = np.bincount(first, smooth[second], count) + np.bincount(second, smooth[first], count)
-        smooth = (trust * step + _ALIKE * around) / total
+        around = np.bincount(first, weight * smooth[second], count)
+        around += np.bincount(second, weight * smooth[first], count)
+        smooth = (trust * step + around) / total
     return smooth
 
 

@@ -55,6 +55,13 @@ def test_a_sphere_of_any_size(tmp_path: Path, scale: float) -> None:
     assert sorted(p.name for p in tmp_path.iterdir()) == ["cloud.ply", "mesh.ply"]
 
 
+def test_simplification_leaves_room_for_more_faces(tmp_path: Path) -> None:
+    """The octree is as deep as for all faces."""
+    write_rows(tmp_path / "cloud.ply", sphere())
+    whole, less = meshed(tmp_path, 1500), meshed(tmp_path, 1500, simplified=0.6)
+    assert 850 < less.faces <= 900 and less.depth == whole.depth and less.faces_before == whole.faces_before
+
+
 def test_what_floats_is_removed_and_holes_stay_open(tmp_path: Path) -> None:
     dome = sphere()
     speck = sphere(2000, radius=0.02, centre=(0, 0, -2))

@@ -10,10 +10,13 @@ import numpy as np
 import pytest
 from drawn_wall import FOOT, HEIGHT, NORMAL, RIGHT, UP, WIDTH, camera_at, on_wall
 
+from colmap_ihe.dense import refined
 from colmap_ihe.dense.camera import Float32, Float64
 from colmap_ihe.dense.depth_maps import DepthMap
-from colmap_ihe.dense.refined import refined_mesh
-from colmap_ihe.dense.texture.mesh import Mesh
+from colmap_ihe.dense.ply import read_mesh, write_mesh
+from colmap_ihe.dense.refined import refine_surface, refined_mesh
+from colmap_ihe.dense.texture.mesh import Mesh, vertex_normals
+from colmap_ihe.machine.progress import SILENT
 
 NEAR = (1.0, 1.5, 2.0, 2.5, 3.0)
 
@@ -114,3 +117,67 @@ def test_faces_do_not_turn_over() -> None:
     depth[row, column] = 4.965
     mesh, moved = refined_mesh(small, [DepthMap(camera_at(2.0), lambda: depth, Path())] * 3)
     assert abs(out_of(mesh)).max() < 0.01 and not moved.all()
+
+
+def ramp() -> Mesh:
+    """Return a wall with faces of 20 cm, whose right half is 30 mm out: a ramp in the column between."""
+    wall = flat_wall()
+    out = np.where((wall.vertices - FOOT) @ RIGHT > 2.05, 0.03, 0.0)
+    return replace(wall, vertices=(wall.vertices + out[:, None] * NORMAL).astype(np.float32))
+
+
+def maps_of_a_step() -> list[DepthMap]:
+    """Return depth maps that show the step where it is, 2.06 m across."""
+    maps = []
+    for across in NEAR:
+        at = camera_at(across).project(on_wall(np.array([2.06]), np.array([1.5])).astype(np.float32))[0][0, 0]
+        depth = np.full((480, 640), 5.0, np.float32)
+        depth[:, np.arange(640) + 0.5 > at] = 4.97
+        maps.append(DepthMap(camera_at(across), partial(np.copy, depth), Path()))
+    return maps
+
+
+@pytest.mark.parametrize(("faces", "made"), [(0, 800), (800, 800), (1100, 1100), (10_000, 1150)])
+def test_there_are_more_faces_where_the_surface_bends(
+    faces: int, made: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """At most as many more as simplification leaves out, and none of what is flat, or where no depth map tells more."""
+    monkeypatch.setattr(refined, "depth_maps", lambda _: maps_of_a_step())
+    write_mesh(tmp_path / "mesh.ply", ramp())
+    surface = refine_surface(tmp_path / "mesh.ply", tmp_path, faces)
+    mesh = read_mesh(tmp_path / "mesh.ply")
+    assert len(mesh.faces) == surface.faces and 0.9 * made < surface.faces <= made
+    monkeypatch.setattr(refined, "depth_maps", lambda _: [])
+    write_mesh(tmp_path / "mesh.ply", ramp())
+    assert refine_surface(tmp_path / "mesh.ply", tmp_path, faces).faces == 800
+
+
+def test_a_step_is_steeper_with_more_faces(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(refined, "depth_maps", lambda _: maps_of_a_step())
+    widths = []
+    for faces in (800, 1333):
+        write_mesh(tmp_path / "mesh.ply", ramp())
+        refine_surface(tmp_path / "mesh.ply", tmp_path, faces)
+        mesh = read_mesh(tmp_path / "mesh.ply")
+        level = np.ptp(out_of(mesh)[mesh.faces], axis=1) < 0.005
+        near = abs((mesh.middles - FOOT) @ UP - 1.5) < 0.8
+        corners = ((mesh.corners() - FOOT) @ RIGHT)[~level & near]
+        widths.append(float(np.ptp(corners)))
+    assert widths[0] == pytest.approx(0.2, abs=0.01)
+    assert widths[1] < 0.13
+
+
+def test_neighbours_go_alike_less_across_a_bend() -> None:
+    """The right half of a wall is 10 mm farther out than the left; then it is at an angle to it besides."""
+    apart = []
+    for lift in (0.0, 1.0):
+        wall = flat_wall()
+        right = (wall.vertices - FOOT) @ RIGHT > 2.05
+        out = np.where(right, lift * ((wall.vertices - FOOT) @ RIGHT - 2.0), 0.0)
+        mesh = replace(wall, vertices=(wall.vertices + out[:, None] * NORMAL).astype(np.float32))
+        normals = vertex_normals(mesh).astype(np.float64)
+        step = np.where(right, 0.01, 0.0).astype(np.float32)
+        smooth = refined._alike(step, np.full(len(step), 4, np.float32), mesh, normals, SILENT)
+        beside = abs((wall.vertices - FOOT) @ RIGHT - 2.1) < 0.15
+        apart.append(float(smooth[right & beside].mean() - smooth[~right & beside].mean()))
+    assert apart[1] > 1.1 * apart[0]

@@ -111,6 +111,7 @@ def test_the_road_has_the_parts_that_the_options_leave() -> None:
     assert [part.unit for part in plain if part.stage == "mesh"] == [
         "parts of the surface",
         "depth maps compared with the surface",
+        "depth maps compared with the surface",
     ]
 
 

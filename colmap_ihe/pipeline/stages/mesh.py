@@ -7,7 +7,8 @@ from pathlib import Path
 from typing import Any
 
 from colmap_ihe.dense import mesh, textured_mesh
-from colmap_ihe.dense.refined import refine_surface
+from colmap_ihe.dense.depth_maps import depth_maps
+from colmap_ihe.dense.refined import SIMPLIFIED, refine_surface
 from colmap_ihe.errors import MappingError
 from colmap_ihe.machine.executor import threads_of
 from colmap_ihe.machine.progress import Progress
@@ -50,11 +51,16 @@ def run(run: RunContext, progress: Progress) -> MeshRecord:
                 options=options.colmap,
                 progress=progress,
                 dense_dir=project.dense,
+                simplified=SIMPLIFIED if depth_maps(project.dense) else 1.0,
             )
-            moved = refine_surface(project.mesh, project.dense, progress)
+            refined = refine_surface(project.mesh, project.dense, options.faces, progress)
     except MappingError as error:
         return MeshRecord(files=[], warnings=[f"no mesh was made: {error}"])
-    made = {**asdict(surface), "vertices_moved_percent": round(moved, 1)}
+    made = {
+        **asdict(surface),
+        "faces": refined.faces,
+        "vertices_moved_percent": round(refined.moved_percent, 1),
+    }
     if options.texture is False:
         return MeshRecord(**made, files=[project.mesh.name], warnings=[])
     with threads_of(run.executor) as threads:  # each looks at all of the mesh
@@ -102,6 +108,7 @@ def _parts(options: Options, known: Known) -> list[Part]:
     surface = [
         Part("mesh", "parts of the surface", 7.0 + 1.05e-5 * points),
         Part("mesh", "depth maps compared with the surface", 0.1 * images),
+        Part("mesh", "depth maps compared with the surface", 0.1 * images),  # once more where it bends
     ]
     if options.mesh.texture is False:
         return surface
