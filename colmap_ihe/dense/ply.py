@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +16,9 @@ Rows = npt.NDArray[np.void]
 
 COLOURS = ("red", "green", "blue")
 _TYPES = {"float": "<f4", "double": "<f8", "uchar": "u1", "int": "<i4", "uint": "<u4"}
+_END = re.compile(
+    rb"end_header\r?\n"
+)  # COLMAP writes the header as text, whose lines end in CR LF on Windows
 _NAMES = {np.dtype(kind): name for name, kind in _TYPES.items()}
 
 
@@ -27,7 +31,10 @@ def read_ply(path: Path) -> dict[str, Rows]:
     try:
         content = np.memmap(path, mode="r")
         header = bytes(content[:4096])
-        start = header.index(b"end_header\n") + len(b"end_header\n")
+        ended = _END.search(header)
+        if ended is None:
+            raise ValueError("its header has no end")
+        start = ended.end()
         elements = {}
         for name, count, fields in _elements(header[:start].decode("ascii")):
             dtype = np.dtype(fields)
