@@ -123,11 +123,10 @@ def fit_second(photographs: Sequence[Blocks], name: str | None = None) -> Second
 @dataclass(frozen=True)
 class _Judged:
     """Hold of n blocks: `white` (n, 3, 3) the covariance in colours whose noise is 1 in every direction, `whitening`
-    what makes them so, `best` (n,) the greatest contrast squared, and which of them hold detail and are lost."""
+    what makes them so, and which of them hold detail and are lost."""
 
     white: F64
     whitening: F64
-    best: F64
     detailed: NDArray[np.bool_]
     lost: NDArray[np.bool_]
     lost_by_rec709: NDArray[np.bool_]
@@ -140,7 +139,7 @@ def _judge(blocks: Blocks, noise: Noise) -> _Judged:
     detailed = best > _DETAIL**2
     lost = detailed & (blocks.grey / noise.grey < _LOST**2 * best)
     lost_by_rec709 = detailed & (blocks.rec709 / noise.rec709 < _LOST**2 * best)
-    return _Judged(white, whitening, best, detailed, lost, lost_by_rec709)
+    return _Judged(white, whitening, detailed, lost, lost_by_rec709)
 
 
 def _contrast(blocks: Blocks, noise: Noise, weights: F64) -> F64:

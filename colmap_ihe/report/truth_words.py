@@ -10,6 +10,19 @@ Truth = Mapping[str, float | Mapping[str, float]]
 """The section `truth` of report/summary.json: figures, and shares in percent by the name of a painted panel."""
 
 _BESIDE = re.compile(r"painted_depth_in_(.+)_by_two_greys_percent")
+_CAMERAS = {
+    "rotation_error_deg": "rotations {:.4f} degrees off",
+    "position_error_percent": "positions {:.4f} % of the model's extent",
+}
+_DEPTH = {
+    "dense_median_error_percent": "{:.3f} % off in the median",
+    "depth_right_percent": "right within 2 % in {:.1f} % of the pixels",
+    "depth_wrong_percent": "wrong in {:.2f} % of the depths",
+}
+_EDGES = {
+    "depth_right_near_edges_percent": "right in {:.1f} % of the pixels",
+    "depth_wrong_near_edges_percent": "wrong in {:.1f} % of the depths",
+}
 
 
 def truth_rows(truth: Truth) -> list[Row]:
@@ -27,21 +40,6 @@ def truth_rows(truth: Truth) -> list[Row]:
         )
         rows.append((f"the same in {photograph}", f"{two}; with the first grey alone {one}"))
     return [(name, value) for name, value in rows if value]
-
-
-_CAMERAS = {
-    "rotation_error_deg": "rotations {:.4f} degrees off",
-    "position_error_percent": "positions {:.4f} % of the model's extent",
-}
-_DEPTH = {
-    "dense_median_error_percent": "{:.3f} % off in the median",
-    "depth_right_percent": "right within 2 % in {:.1f} % of the pixels",
-    "depth_wrong_percent": "wrong in {:.2f} % of the depths",
-}
-_EDGES = {
-    "depth_right_near_edges_percent": "right in {:.1f} % of the pixels",
-    "depth_wrong_near_edges_percent": "wrong in {:.1f} % of the depths",
-}
 
 
 def _joined(truth: Truth, words: Mapping[str, str]) -> str:
