@@ -2,8 +2,8 @@
 
 With more scales an octave there are more features, and they lie more exactly. COLMAP caps their number by whole levels
 of its scale space, coarse ones first, so that weak coarse features would push strong fine ones out. Here it is given no
-cap, and an image gets the features of the lowest threshold at which those outside its mask are not more than the cap:
-with more scales where there is room for what these find at COLMAP's own threshold, else with COLMAP's.
+cap, and an image gets the features of the lowest threshold at which those outside its mask are not too many: the cap
+counts places at three scales an octave, so that it is larger by what five of them find more at the same threshold.
 """
 
 from __future__ import annotations
@@ -39,7 +39,8 @@ SCALES = 5
 """An octave, of features that are extracted again; COLMAP has 3."""
 _FINER = (2 ** (1 / SCALES) - 1) / (2 ** (1 / 3) - 1)
 """How much less two neighbouring scales differ then, which the threshold is held against (Lowe 2004, 3)."""
-_MORE = 1.4  # places at the same threshold then (benchmarks/thresholds.md)
+_MORE = 1.4
+"""Times as many places at the same threshold then, and the cap with it (benchmarks/thresholds.md)."""
 UNIT = "images, lower threshold"
 _STEPS = 32  # to which a threshold in between is rounded up, so that images share it
 _NO_CAP = 1_000_000
@@ -173,37 +174,24 @@ def extract_shard_again(shard: _Shard) -> _Shard:
 
 
 def _extract_shard(shard: _Shard, progress: Progress) -> _Shard:
-    cap: int = extraction_options(shard.options).sift.max_num_features
-    chosen: dict[int, _Features] = {}
-
-    def left(room: float) -> list[_Image]:
-        return [i for i in shard.images if i.image_id not in chosen and i.places < room]
-
-    if "octave_resolution" not in shard.options.colmap.get("sift", {}):
-        chosen |= _lowered(shard, left(cap / _MORE), cap, True, progress)
-    chosen |= _lowered(shard, left(cap), cap, False, progress)
-    # the cap may have bound by what is under the mask
-    masked = [image for image in left(cap) if image.masked]
-    chosen |= _fitting(_extracted(shard, masked, 1.0, False, progress), cap)
-    _write(shard.result, chosen)
-    return shard
-
-
-def _lowered(
-    shard: _Shard, images: Sequence[_Image], cap: int, finer: bool, progress: Progress
-) -> dict[int, _Features]:
-    """Return the features of images at the lowest threshold at which they are not more than the cap."""
-    by_id = {image.image_id: image for image in images}
-    lowest = _extracted(shard, images, LOWEST, finer, progress)
+    finer = "octave_resolution" not in shard.options.colmap.get("sift", {})
+    more = _MORE if finer else 1
+    cap = round(more * extraction_options(shard.options).sift.max_num_features)
+    lowest = _extracted(shard, shard.images, LOWEST, finer, progress)
     chosen = _fitting(lowest, cap)
+    by_id = {image.image_id: image for image in shard.images}
     by_share = defaultdict(list)
     for image_id in lowest.keys() - chosen.keys():
-        first = round(by_id[image_id].places * (_MORE if finer else 1))
+        first = round(more * by_id[image_id].places)
         by_share[_share_for(cap, first, places(lowest[image_id].keypoints))].append(by_id[image_id])
     for share, some in sorted(by_share.items()):
         some.sort(key=lambda image: image.name)
         chosen |= _fitting(_extracted(shard, some, share, finer, progress), cap)
-    return chosen
+    # the cap may have bound by what is under the mask
+    masked = [image for image in shard.images if image.masked and image.image_id not in chosen]
+    chosen |= _fitting(_extracted(shard, masked, 1.0, finer, progress), cap)
+    _write(shard.result, chosen)
+    return shard
 
 
 def _fitting(features: Mapping[int, _Features], cap: int) -> dict[int, _Features]:

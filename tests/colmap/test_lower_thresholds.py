@@ -84,13 +84,15 @@ def test_where_the_cap_binds_nothing_is_extracted_again(tmp_path: Path, grey: Pa
     assert known == run(tmp_path / "own", grey, max_num_features=20, **OWN)[1]
 
 
-def test_a_threshold_in_between_finds_more_and_keeps_to_the_cap(tmp_path: Path, grey: Path) -> None:
+def test_a_threshold_in_between_finds_more_than_the_cap_and_keeps_to_that_of_five_scales(
+    tmp_path: Path, grey: Path
+) -> None:
     first = places(run(tmp_path / "own", grey, **OWN)[1])
     lowest = places(run(tmp_path / "auto", grey)[1])
-    cap = (first[2] + lowest[2]) // 2
+    cap = first[2] + 5
     counts, known = run(tmp_path / "capped", grey, max_num_features=cap)
-    assert counts.extracted_again >= 1
-    assert first[2] < places(known)[2] <= cap
+    assert counts.extracted_again == 3
+    assert cap < places(known)[2] <= 1.4 * cap < lowest[2]
 
 
 def test_what_lies_under_a_mask_does_not_count(tmp_path: Path, grey: Path) -> None:
