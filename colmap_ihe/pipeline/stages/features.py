@@ -33,7 +33,7 @@ from colmap_ihe.project.folder import Project
 from colmap_ihe.project.options import Options
 
 _KEYPOINT = 160  # bytes on disk of a feature with its descriptor, of COLMAP's four floats, six or 128 bytes
-_FEATURES = 1.6  # for each that COLMAP is asked for at the most, as it counts places and not directions
+_FEATURES = 1.8  # for each that COLMAP is asked for at the most: directions of a place, and more places at five scales
 _FEATURES_A_PIXEL = 0.02  # of a small photograph
 _STAYS_BELOW = 650_000  # pixels of a photograph with fewer features than COLMAP's cap
 _COARSE_FIRST = 0.3  # of the time of an image, without the doubled one
