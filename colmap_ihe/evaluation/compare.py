@@ -28,7 +28,7 @@ from colmap_ihe.errors import MappingError
 from colmap_ihe.evaluation.figures import errors_against, matching_of, plain_truth, read_pairs, truth_of
 from colmap_ihe.evaluation.method_projects import check_names, options_of, project_of
 from colmap_ihe.evaluation.metric import GivenSurvey, given_survey
-from colmap_ihe.evaluation.page import write_comparison
+from colmap_ihe.evaluation.page import command_of, write_comparison
 from colmap_ihe.evaluation.tables import LEFT_OUT, METHODS, SECOND, MethodResult, tables_of
 from colmap_ihe.evaluation.truth import Truth
 from colmap_ihe.machine.executor import local_executor
@@ -112,7 +112,8 @@ def compare(
         shutil.rmtree(developed, ignore_errors=True)
         _require_results(results)
         _write(common.root, results)
-        write_comparison(compared, results, [done.project for done in reconstructions], cameras)
+        command = command_of(compared.root, options, results, pairs=pairs, images=images)
+        write_comparison(compared, results, [done.project for done in reconstructions], cameras, command)
     return results
 
 
