@@ -172,7 +172,7 @@ def test_one_method_alone_has_a_second_grey(tmp_path: Path, monkeypatch: pytest.
             assert driver._dense_points(done, done, own, executor, SILENT) == 7
     assert seen[0] is None
     assert isinstance(seen[1], SecondGrey)
-    first, shown = read_grey(done.project.grey / "0.png"), page._grey(done.project, "0.png")
+    first, shown = read_grey(done.project.grey / "0.png"), page._grey(done.project, "0.png", seen[1])
     assert first[PAINTED].std() < 0.5 * shown[PAINTED].std()
 
 
