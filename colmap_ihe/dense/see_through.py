@@ -13,7 +13,8 @@ from colmap_ihe.dense.camera import Bool, Float32, Int64, PinholeCamera
 from colmap_ihe.dense.depth_maps import DepthMap, depth_maps
 from colmap_ihe.dense.stereo.rims import plain_ground
 from colmap_ihe.dense.texture.mesh import Mesh, components, neighbours
-from colmap_ihe.dense.undistort import read_grey
+from colmap_ihe.dense.undistort import read_colour
+from colmap_ihe.grey.weights import FIXED
 from colmap_ihe.machine.executor import in_order
 from colmap_ihe.machine.progress import SILENT, Progress
 from colmap_ihe.machine.threads import local_workers
@@ -35,8 +36,9 @@ def without_seen_through(mesh: Mesh, dense_dir: Path, progress: Progress = SILEN
     through, support, empty, outside = np.zeros((4, len(centres)), np.int32)
 
     def look(depths: DepthMap) -> tuple[Bool, Bool, Bool, Bool]:
-        depth = depths.read()
-        return _seen(centres, depths.camera, depth, plain_ground(read_grey(depths.photograph), depth))
+        depth, photograph = depths.read(), read_colour(depths.photograph)
+        grey = np.asarray(cv2.transform(photograph, np.array([FIXED["rec709"]])), np.uint8)
+        return _seen(centres, depths.camera, depth, plain_ground(grey, depth))
 
     with ThreadPoolExecutor(local_workers()) as threads:
         for beyond, at_it, nothing, on_ground in in_order(
