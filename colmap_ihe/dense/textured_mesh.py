@@ -91,7 +91,9 @@ def texture_mesh(
     painted = paint(atlas, patches, _pictures(paths, tables, executor, progress), colours)
     progress.start(1, "seams")
     offsets = levelled.result()
-    written = executor.submit(_write_obj, mesh_file.parent, mesh, atlas, patches)  # while the texture is baked
+    written = executor.submit(
+        _write_obj, mesh_file.parent, mesh, atlas, patches
+    )  # while the texture is baked
     texture = bake(atlas, patches, painted, offsets, points)
     progress.advance()
     progress.start(1, "sets of files")
@@ -190,9 +192,7 @@ def _write_obj(folder: Path, mesh: Mesh, atlas: Atlas, patches: Patches) -> None
     """Write the OBJ file and the MTL file that it names."""
     write_bytes(folder / "mesh.mtl", mtl_text("mesh", "mesh.jpeg").encode())
     vertices = mesh.vertices[patches.vertex[atlas.source]]
-    write_bytes(
-        folder / "mesh.obj", obj_text(vertices, _uv(atlas), atlas.faces, "mesh", "mesh.mtl").encode()
-    )
+    write_bytes(folder / "mesh.obj", obj_text(vertices, _uv(atlas), atlas.faces, "mesh", "mesh.mtl").encode())
 
 
 def _write_glb(
