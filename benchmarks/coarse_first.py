@@ -1,16 +1,17 @@
 """Compare features of large photographs: COLMAP's, coarse first, and OpenCV's SIFT, with the models made of them.
 
     python benchmarks/coarse_first.py [fountain-p11] [sceaux] [portico-1 ...] [--size 1500] [--cap 3000] [--seeds 3]
-                                      [--choices colmap auto opencv]
+                                      [--choices colmap auto opencv] [--tolerances 0 0]
 
 The photographs are made grey and scaled to a size of the longer side in pixels; `portico-N` is the demo's scene
 rendered anew with seed N and eight views. `--cap` is `max_num_features`: with 3,000 at 1,500 pixels it binds as
 COLMAP's 8,192 do at 2,500. `colmap` and `auto` are those of `features.octaves`, `opencv` the SIFT of OpenCV at
 half of COLMAP's threshold, its descriptors made as COLMAP's and its coarsest features kept. For each: features,
 verified matches, and of mappings with seeds from 0 on the means of registered photographs, points, points in more than
-three photographs, reprojection error and position error where poses are known. Core seconds are of features, and of
-matching. All is done on one thread, so that the same features give the same model. Last come the mean logarithms of the
-ratios of `auto` to `colmap` over the porticos, with their standard errors.
+three photographs, reprojection error and position error where poses are known. Core seconds are of features, of
+matching, and of a mapping with calibration. Its adjustments end by `--tolerances`, local and global, if these are
+given: COLMAP's are 0 and 0. All is done on one thread, so that the same features give the same model. Last come the
+mean logarithms of the ratios of `auto` to `colmap` over the porticos, with their standard errors.
 """
 
 from __future__ import annotations
@@ -44,6 +45,7 @@ from colmap_ihe.machine.progress import SILENT
 from colmap_ihe.project.options import CameraOptions, FeaturesOptions
 
 _CHOICES = ("colmap", "auto", "opencv")
+_TOLERANCES = ("ba_local_function_tolerance", "ba_global_function_tolerance")
 _VIEWS = 8
 _COLUMNS = (
     "set",
@@ -57,6 +59,7 @@ _COLUMNS = (
     "position error mm",
     "core s, features",
     "matching",
+    "mapping",
 )
 Poses = Mapping[str, NDArray[np.float64]]
 
@@ -129,6 +132,7 @@ class Outcome:
     errors_mm: list[float]
     extraction_s: float
     matching_s: float
+    mapping_s: float
 
     def cells(self) -> list[str]:
         errors = self.errors_mm
@@ -142,11 +146,20 @@ class Outcome:
             f"{np.mean(errors):.2f} ({min(errors):.2f} to {max(errors):.2f})" if errors else "-",
             f"{self.extraction_s:.1f}",
             f"{self.matching_s:.1f}",
+            f"{self.mapping_s:.1f}",
         ]
 
 
-def measured(folder: Path, names: list[str], choice: str, cap: int, seeds: int, poses: Poses) -> Outcome:
-    """Return what one choice of octaves gives."""
+def measured(
+    folder: Path,
+    names: list[str],
+    choice: str,
+    cap: int,
+    seeds: int,
+    poses: Poses,
+    mapping: Mapping[str, float],
+) -> Outcome:
+    """Return what one choice of octaves gives, with COLMAP's options for `mapping`."""
     root = folder / choice
     root.mkdir()
     database = root / "database.db"
@@ -164,7 +177,8 @@ def measured(folder: Path, names: list[str], choice: str, cap: int, seeds: int, 
     matched = core_seconds()
     with pycolmap.Database.open(database) as opened:
         features, matches = opened.num_keypoints(), opened.num_inlier_matches()
-    models = [mapped(root, folder / "grey", len(names), seed) for seed in range(seeds)]
+    models = [mapped(root, folder / "grey", len(names), seed, mapping) for seed in range(seeds)]
+    mapping_s = (core_seconds() - matched) / seeds
     tracks = [[point.track.length() for point in model.points3D.values()] for model in models]
     return Outcome(
         features,
@@ -176,6 +190,7 @@ def measured(folder: Path, names: list[str], choice: str, cap: int, seeds: int, 
         [position_error_mm(model, poses) for model in models] if poses else [],
         extracted - begun,
         matched - extracted,
+        mapping_s,
     )
 
 
@@ -207,7 +222,9 @@ def main() -> None:
     parser.add_argument("--cap", type=int, default=3000)
     parser.add_argument("--seeds", type=int, default=3)
     parser.add_argument("--choices", nargs="+", default=_CHOICES)
+    parser.add_argument("--tolerances", type=float, nargs=2, default=())
     parsed = parser.parse_args()
+    mapping = dict(zip(_TOLERANCES, parsed.tolerances, strict=False))
     rows = []
     outcomes: dict[str, dict[str, Outcome]] = defaultdict(dict)
     cv2.setNumThreads(1)
@@ -216,7 +233,7 @@ def main() -> None:
             folder = Path(temporary) / name
             names, poses = prepared(name, parsed.size, folder)
             for choice in parsed.choices:
-                outcome = measured(folder, names, choice, parsed.cap, parsed.seeds, poses)
+                outcome = measured(folder, names, choice, parsed.cap, parsed.seeds, poses, mapping)
                 outcomes[name][choice] = outcome
                 rows.append((name, choice, *outcome.cells()))
                 print(json.dumps(rows[-1]), flush=True)

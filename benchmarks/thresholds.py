@@ -18,6 +18,7 @@ import tempfile
 from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+from types import MappingProxyType
 
 import numpy as np
 from calibration import truth_of
@@ -99,9 +100,11 @@ def measured(
     ]
 
 
-def mapped(root: Path, grey: Path, images: int, seed: int = 0) -> pycolmap.Reconstruction:
+def mapped(
+    root: Path, grey: Path, images: int, seed: int = 0, colmap: Mapping[str, float] = MappingProxyType({})
+) -> pycolmap.Reconstruction:
     out = root / f"model-{seed}"
-    options = SparseOptions(seed=seed)
+    options = SparseOptions(seed=seed, colmap=dict(colmap))
     known = Known(check_shared=True)
     map_images(root / "database.db", grey, out, options, images, SILENT, known=known)
     return pycolmap.Reconstruction(out / "0")

@@ -9,6 +9,10 @@ from colmap_ihe.colmap.native import apply_options, fill, pycolmap
 from colmap_ihe.errors import OptionError
 from colmap_ihe.project.options import SparseOptions
 
+_SETTLED = {"ba_local_function_tolerance": 1e-3, "ba_global_function_tolerance": 1e-4}
+"""Relative change of its cost at which an adjustment ends. At COLMAP's 0 most go on for all of their 25 or 50 steps, of
+which the last change nothing that is left in the model (benchmarks/overhead.md)."""
+
 
 def mapper_of(options: SparseOptions) -> Any:
     """Return COLMAP's mapper that the options name."""
@@ -37,6 +41,9 @@ def native_options(options: SparseOptions, held: frozenset[int] = frozenset()) -
     `OptionError`."""
     settings = getattr(pycolmap, f"{options.mapper.title()}PipelineOptions")()
     of_parts = getattr(settings, "incremental_options", None)
+    incremental = _incremental(settings)
+    if incremental is not None:
+        incremental.mergedict(_SETTLED)
     values = options.colmap
     passed_on = {n: v for n, v in values.items() if not hasattr(settings, n) and hasattr(of_parts, n)}
     if passed_on:
@@ -52,10 +59,14 @@ def native_options(options: SparseOptions, held: frozenset[int] = frozenset()) -
 def calibration_settings(options: SparseOptions) -> pycolmap.IncrementalPipelineOptions:
     """Return COLMAP's options by which points are triangulated and filtered after a calibration: those of the mapper,
     or its defaults where the mapper has others."""
-    settings = native_options(options)
+    settings = _incremental(native_options(options))
+    return settings or pycolmap.IncrementalPipelineOptions(random_seed=options.seed)
+
+
+def _incremental(settings: Any) -> pycolmap.IncrementalPipelineOptions | None:
+    """Return the options of incremental mapping in those of a mapper; None for the global one, which has none."""
     settings = getattr(settings, "incremental_options", settings)
-    known = isinstance(settings, pycolmap.IncrementalPipelineOptions)
-    return settings if known else pycolmap.IncrementalPipelineOptions(random_seed=options.seed)
+    return settings if isinstance(settings, pycolmap.IncrementalPipelineOptions) else None
 
 
 def _hold(settings: Any, held: frozenset[int]) -> None:

@@ -3,17 +3,21 @@ balustrades, and what it adds beyond an edge, where the sky has no depth."""
 
 from __future__ import annotations
 
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import cv2
 import numpy as np
 
 from colmap_ihe.dense.camera import Bool, Float32, Int64, PinholeCamera
-from colmap_ihe.dense.depth_maps import depth_maps
+from colmap_ihe.dense.depth_maps import DepthMap, depth_maps
 from colmap_ihe.dense.stereo.rims import plain_ground
 from colmap_ihe.dense.texture.mesh import Mesh, components, neighbours
-from colmap_ihe.dense.undistort import read_grey
+from colmap_ihe.dense.undistort import read_colour
+from colmap_ihe.grey.weights import FIXED
+from colmap_ihe.machine.executor import in_order
 from colmap_ihe.machine.progress import SILENT, Progress
+from colmap_ihe.machine.threads import local_workers
 
 _BEYOND = 0.005  # relative depth behind a face of what is seen through it
 _LEAST_VIEWS = 2  # that see through it
@@ -30,15 +34,20 @@ def without_seen_through(mesh: Mesh, dense_dir: Path, progress: Progress = SILEN
         return mesh
     centres = mesh.middles
     through, support, empty, outside = np.zeros((4, len(centres)), np.int32)
-    for depths in depth_maps(dense_dir):
-        progress.check()
-        depth = depths.read()
-        ground = plain_ground(read_grey(depths.photograph), depth)
-        beyond, at_it, nothing, on_ground = _seen(centres, depths.camera, depth, ground)
-        through += beyond
-        support += at_it
-        empty += nothing
-        outside += on_ground
+
+    def look(depths: DepthMap) -> tuple[Bool, Bool, Bool, Bool]:
+        depth, photograph = depths.read(), read_colour(depths.photograph)
+        grey = np.asarray(cv2.transform(photograph, np.array([FIXED["rec709"]])), np.uint8)
+        return _seen(centres, depths.camera, depth, plain_ground(grey, depth))
+
+    with ThreadPoolExecutor(local_workers()) as threads:
+        for beyond, at_it, nothing, on_ground in in_order(
+            threads, look, depth_maps(dense_dir), progress=progress
+        ):
+            through += beyond
+            support += at_it
+            empty += nothing
+            outside += on_ground
     pairs = neighbours(mesh.faces)
     open_ = (through >= _LEAST_VIEWS) & (through > support)
     unseen = (support == 0) & (through + empty >= _LEAST_VIEWS)

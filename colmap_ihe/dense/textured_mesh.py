@@ -15,12 +15,12 @@ import simplejpeg
 
 from colmap_ihe.colmap.measures import upright
 from colmap_ihe.colmap.native import pycolmap
-from colmap_ihe.dense.camera import Float32, Float64, Int64, PinholeCamera, UInt8
+from colmap_ihe.dense.camera import Float32, Float64, PinholeCamera, UInt8
 from colmap_ihe.dense.depth_maps import camera_of
 from colmap_ihe.dense.obj import mtl_text, obj_text
 from colmap_ihe.dense.ply import read_mesh
 from colmap_ihe.dense.texture.agree import agreed_colours, at_corners, centre_colours, doubted
-from colmap_ihe.dense.texture.atlas import Atlas, cut, pack
+from colmap_ihe.dense.texture.atlas import Atlas, Patches, cut, pack
 from colmap_ihe.dense.texture.bake import bake, corner_colours, paint
 from colmap_ihe.dense.texture.exposure import exposure_tables, with_table
 from colmap_ihe.dense.texture.level import seam_offsets
@@ -90,12 +90,17 @@ def texture_mesh(
     progress.start(len(views), "photographs on the texture")
     painted = paint(atlas, patches, _pictures(paths, tables, executor, progress), colours)
     progress.start(1, "seams")
-    texture = bake(atlas, patches, painted, levelled.result(), points)
+    offsets = levelled.result()
+    written = executor.submit(
+        _write_obj, mesh_file.parent, mesh, atlas, patches
+    )  # while the texture is baked
+    texture = bake(atlas, patches, painted, offsets, points)
     progress.advance()
     progress.start(1, "sets of files")
     up = np.array((0.0, 0.0, 1.0)) if z_is_up else None
     turn = upright([view.cam_from_world for view in views], up)
-    _write(mesh_file.parent, mesh, atlas, patches.vertex[atlas.source], texture, turn)
+    _write_glb(mesh_file.parent, mesh, atlas, patches, texture, turn)
+    written.result()
     progress.advance()
     return Texture(
         *atlas.size,
@@ -178,17 +183,27 @@ def _unlit(tree: dict[str, Any]) -> None:
         material.setdefault("extensions", {})[_UNLIT] = {}
 
 
-def _write(folder: Path, mesh: Mesh, atlas: Atlas, vertex: Int64, texture: UInt8, turn: Float64) -> None:
-    """Write the GLB and OBJ files.
+def _uv(atlas: Atlas) -> Float64:
+    """Return (N, 2), the places of the rows of an atlas on the texture, from its bottom left, as shares of its size."""
+    return np.asarray((0, 1) - atlas.texel / atlas.size * (-1, 1))
 
-    `vertex` (N,) is the row in the mesh of each row of the atlas. `turn` (3, 3) turns the mean upward direction of the
-    photographs to +y, which is up in glTF.
-    """
+
+def _write_obj(folder: Path, mesh: Mesh, atlas: Atlas, patches: Patches) -> None:
+    """Write the OBJ file and the MTL file that it names."""
+    write_bytes(folder / "mesh.mtl", mtl_text("mesh", "mesh.jpeg").encode())
+    vertices = mesh.vertices[patches.vertex[atlas.source]]
+    write_bytes(folder / "mesh.obj", obj_text(vertices, _uv(atlas), atlas.faces, "mesh", "mesh.mtl").encode())
+
+
+def _write_glb(
+    folder: Path, mesh: Mesh, atlas: Atlas, patches: Patches, texture: UInt8, turn: Float64
+) -> None:
+    """Write the texture, and the GLB file with it. `turn` (3, 3) turns the mean upward direction of the photographs to
+    +y, which is up in glTF."""
     import trimesh  # here, for commands that make no texture
 
     jpeg = simplejpeg.encode_jpeg(texture, quality=_JPEG_QUALITY, colorspace="RGB", colorsubsampling="444")
-    uv = atlas.texel / atlas.size
-    uv[:, 1] = 1 - uv[:, 1]  # trimesh's texture begins at the bottom
+    vertex = patches.vertex[atlas.source]
     material = trimesh.visual.material.PBRMaterial(
         name="photographs",
         baseColorTexture=_Coded(jpeg, atlas.size),
@@ -200,7 +215,7 @@ def _write(folder: Path, mesh: Mesh, atlas: Atlas, vertex: Int64, texture: UInt8
         mesh.vertices[vertex],
         atlas.faces,
         vertex_normals=vertex_normals(mesh)[vertex],
-        visual=trimesh.visual.TextureVisuals(uv=uv, material=material),
+        visual=trimesh.visual.TextureVisuals(uv=_uv(atlas), material=material),
         process=False,
     )
     scene = trimesh.Scene()
@@ -211,6 +226,3 @@ def _write(folder: Path, mesh: Mesh, atlas: Atlas, vertex: Int64, texture: UInt8
         folder / "mesh.glb", scene.export(file_type="glb", include_normals=True, tree_postprocessor=_unlit)
     )
     write_bytes(folder / "mesh.jpeg", jpeg)
-    write_bytes(folder / "mesh.mtl", mtl_text("mesh", "mesh.jpeg").encode())
-    text = obj_text(mesh.vertices[vertex], uv, atlas.faces, "mesh", "mesh.mtl")
-    write_bytes(folder / "mesh.obj", text.encode())

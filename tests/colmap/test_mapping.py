@@ -53,6 +53,14 @@ def test_the_hierarchical_mapper_takes_the_options_of_the_incremental_one(tmp_pa
             native_options(given(tmp_path, **wrong).options)
 
 
+def test_adjustments_end_when_little_changes_unless_told_otherwise(tmp_path: Path) -> None:
+    parts = native_options(given(tmp_path, ba_global_function_tolerance=0.0).options).incremental_options
+    assert (parts.ba_local_function_tolerance, parts.ba_global_function_tolerance) == (1e-3, 0.0)
+    incremental = native_options(SparseOptions(colmap={"ba_local_function_tolerance": 1e-9}))
+    assert incremental.ba_local_function_tolerance == 1e-9
+    assert incremental.ba_global_function_tolerance == 1e-4
+
+
 PARAMS = (1292.8, 1295.36, 512.0, 384.0, 0.02, -0.007, 0.001, 0.0005)
 """As cameras start: about 1 % from the truth."""
 
