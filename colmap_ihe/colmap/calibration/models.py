@@ -113,9 +113,11 @@ def _by_the_lens_found(
     models: Models, found: Outcomes, first: Calibration, given: Setting
 ) -> tuple[Models, Outcomes]:
     """Return the models calibrated from the cameras found on. Where the first mapping left images out or misplaced
-    some, they are mapped by these cameras before, which counts unless fewer images are registered then."""
-    starts = replace(given, known=replace(given.known, starts=first.freedoms, assumed=frozenset()))
-    if _all_in_place(models[0], given):
+    some, they are mapped again before: wide lenses begun as fisheyes, since what was found of them comes of places that
+    are wrong, and if that does not mend it by the cameras found. The mapping that explains most counts."""
+    anew = replace(given, known=replace(given.known, assumed=frozenset()))
+    starts = replace(anew, known=replace(anew.known, starts=first.freedoms))
+    if _in_place(models[0], given) == 1:
         further = [_calibrated(model, starts) for model in models]
         # How they compare with COLMAP's, which is no longer known, is as before.
         return models, [
@@ -124,20 +126,30 @@ def _by_the_lens_found(
             else one
             for one, second in zip(found, further, strict=True)
         ]
-    copy = given.scratch / "cameras-found.db"
-    shutil.copyfile(given.database, copy)
-    _start_from(copy, models[0], first)
-    again = _mapped_again(models, given, copy, "the lens that was found")
-    return (again, [_calibrated(model, starts) for model in again]) if again else (models, found)
+    tries = [(models, found)]
+    lens = given.scratch / "cameras-found.db"
+    shutil.copyfile(given.database, lens)
+    _start_from(lens, models[0], first)
+    for copy, known, cameras in (
+        (_begun_as_fisheyes(given), anew, "the camera of a fisheye"),
+        (lens, starts, "the lens that was found"),
+    ):
+        again = _mapped_again(models, given, copy, cameras) if copy else []
+        if again:
+            tries.append((again, [_calibrated(model, known) for model in again]))
+            if _in_place(again[0], given) == 1:
+                break
+    return max(tries, key=lambda one: _in_place(one[0][0], given))
 
 
-def _all_in_place(model: pycolmap.Reconstruction, given: Setting) -> bool:
-    """Tell whether all images of the database are registered, and the matches of each agree with where it is."""
+def _in_place(model: pycolmap.Reconstruction, given: Setting) -> float:
+    """Return 1 where all images of the database are registered and the matches of each agree with where it is, and less
+    the more are not."""
     with pycolmap.Database.open(given.database) as opened:
-        if model.num_reg_images() < opened.num_images():
-            return False
+        registered = model.num_reg_images() / opened.num_images()
     triangulation = _triangulation(model, given)
-    return least_explained(model, triangulation.graph, triangulation.most_error_px) > _EXPLAINED
+    share = least_explained(model, triangulation.graph, triangulation.most_error_px)
+    return registered * (1 if share > _EXPLAINED else share)
 
 
 def _start_from(database: Path, model: pycolmap.Reconstruction, found: Calibration) -> None:
@@ -146,7 +158,7 @@ def _start_from(database: Path, model: pycolmap.Reconstruction, found: Calibrati
             camera, lens = opened.read_camera(camera_id), model.cameras[camera_id]
             if (
                 lens.model_name == PERSPECTIVE[-1][0]
-            ):  # whose denominator the mapper would free, and lose images by it
+            ):  # the mapper frees its denominator, and loses images by it
                 lens = fitted(lens, *PERSPECTIVE[-2])
             camera.model, camera.params = lens.model, lens.params.tolist()
             opened.update_camera(camera)
@@ -155,25 +167,31 @@ def _start_from(database: Path, model: pycolmap.Reconstruction, found: Calibrati
 def _mapped_as_fisheye(models: Models, given: Setting) -> Models:
     """Return the models, or those that begin with a fisheye's cameras, where wide lenses have left little of a model
     and these hold clearly more."""
+    copy = _begun_as_fisheyes(given) if _share_mapped(models[0], given) <= _LITTLE else None
+    again = _mapped_again(models, given, copy, "the camera of a fisheye") if copy else []
+    if not again:
+        return models
+    before, after = (each[0].compute_num_observations() for each in (models, again))
+    return again if after > _MORE * before else models
+
+
+def _begun_as_fisheyes(given: Setting) -> Path | None:
+    """Return a copy of the database whose lenses begin as fisheyes where they may be; None where none may."""
     known = given.known
     plain = {i: camera for i, camera in known.cameras.items() if camera.model_name == PERSPECTIVE[0][0]}
     wide = [i for i, camera in plain.items() if i not in known.held and may_be_wide(camera)]
-    if known.given_model or not wide or _share_mapped(models[0], given) > _LITTLE:
-        return models
+    if known.given_model or not wide:
+        return None
     copy = given.scratch / "fisheyes.db"
     shutil.copyfile(given.database, copy)
     with pycolmap.Database.open(copy) as opened:
         for camera_id in wide:
             camera = opened.read_camera(camera_id)
             params = camera.params.tolist()
-            camera.model = pycolmap.CameraModelId.SIMPLE_RADIAL_FISHEYE
-            camera.params = [*params[:3], 0.0]
+            camera.model = pycolmap.CameraModelId.RADIAL_FISHEYE
+            camera.params = [*params[:3], 0.0, 0.0]
             opened.update_camera(camera)
-    again = _mapped_again(models, given, copy, "the camera of a fisheye")
-    if not again:
-        return models
-    before, after = (each[0].compute_num_observations() for each in (models, again))
-    return again if after > _MORE * before else models
+    return copy
 
 
 def _share_mapped(model: pycolmap.Reconstruction, given: Setting) -> float:

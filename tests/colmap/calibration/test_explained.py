@@ -28,6 +28,7 @@ def test_a_share_as_large_as_the_matches_that_are_wrong_does_not() -> None:
 def test_an_image_that_was_turned_aside_agrees_with_few() -> None:
     model = survey([camera()], 6)
     image = model.images[3]
+    assert image.frame is not None
     turned = (
         pycolmap.Rigid3d(pycolmap.Rotation3d(np.array([0.05, 0.05, 0])), np.zeros(3)) * image.cam_from_world()
     )
