@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shutil
+import tempfile
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -105,8 +106,7 @@ def map_images(
     if options.calibration == "auto":
 
         def map_again(other: Path) -> list[pycolmap.Reconstruction]:
-            out = work / other.stem
-            out.mkdir()
+            out = Path(tempfile.mkdtemp(prefix=other.stem, dir=work))
             progress.start(images, "images again")
             return _in_order(_map_once(replace(given, database=other, out=out), progress))
 

@@ -107,7 +107,7 @@ def calibrate(
         if as_colmap_has_them(model, camera_ids, best.lenses):
             final, before = _as_it_is(model, part, best.lenses)
         else:
-            final = _finish(model, part, best, chooser, triangulation, progress)
+            final = _finish(model, part, best, chooser, triangulation, not known.given_model, progress)
             before = known_cameras
         deviations = deviations_of(final, before)
     progress.advance()
@@ -188,16 +188,22 @@ def _finish(
     best: Fit,
     chooser: Chooser,
     triangulation: Triangulation,
+    steps: bool,
     progress: Progress,
 ) -> Fit:
-    """Adjust the images by all points, and rebuild the model; once more where that brought other observations."""
+    """Adjust the images by many points, by which what is free is chosen once more, in the models of the lenses without
+    `steps`, and rebuild the model; adjusted once more where that brought other observations."""
     whole = len(part.image_ids) == model.num_reg_images()
     for rebuilt in (False, True):
         if rebuilt:
             part = part_of(model, part.image_ids, part.camera_ids)
         block = _thinned(part, _POINTS_AN_IMAGE * len(part.image_ids))
         try:
-            best = replace(chooser, block=block).again(best)
+            larger = replace(chooser, block=block)
+            best = larger.again(best)
+            if not rebuilt:  # of more points it takes less to see a coefficient
+                for number in range(len(best.lenses)):
+                    best = larger.climb(best, number, steps)
         except np.linalg.LinAlgError:
             if rebuilt:  # the model is one of these cameras
                 break

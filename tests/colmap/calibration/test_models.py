@@ -1,4 +1,4 @@
-"""Models of a mapping, calibrated, and mapped again where COLMAP could not show the lens."""
+"""Models of a mapping, calibrated, and mapped again where COLMAP could not show the lens and lost images by it."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import sqlite3
 from collections.abc import Callable
 from contextlib import closing
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -66,6 +67,73 @@ def fisheye(tmp_path: Path) -> tuple[pycolmap.Reconstruction, Path]:
     return truth, write_database(truth, tmp_path / "database.db", {1: START})
 
 
+def without_one(models: Models) -> Models:
+    """The models, of which the first has lost an image."""
+    models[0].deregister_frame(models[0].images[8].frame_id)
+    return models
+
+
+def test_another_lens_whose_images_are_in_place_is_calibrated_further_and_not_mapped_again(
+    fisheye: tuple[pycolmap.Reconstruction, Path], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    truth, database = fisheye
+    first, known = mapped(database), []  # type: tuple[Models, list[Known]]
+    calibrate = calibrate_module.calibrate
+
+    def noted(model: pycolmap.Reconstruction, given: Known, *rest: Any) -> Calibration | Apart | None:
+        known.append(given)
+        return calibrate(model, given, *rest)
+
+    monkeypatch.setattr(module, "calibrate", noted)
+    models, (calibration,), _ = run(first, database, never)
+    assert models is first
+    assert calibration is not None
+    assert calibration.freedoms[1].model.endswith("FISHEYE")
+    assert [one.starts[1].model.endswith("FISHEYE") if one.starts else None for one in known] == [None, True]
+    assert (
+        calibration.gain.chosen_px < calibration.gain.colmap_px / 2
+    )  # against COLMAP's, not the first lens found
+    assert position_error(models[0], truth) < 0.005
+
+
+def test_a_mapping_begun_with_a_fisheye_counts_where_it_puts_all_in_place(
+    fisheye: tuple[pycolmap.Reconstruction, Path],
+) -> None:
+    truth, database = fisheye
+    asked: list[str] = []
+
+    def map_again(copy: Path) -> Models:
+        asked.append(copy.stem)
+        return mapped(copy)
+
+    models, _, _ = run(without_one(mapped(database)), database, map_again)
+    assert asked == ["fisheyes"]
+    assert position_error(models[0], truth) < 0.005
+
+
+def test_an_image_that_was_misplaced_is_mapped_again(
+    fisheye: tuple[pycolmap.Reconstruction, Path], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    truth, database = fisheye
+    misplaced = pycolmap.Reconstruction(truth)
+    image = misplaced.images[8]
+    assert image.frame is not None
+    aside = pycolmap.Rigid3d(pycolmap.Rotation3d(np.array([0, 0.1, 0])), np.zeros(3)) * image.cam_from_world()
+    image.frame.set_cam_from_world(1, aside)
+    outcomes(monkeypatch, OTHER, PLAIN)
+    assert run([misplaced], database, lambda _: [truth])[0] == [truth]
+    outcomes(monkeypatch, OTHER, PLAIN)
+    assert run([truth], database, never)[0] == [truth]
+
+
+def test_a_further_calibration_that_fails_leaves_the_first(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    models, database = two_models(tmp_path)
+    outcomes(monkeypatch, OTHER, None)
+    assert run(models[:1], database, never)[1] == [OTHER]
+
+
 def test_another_lens_is_mapped_with_and_its_models_count(
     fisheye: tuple[pycolmap.Reconstruction, Path],
 ) -> None:
@@ -77,13 +145,16 @@ def test_another_lens_is_mapped_with_and_its_models_count(
         with pycolmap.Database.open(copy) as opened:
             lens = opened.read_camera(1)
         assert lens.model_name.endswith("FISHEYE")
-        assert lens.params[:3] == pytest.approx((716, 600, 450), abs=5)
         assert lens.has_prior_focal_length
+        if len(asked) == 1:  # not of the lens that was found, where images are lost
+            assert lens.params.tolist() == [730, 600, 450, 0, 0]
+            return []
+        assert lens.params[:3] == pytest.approx((716, 600, 450), abs=5)
         return mapped(copy)
 
-    first = mapped(database)
+    first = without_one(mapped(database))
     models, (calibration,), groups = run(first, database, map_again)
-    assert [copy.parent.name for copy in asked] == ["scratch"]
+    assert [copy.parent.name for copy in asked] == ["scratch", "scratch"]
     assert models[0] is not first[0]
     assert models[0].num_reg_images() == 8
     assert calibration is not None
@@ -96,9 +167,10 @@ def test_another_lens_is_mapped_with_and_its_models_count(
 def test_models_of_fewer_images_do_not_count(fisheye: tuple[pycolmap.Reconstruction, Path]) -> None:
     truth, database = fisheye
     fewer = pycolmap.Reconstruction(truth)
-    fewer.deregister_frame(fewer.images[8].frame_id)
+    for number in (7, 8):
+        fewer.deregister_frame(fewer.images[number].frame_id)
     for again in ([fewer], []):
-        first = mapped(database)
+        first = without_one(mapped(database))
         models, (calibration,), _ = run(first, database, lambda _, again=again: again)  # type: ignore[misc]
         assert models is first
         assert calibration is not None
@@ -112,16 +184,17 @@ def test_where_mapping_again_fails_the_first_model_is_kept_and_it_is_told(
         raise NativeError("RuntimeError: the mapper died")
 
     _, database = fisheye
-    first, problems = mapped(database), []  # type: tuple[Models, list[str]]
+    first, problems = without_one(mapped(database)), []  # type: tuple[Models, list[str]]
     models, (calibration,), _ = run(first, database, fail, problems=problems)
     assert models is first
     assert calibration is not None
     assert models[0].cameras[1].model_name.endswith("FISHEYE")
-    (problem,) = problems
-    assert problem.startswith(
-        "mapping once more with the lens that was found failed, and the first model is kept"
-    )
-    assert "the mapper died" in problem
+    assert len(problems) == 2
+    for problem, cameras in zip(
+        problems, ("the camera of a fisheye", "the lens that was found"), strict=True
+    ):
+        assert problem.startswith(f"mapping once more with {cameras} failed, and the first model is kept")
+        assert "the mapper died" in problem
 
 
 def test_equations_without_a_solution_leave_colmaps_model_and_it_is_told(
@@ -204,7 +277,7 @@ def test_where_little_is_mapped_wide_lenses_begin_as_fisheyes_and_others_as_they
     assert models == [full]
     assert found == [PLAIN]
     assert starts == [
-        ("SIMPLE_RADIAL_FISHEYE", [730, 600, 450, 0]),
+        ("RADIAL_FISHEYE", [730, 600, 450, 0, 0]),
         ("SIMPLE_RADIAL", [2000, 600, 450, 0]),
         ("OPENCV", [730, 740, 610, 440, 0.01, 0, 0, 0]),
         ("SIMPLE_RADIAL", [730, 600, 450, 0]),
@@ -266,7 +339,8 @@ def test_what_was_found_not_to_be_apart_is_not_asked_again(
 ) -> None:
     models, database = two_models(tmp_path)
     given = outcomes(monkeypatch, OTHER, PLAIN)
+    models[0].deregister_frame(models[0].images[6].frame_id)
     again, found, _ = run(models[:1], database, lambda _: models[1:], Known(check_shared=True))
     assert (again, found) == (models[1:], [PLAIN])
     assert [bool(known.assumed) for known in given] == [True, False]
-    assert given[1].starts == OTHER.freedoms
+    assert given[1].starts == {}
