@@ -150,6 +150,13 @@ def count_extracted_again(database: Path) -> int:
     return sum(share is not None for share in _noted(database).values())
 
 
+def cap_again(options: FeaturesOptions) -> int:
+    """Return how many places with features an image that is extracted again may have; the user's own number is kept
+    to, as it may be a limit of memory. Raises `OptionError`."""
+    own = {"octave_resolution", "max_num_features"} & set(options.colmap.get("sift", {}))
+    return round((1 if own else _MORE) * extraction_options(options).sift.max_num_features)
+
+
 def _below_the_cap(database: Path, masks: Path | None, cap: int) -> list[_Image]:
     """Return the images to be extracted again, by name."""
     noted = _noted(database)
@@ -176,7 +183,7 @@ def extract_shard_again(shard: _Shard) -> _Shard:
 def _extract_shard(shard: _Shard, progress: Progress) -> _Shard:
     finer = "octave_resolution" not in shard.options.colmap.get("sift", {})
     more = _MORE if finer else 1
-    cap = round(more * extraction_options(shard.options).sift.max_num_features)
+    cap = cap_again(shard.options)
     lowest = _extracted(shard, shard.images, LOWEST, finer, progress)
     chosen = _fitting(lowest, cap)
     by_id = {image.image_id: image for image in shard.images}

@@ -84,15 +84,22 @@ def test_where_the_cap_binds_nothing_is_extracted_again(tmp_path: Path, grey: Pa
     assert known == run(tmp_path / "own", grey, max_num_features=20, **OWN)[1]
 
 
-def test_a_threshold_in_between_finds_more_than_the_cap_and_keeps_to_that_of_five_scales(
-    tmp_path: Path, grey: Path
-) -> None:
+def test_the_cap_is_that_of_five_scales_and_never_above_the_users_own() -> None:
+    def cap(**sift: float) -> int:
+        return lower_thresholds.cap_again(FeaturesOptions(colmap={"sift": sift}))
+
+    assert cap() == round(1.4 * 8192)
+    assert cap(octave_resolution=4) == 8192
+    assert cap(max_num_features=3000) == 3000
+
+
+def test_a_threshold_in_between_finds_more_and_keeps_to_the_cap(tmp_path: Path, grey: Path) -> None:
     first = places(run(tmp_path / "own", grey, **OWN)[1])
     lowest = places(run(tmp_path / "auto", grey)[1])
-    cap = first[2] + 5
+    cap = round(1.4 * first[2]) + 5
     counts, known = run(tmp_path / "capped", grey, max_num_features=cap)
     assert counts.extracted_again == 3
-    assert cap < places(known)[2] <= 1.4 * cap < lowest[2]
+    assert first[2] < places(known)[2] <= cap < lowest[2]
 
 
 def test_what_lies_under_a_mask_does_not_count(tmp_path: Path, grey: Path) -> None:
