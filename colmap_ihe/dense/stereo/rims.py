@@ -24,6 +24,8 @@ from colmap_ihe.dense.stereo.views import StereoView
 _REACH_PX = 6  # of a rim
 _AREA_PX = 1000  # smaller plain areas are gaps of a surface
 _PLAIN_PX, _PLAIN_LEVELS = 5, 3.0  # standard deviation in windows of so many pixels
+_BLUR_PX = 2  # of an outline
+_MOSTLY_AREA = 0.35  # of the difference of what stands before the area: less is blur of its outline
 _ALIKE_LEVELS, _ALIKE_NOISE = 3.0, 3.0  # difference from the area beside: in levels, and in its deviation
 _GRAIN_PX = 7  # grain is what differs from the mean of a window of so many pixels
 _MOST_GRAIN = 4.0  # levels; more counts as this
@@ -73,15 +75,22 @@ def _large(plain: Bool) -> Bool:
 
 
 def _rim(grey: Float32, deviation: Float32, area: Bool) -> Bool:
-    """Return the pixels near an area that look like it and are connected with it by others that do."""
+    """Return the pixels near an area that look like it and are connected with it by others that do, and those beside
+    them that show mostly the area, blurred with what stands before it."""
     side = 4 * _REACH_PX + 1
     weight = np.maximum(_mean(area.astype(np.float32), side), np.float32(1e-6))
     usual, noise = _mean(grey * area, side) / weight, _mean(deviation * area, side) / weight
-    alike = np.abs(grey - usual) <= np.maximum(np.float32(_ALIKE_LEVELS), _ALIKE_NOISE * noise)
-    near = cv2.dilate(area.astype(np.uint8), np.ones((2 * _REACH_PX + 1,) * 2, np.uint8)) > 0
-    rim = near & alike & ~area
+    apart = np.abs(grey - usual)
+    alike = apart <= np.maximum(np.float32(_ALIKE_LEVELS), _ALIKE_NOISE * noise)
+    rim = _near(area, _REACH_PX) & alike & ~area
     _, labels = cv2.connectedComponents((rim | area).astype(np.uint8), connectivity=8)
-    return rim & np.isin(labels, np.unique(labels[area]))
+    rim &= np.isin(labels, np.unique(labels[area]))
+    beside = cv2.dilate(apart, np.ones((2 * _BLUR_PX + 1,) * 2, np.uint8))
+    return np.asarray(rim | (_near(rim | area, _BLUR_PX) & (apart < _MOSTLY_AREA * beside) & ~area))
+
+
+def _near(pixels: Bool, reach_px: int) -> Bool:
+    return cv2.dilate(pixels.astype(np.uint8), np.ones((2 * reach_px + 1,) * 2, np.uint8)) > 0
 
 
 def _grain_correlation(
