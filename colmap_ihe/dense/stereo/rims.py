@@ -45,12 +45,12 @@ def without_rims(reference: StereoView, sources: Sequence[StereoView], inverse_d
     stays."""
     grey = reference.grey_u8.astype(np.float32)
     deviation = _deviation(grey)
-    area = _large((inverse_depth == 0) & (deviation <= _PLAIN_LEVELS))
+    area = _large(deviation <= _PLAIN_LEVELS)
     if reference.mask_u8 is not None:
         area &= reference.mask_u8 > 0
     if not area.any() or not inverse_depth.any():
         return inverse_depth
-    rim = _rim(grey, deviation, area) & (inverse_depth > 0)
+    rim = (area | _rim(grey, deviation, area)) & (inverse_depth > 0)
     if not rim.any():
         return inverse_depth
     correlation = _grain_correlation(reference, sources, filled(inverse_depth), area, rim)
