@@ -31,13 +31,13 @@ _AWAY_PX = 12  # from a pixel to the middle of such a window: beyond `_REACH_PX`
 _MISFIT = 0.9  # of a surface in its window, in `one_pixel`: an edge is in a window with a larger one
 _STEP = 3.0, 0.015  # of an edge at least: in `one_pixel`, and relative
 _ALIKE_PX = 2  # half of the window that is compared
-_ALIKE_VARIANCE = 25.0  # of grey levels in it, from which brightness tells the two sides of an edge apart
+_ALIKE_VARIANCE = 400.0  # of grey levels in it, from which brightness tells the two sides of an edge apart
 _LIGHT_PX = 15  # half of the window over which a source may be brighter
 _MOST_BRIGHTER = 25.0  # than usual in a pair, in levels
 _MOST_LEVELS = 10.0  # larger differences of grey values count as this
 _BEST_SOURCES = 2
 # Of the present difference, to change sides: windows err towards the nearer.
-_TO_FARTHER, _TO_NEARER = 1.3, 0.8
+_TO_FARTHER, _TO_NEARER = 1.2, 0.8
 # A pixel without depth takes one up to such a difference, in levels, or so many times the usual one beside edges.
 _IN_HOLES_LEVELS, _IN_HOLES = 4.0, 1.6
 
