@@ -1,13 +1,14 @@
 """Measure the depth of thin things on exact scenes: poles, a fence, a balustrade, a window with bars.
 
-    python benchmarks/thin.py [--scenes poles-8 poles-4 fence balustrade window arch] [--noise 1.5] [--json]
+    python benchmarks/thin.py [--scenes poles-8 poles-4 fence balustrade window arch]
+        [--noise 1.5] [--blur 0] [--json]
 
 Every scene is ray cast from planes with a texture, 1200x800 pixels, seen from six places. Of the pixels that see the
 thin thing: the shares with its depth, with the depth of what is behind it, with another depth and with none. Of those
 that see what is behind it within 4 pixels of it: the shares with the right depth, with a wrong one and with none.
 A depth is right within 2 %. "2 to 4 px away": those that do not touch the thing; half a pixel decides which
 side the others see. The arch, with a finial and a cable, stands before the sky, where any depth is wrong; "in the sky"
-is the share of all depths that lie there. `--noise` is in grey levels.
+is the share of all depths that lie there.
 """
 
 from __future__ import annotations
@@ -113,9 +114,10 @@ def main() -> None:
     )
     parser.add_argument("--scenes", nargs="+", choices=SCENES, default=list(SCENES))
     parser.add_argument("--noise", type=float, default=1.5, help="in grey levels")
+    parser.add_argument("--blur", type=float, default=0.0, help="sigma in pixels, as of a lens")
     parser.add_argument("--json", action="store_true", help="print the figures as JSON")
     parsed = parser.parse_args()
-    figures = {name: measured(SCENES[name], parsed.noise) for name in parsed.scenes}
+    figures = {name: measured(SCENES[name], parsed.noise, parsed.blur) for name in parsed.scenes}
     if parsed.json:
         print(json.dumps(figures, indent=2))
         return
@@ -124,9 +126,9 @@ def main() -> None:
     print_table("", rows, ("", *figures))
 
 
-def measured(layers: Sequence[Layer], noise_levels: float) -> dict[str, float]:
+def measured(layers: Sequence[Layer], noise_levels: float, blur_px: float) -> dict[str, float]:
     """Return the figures of one scene, in percent."""
-    scene = [rendered(layers, centre, noise_levels) for centre in CENTRES_M]
+    scene = [rendered(layers, centre, noise_levels, blur_px) for centre in CENTRES_M]
     reference, true, thin = scene[0]
     points = _sparse_points(true)
     depth = depth_and_normals(reference, [view for view, _, _ in scene[1:]], points).depth
@@ -150,7 +152,7 @@ def measured(layers: Sequence[Layer], noise_levels: float) -> dict[str, float]:
 
 
 def rendered(
-    layers: Sequence[Layer], centre_m: tuple[float, float], noise_levels: float
+    layers: Sequence[Layer], centre_m: tuple[float, float], noise_levels: float, blur_px: float
 ) -> tuple[StereoView, Float64, _Bools]:
     """Return what a camera at `centre_m` sees that looks at the middle of the wall, its true depth (H, W), and which
     pixels see a thin thing."""
@@ -163,6 +165,8 @@ def rendered(
     K = np.array([[FOCAL_PX, 0, SIZE[0] / 2], [0, FOCAL_PX, SIZE[1] / 2], [0, 0, 1]])
     parts = [_cast(layers, K, rotation, centre, (i, j)) for i in (0.25, 0.75) for j in (0.25, 0.75)]
     grey = np.mean([part[0] for part in parts], axis=0)
+    if blur_px:
+        grey = cv2.GaussianBlur(grey, (0, 0), blur_px)
     noise = np.random.default_rng(zlib.crc32(centre.tobytes())).normal(scale=noise_levels, size=grey.shape)
     grey_u8: UInt8 = np.clip(np.round(grey + noise), 0, 255).astype(np.uint8)
     _, depth, thin = _cast(layers, K, rotation, centre, (0.5, 0.5))

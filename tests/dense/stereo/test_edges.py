@@ -88,7 +88,7 @@ def test_a_dark_pole_that_is_too_wide_is_as_wide_as_it_shows() -> None:
     views = [render(camera, [pole, BACK]) for camera in (REFERENCE, *SOURCES)]
     view, *sources = (_darker(view, truth < 4) for view, truth in views)
     truth = views[0][1]
-    wide = cv2.dilate(_shifted(truth, 0), np.ones((1, 7), np.uint8))
+    wide = np.asarray(cv2.dilate(_shifted(truth, 0), np.ones((1, 7), np.uint8)), np.float32)
     result = np.asarray(sharpened(view, sources, wide, ONE_PIXEL))
     rows = slice(60, 240)
     own = truth[rows] < 4

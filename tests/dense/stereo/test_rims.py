@@ -36,7 +36,7 @@ def _blurred_with_a_cable(view: StereoView) -> StereoView:
     """Return `view` with a dark cable along `CABLE` before the plain area, as a lens blurs it."""
     grey = view.grey_u8.copy()
     grey[CABLE] = 90
-    return replace(view, grey_u8=cv2.GaussianBlur(grey, (0, 0), 0.7))
+    return replace(view, grey_u8=np.asarray(cv2.GaussianBlur(grey, (0, 0), 0.7), np.uint8))
 
 
 def _views(grain: float) -> tuple[StereoView, list[StereoView]]:
