@@ -4,7 +4,8 @@ A window beside an outline shows the outline, which matches at the depth of what
 window shows nothing. So its rim gets the depth of the outline, be it a white wall of the same building, where that is
 right, or the sky. By one window the two look the same. But a wall has a grain, fainter than the noise of a pixel, that
 some hundred pixels together show: with the rim's depth continued into the area, the photographs of a wall correlate
-there, those of the sky and of a wall farther away do not.
+there, those of the sky and of a wall farther away do not. So it is with a whole plain area whose noise was taken for
+texture: it has the depth of what is around it, and goes where no grain agrees.
 """
 
 from __future__ import annotations
@@ -40,9 +41,8 @@ _BEST_SOURCES = 2
 
 
 def without_rims(reference: StereoView, sources: Sequence[StereoView], inverse_depth: Float32) -> Float32:
-    """Return `inverse_depth` (H, W) float32, 0 for none, of `reference` without the rims of large plain areas without
-    depth whose grain does not correlate in `sources` at the rim's depth. Where no source sees such an area its rim
-    stays."""
+    """Return `inverse_depth` (H, W) float32, 0 for none, of `reference` without large plain areas, and the rims of
+    those, whose grain does not correlate in `sources` at that depth. What no source sees stays."""
     grey = reference.grey_u8.astype(np.float32)
     deviation = _deviation(grey)
     area = _large(deviation <= _PLAIN_LEVELS)
@@ -50,11 +50,11 @@ def without_rims(reference: StereoView, sources: Sequence[StereoView], inverse_d
         area &= reference.mask_u8 > 0
     if not area.any() or not inverse_depth.any():
         return inverse_depth
-    rim = (area | _rim(grey, deviation, area)) & (inverse_depth > 0)
-    if not rim.any():
+    doubtful = (area | _rim(grey, deviation, area)) & (inverse_depth > 0)
+    if not doubtful.any():
         return inverse_depth
-    correlation = _grain_correlation(reference, sources, filled(inverse_depth), area, rim)
-    return np.where(rim & (correlation < _MIN_CORRELATION), 0, inverse_depth).astype(np.float32)
+    correlation = _grain_correlation(reference, sources, filled(inverse_depth), area, doubtful)
+    return np.where(doubtful & (correlation < _MIN_CORRELATION), 0, inverse_depth).astype(np.float32)
 
 
 def plain_ground(grey_u8: UInt8, depth: Float32) -> Bool:
@@ -94,15 +94,15 @@ def _near(pixels: Bool, reach_px: int) -> Bool:
 
 
 def _grain_correlation(
-    reference: StereoView, sources: Sequence[StereoView], inverse_depth: Float32, area: Bool, rim: Bool
+    reference: StereoView, sources: Sequence[StereoView], inverse_depth: Float32, area: Bool, where: Bool
 ) -> Float32:
-    """Return (H, W) float32, -1 to 1: the correlation, around each pixel of a rim, of the grain of an area in
-    `reference` and in the sources at `inverse_depth` > 0; 1 where there is none to compare, and away from rims."""
+    """Return (H, W) float32, -1 to 1: the correlation around each pixel, `where` it is asked for, of the grain of an
+    area in `reference` and in the sources at `inverse_depth` > 0; 1 where there is none to compare, and elsewhere."""
     result = np.ones(inverse_depth.shape, np.float32)
     grey = reference.grey_u8.astype(np.float32)
     clear, grain = area & _clear(grey), _grain(grey)
-    for strip in strips(rim.shape, _WINDOW_PX // 2 + _REACHED_PX):
-        if rim[strip.own].any():
+    for strip in strips(where.shape, _WINDOW_PX // 2 + _REACHED_PX):
+        if where[strip.own].any():
             rows = strip.seen
             by_source = [
                 _correlation(reference, source, rows, inverse_depth[rows], clear[rows], grain[rows])[
