@@ -1,15 +1,18 @@
 """Run dense stereo on several greys of one set with the same cameras, against true surfaces where there are any.
 
-    python benchmarks/dense_truth.py PROJECT [--truth PROJECT/truth] [--methods ihe paper rec709 green] [--json]
+    python benchmarks/dense_truth.py PROJECT [--truth PROJECT/truth] [--methods project ihe paper rec709 green] [--json]
 
-PROJECT is reconstructed as far as the sparse model, whose cameras serve every method; "paper" is IHE without the
-guard. Of the demo, whose truth is exact: accuracy is the share of the fused points that are so near to a true surface,
-completeness the share of what the photographs truly see that is so near to a fused point, F their harmonic mean
-(Schoeps et al. 2017, ETH3D); the distance is in percent of the scene's extent. "Walls" fits a plane to the points on
-each of the demo's flat walls: the median distance from it, in percent of the extent, over the walls and of the worst;
-"flat surfaces" are floors, treads and undersides too, with what stands on them within 0.5 % of the extent.
+PROJECT is reconstructed as far as the sparse model, whose cameras serve every method; "project" is its own dense cloud
+as it lies there, with its second grey if it has one, "paper" is IHE without the guard. Of the demo, whose truth is
+exact: accuracy is the share of the fused points that are so near to a true surface, completeness the share of what the
+photographs truly see that is so near to a fused point, F their harmonic mean (Schoeps et al. 2017, ETH3D); the distance
+is in percent of the scene's extent. "Walls" fits a plane to the points on each of the demo's flat walls: the median
+distance from it, in percent of the extent, over the walls and of the worst; "flat surfaces" are floors, treads and
+undersides too, with what stands on them within 0.5 % of the extent.
 "Far side of edges": pixels that see the farther surface within 4 pixels of an edge of true depth; the share that has a
 depth, the share of these that is wrong by over 2 %, and their median signed error (fattened foreground is negative).
+"Points before the sky": the share of the fused points where a photograph, or three, truly see the sky, at the pixel and
+all that touch it.
 """
 
 from __future__ import annotations
@@ -17,17 +20,17 @@ from __future__ import annotations
 import argparse
 import json
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
-from surface_errors import moved, surface_errors, true_points
+from surface_errors import before_sky, moved, surface_errors, true_points
 
 from colmap_ihe import convert_folder
 from colmap_ihe.colmap.native import pycolmap
 from colmap_ihe.commandline.bars import print_table
-from colmap_ihe.dense.depth_maps import DepthCounts, depth_file, normal_file, read_planes, sgm_depth_maps
+from colmap_ihe.dense.depth_maps import depth_file, depth_maps, normal_file, read_planes, sgm_depth_maps
 from colmap_ihe.dense.fusion import fuse
 from colmap_ihe.dense.ply import read_ply
 from colmap_ihe.dense.undistort import undistort
@@ -44,6 +47,7 @@ SAMPLES = 1_000_000
 UPWARD = 2  # the axis of floors, treads and undersides
 WALL_M2, WALL_POINTS = 1.0, 2000  # smaller walls and those that hardly show are not judged
 METHODS = {
+    "project": None,
     "ihe": FitOptions(),
     "paper": FitOptions(guard="none"),
     "rec709": FitOptions(method="rec709"),
@@ -67,13 +71,8 @@ def main() -> None:
     columns: dict[str, dict[str, str]] = {}
     for method in parsed.methods:
         with tempfile.TemporaryDirectory() as temporary:
-            grey, dense = Path(temporary) / "grey", Path(temporary) / "dense"
-            weights, *_ = convert_folder(project.images, grey, fit=METHODS[method])
-            undistort(project.sparse / "0", grey, project.colour, dense, max_image_size=1600)
-            counts = sgm_depth_maps(dense)
-            points = fuse(dense)
-            shown = f"{weights.red:.2f} {weights.green:.2f} {weights.blue:.2f}"  # type: ignore[union-attr]
-            columns[method] = {"weights": shown, **_of_maps(counts, points)}
+            weights, dense = _dense(project, METHODS[method], Path(temporary))
+            columns[method] = {"weights": weights, **_of_maps(dense)}
             if truth is not None:
                 columns[method] |= _against_truth(dense, truth)
     if parsed.json:
@@ -83,9 +82,28 @@ def main() -> None:
     print_table("", rows, ("", *columns))
 
 
-def _of_maps(counts: DepthCounts, points: int) -> dict[str, str]:
-    share = 100 * counts.pixels_with_depth / counts.pixels
-    return {"pixels with depth": f"{share:.1f} %", "fused points": f"{points:,}"}
+def _dense(project: Project, fit: FitOptions | None, work: Path) -> tuple[str, Path]:
+    """Return the weights of a grey and its dense workspace, made in `work`; without `fit` the project's own."""
+    if fit is None:
+        record = json.loads((project.records / "fit.json").read_text(encoding="utf-8"))
+        (fitted,) = record["weights"].values()
+        return _shown(fitted["weights"]), project.dense
+    grey, dense = work / "grey", work / "dense"
+    weights, *_ = convert_folder(project.images, grey, fit=fit)
+    undistort(project.sparse / "0", grey, project.colour, dense, max_image_size=1600)
+    sgm_depth_maps(dense)
+    fuse(dense)
+    return _shown((weights.red, weights.green, weights.blue)), dense  # type: ignore[union-attr]
+
+
+def _shown(weights: Sequence[float]) -> str:
+    return " ".join(f"{weight:.2f}" for weight in weights)
+
+
+def _of_maps(dense: Path) -> dict[str, str]:
+    share = np.mean([np.mean(depths.read() > 0) for depths in depth_maps(dense)])
+    points = len(read_ply(dense / "fused.ply")["vertex"])
+    return {"pixels with depth": f"{100 * share:.1f} %", "fused points": f"{points:,}"}
 
 
 def _against_truth(dense: Path, truth: Truth) -> dict[str, str]:
@@ -115,6 +133,7 @@ def _against_truth(dense: Path, truth: Truth) -> dict[str, str]:
     with_depth, sky = np.sum(in_sky, axis=0)
     rows = read_ply(dense / "fused.ply")["vertex"]
     cloud = moved(np.stack([rows[axis] for axis in "xyz"], axis=1), similarity)
+    before = np.sum([before_sky(cloud, image) for image in truth.images.values()], axis=0)
     true = np.concatenate([true_points(image, step=2) for image in truth.images.values()])
     draw = np.random.default_rng(0)
     some = [
@@ -127,6 +146,8 @@ def _against_truth(dense: Path, truth: Truth) -> dict[str, str]:
         found[f"right, wrong depths: {where}"] = f"{judged.right_percent:.1f}, {judged.wrong_percent:.1f} %"
     found |= _at_edges(edges)
     found["depths in the sky"] = f"{100 * sky / with_depth:.3f} %"
+    of_one, of_three = (100 * float(np.mean(before >= views)) for views in (1, 3))
+    found["points before the sky of one, of three photographs"] = f"{of_one:.3f}, {of_three:.3f} %"
     for percent in WITHIN_PERCENT:
         within = percent / 100 * truth.extent_m
         a, c = (100 * float(np.mean(errors <= within)) for errors in (accuracy, completeness))

@@ -25,7 +25,7 @@ import numpy as np
 import numpy.typing as npt
 import trimesh
 from PIL import Image
-from surface_errors import moved, points_on, surface_errors, true_points
+from surface_errors import before_sky, moved, points_on, surface_errors, true_points
 
 from colmap_ihe.colmap.native import pycolmap
 from colmap_ihe.dense.camera import PinholeCamera
@@ -34,7 +34,7 @@ from colmap_ihe.dense.ply import read_mesh
 from colmap_ihe.dense.texture.bake import sample
 from colmap_ihe.dense.texture.mesh import components
 from colmap_ihe.dense.texture.raster import areas, covered, depth_picture
-from colmap_ihe.evaluation.truth import F32, TrueImage, pose_errors, read_truth
+from colmap_ihe.evaluation.truth import pose_errors, read_truth
 
 SAMPLES = 1_000_000
 WITHIN_PERCENT = (0.1, 0.5)
@@ -86,20 +86,8 @@ def _against_truth(dense: Path, folder: Path) -> list[tuple[str, str]]:
                 f"accuracy {accuracy:.1f} %, completeness {completeness:.1f} %",
             )
         )
-    views = np.sum([_before_sky(on_mesh, image) for image in truth.images.values()], axis=0)
+    views = np.sum([before_sky(on_mesh, image) for image in truth.images.values()], axis=0)
     return [*rows, ("before the sky", f"{100 * np.mean(views >= 3):.3f} % of the surface")]
-
-
-def _before_sky(points: F32, image: TrueImage) -> npt.NDArray[np.bool_]:
-    """Return (N,), true where a true image sees the sky, at and around the pixels of points (N, 3) in metres."""
-    depth = image.depth_m()
-    view = PinholeCamera(image.calibration, image.cam_from_world, depth.shape[::-1])
-    pixels, distance = view.project(points)
-    sky = cv2.erode((depth <= 0).astype(np.uint8), np.ones((3, 3), np.uint8))
-    with np.errstate(invalid="ignore"):
-        inside = (distance > 0) & (pixels >= 0).all(axis=1) & (pixels < view.size).all(axis=1)
-    column, row = np.where(inside[:, None], pixels, 0).astype(int).T
-    return np.asarray(inside & (sky[row, column] > 0))
 
 
 def _reprojection(dense: Path, pictures: Path | None) -> list[tuple[str, str]]:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
+from colmap_ihe.dense.camera import Bool, PinholeCamera
 from colmap_ihe.evaluation.truth import F32, F64, Similarity, TrueImage
 
 _KD_TREE = 4  # FLANN's exact one, KDTreeSingleIndex
@@ -70,3 +71,15 @@ def moved(points: F32 | F64, similarity: Similarity) -> F32:
     """Return (N, 3) float32: points in the frame that `similarity` leads to."""
     turned = points @ similarity.rotation.T
     return np.asarray(similarity.scale * turned + similarity.translation, np.float32)
+
+
+def before_sky(points: F32, image: TrueImage) -> Bool:
+    """Return (N,), true where a true image sees the sky, at and around the pixels of points (N, 3) in metres."""
+    depth = image.depth_m()
+    view = PinholeCamera(image.calibration, image.cam_from_world, depth.shape[::-1])
+    pixels, distance = view.project(points)
+    sky = cv2.erode((depth <= 0).astype(np.uint8), np.ones((3, 3), np.uint8))
+    with np.errstate(invalid="ignore"):
+        inside = (distance > 0) & (pixels >= 0).all(axis=1) & (pixels < view.size).all(axis=1)
+    column, row = np.where(inside[:, None], pixels, 0).astype(int).T
+    return np.asarray(inside & (sky[row, column] > 0))

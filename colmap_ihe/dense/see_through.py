@@ -22,14 +22,14 @@ from colmap_ihe.machine.threads import local_workers
 _BEYOND = 0.005  # relative depth behind a face of what is seen through it
 _LEAST_VIEWS = 2  # that see through it
 _ROUNDS = 4
-_LEAST_FACES = 12  # of a hole: less is noise of the depth
+_LEAST_FACES = 12  # of a hole, and of what is left: less is noise of the depth
 
 
 def without_seen_through(mesh: Mesh, dense_dir: Path, progress: Progress = SILENT) -> Mesh:
     """Return `mesh` without the faces through which at least two depth maps of `dense_dir`, and more than see the face
     itself, show what is behind; small holes stay closed. And without those at its border at which two find nothing, or
     what is behind, and none the face, or at which two photographs, and more than see the face itself, show plain ground
-    without depth, as the sky is. Raises `ProjectError`, `Cancelled`."""
+    without depth, as the sky is. Crumbs that then hang by a corner go. Raises `ProjectError`, `Cancelled`."""
     if not len(mesh.faces):
         return mesh
     centres = mesh.middles
@@ -52,7 +52,8 @@ def without_seen_through(mesh: Mesh, dense_dir: Path, progress: Progress = SILEN
     open_ = (through >= _LEAST_VIEWS) & (through > support)
     unseen = (support == 0) & (through + empty >= _LEAST_VIEWS)
     unseen |= (outside >= _LEAST_VIEWS) & (outside > support)
-    return mesh.with_faces(~(_large(open_, pairs) | _at_border(_smooth(unseen, pairs), pairs)))
+    kept = ~(_large(open_, pairs) | _at_border(_smooth(unseen, pairs), pairs))
+    return mesh.with_faces(_large(kept, pairs))
 
 
 def _seen(

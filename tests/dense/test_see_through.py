@@ -122,3 +122,13 @@ def test_a_rim_of_plain_sky_that_one_map_took_for_the_wall_is_cut(
 
 def test_the_border_of_a_plain_wall_with_depth_stays(tmp_path: Path) -> None:
     assert len(without_seen_through(_wall(), _workspace(tmp_path, (0, 0, 0))).faces) == len(_wall().faces)
+
+
+def test_a_crumb_that_hangs_by_a_corner_goes(tmp_path: Path) -> None:
+    wall = _wall()
+    corners = np.array([[-2.1, -1.5, WALL], [-2.1, -1.6, WALL]], np.float32)
+    crumb = np.array([[0, len(wall.vertices), len(wall.vertices) + 1]], np.int32)
+    vertices, faces = np.concatenate([wall.vertices, corners]), np.concatenate([wall.faces, crumb])
+    mesh = Mesh(vertices, faces, np.zeros((len(vertices), 3), np.uint8))
+    cut = without_seen_through(mesh, _workspace(tmp_path, (0, 0, 0)))
+    assert len(cut.faces) == len(wall.faces)

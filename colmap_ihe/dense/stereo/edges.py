@@ -4,7 +4,8 @@ A window that reaches across an edge looks like the side with more contrast, mos
 front comes out some pixels too wide, and of what is behind it a rim is missing or has the depth of what is in front.
 Here both surfaces are continued to every pixel beside an edge, from windows that lie wholly on either side, and the
 pixel takes the one at whose depth it looks alike in the sources that see it best: those on one side of the edge see
-what those on the other do not.
+what those on the other do not. Of the pixels around, those count that are as bright as the pixel itself: beside a thin
+thing most of them are not.
 """
 
 from __future__ import annotations
@@ -30,6 +31,7 @@ _AWAY_PX = 12  # from a pixel to the middle of such a window: beyond `_REACH_PX`
 _MISFIT = 0.9  # of a surface in its window, in `one_pixel`: an edge is in a window with a larger one
 _STEP = 3.0, 0.015  # of an edge at least: in `one_pixel`, and relative
 _ALIKE_PX = 2  # half of the window that is compared
+_ALIKE_VARIANCE = 400.0  # of grey levels in it, from which brightness tells the two sides of an edge apart
 _LIGHT_PX = 15  # half of the window over which a source may be brighter
 _MOST_BRIGHTER = 25.0  # than usual in a pair, in levels
 _MOST_LEVELS = 10.0  # larger differences of grey values count as this
@@ -145,12 +147,18 @@ def _differences(
     held: Bool,
     inverse_depths: Sequence[Float32],
 ) -> list[Float32]:
-    """Return, for each of the depths of the pixels, the mean difference of grey values in the sources that fit best.
+    """Return, for each of the depths of the pixels, the mean difference of grey values around in the sources that fit
+    best.
 
-    How much brighter the reference is than a source is known from where the first depth is `held`.
+    How much brighter the reference is than a source is known from where the first depth is `held`. The mean is that of
+    pixels as bright as the one itself: by a line through differences and grey values (He et al. 2013, "Guided image
+    filtering").
     """
     u, v = pixels.columns + np.float32(0.5), pixels.rows + np.float32(0.5)
     grey = reference.grey_u8[pixels.rows, pixels.columns].astype(np.float32)
+    usual = pixels.mean_around(grey, _ALIKE_PX)
+    variance = pixels.mean_around(grey * grey, _ALIKE_PX) - usual * usual
+    apart = (grey - usual) / (variance + _ALIKE_VARIANCE)
     by_source: list[list[Float32]] = [[] for _ in inverse_depths]
     for source in sources:
         brighter = None
@@ -160,7 +168,10 @@ def _differences(
             if brighter is None:
                 brighter = _brighter(difference, at.seen & held, pixels)
             levels = np.where(at.seen, np.minimum(np.abs(difference - brighter), _MOST_LEVELS), _MOST_LEVELS)
-            differences.append(pixels.mean_around(levels.astype(np.float32), _ALIKE_PX))
+            levels = levels.astype(np.float32)
+            mean = pixels.mean_around(levels, _ALIKE_PX)
+            together = pixels.mean_around(levels * grey, _ALIKE_PX) - mean * usual
+            differences.append(np.maximum(mean + apart * together, 0))
     best = slice(0, _BEST_SOURCES)
     return [np.asarray(np.sort(np.stack(each), axis=0)[best].mean(axis=0)) for each in by_source]
 

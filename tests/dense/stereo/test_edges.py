@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import cv2
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 from planes import camera, plane, render
 
 from colmap_ihe.dense.camera import Float32, Float64
@@ -78,3 +80,24 @@ def test_a_surface_without_edges_stays_as_it_is() -> None:
     inverse = np.where(truth > 0, 1 / np.maximum(truth, 1e-9), 0).astype(np.float32)
     assert (sharpened(view, sources, inverse, ONE_PIXEL) == inverse).all()
     assert not sharpened(view, sources, np.zeros_like(inverse), ONE_PIXEL).any()
+
+
+def test_a_dark_pole_that_is_too_wide_is_as_wide_as_it_shows() -> None:
+    """The pole is two pixels wide, the window that is compared five."""
+    pole = plane(3.0, 0, 0, (0.01, 2.0), seed=4)
+    views = [render(camera, [pole, BACK]) for camera in (REFERENCE, *SOURCES)]
+    view, *sources = (_darker(view, truth < 4) for view, truth in views)
+    truth = views[0][1]
+    wide = np.asarray(cv2.dilate(_shifted(truth, 0), np.ones((1, 7), np.uint8)), np.float32)
+    result = np.asarray(sharpened(view, sources, wide, ONE_PIXEL))
+    rows = slice(60, 240)
+    own = truth[rows] < 4
+    beside = np.asarray(cv2.dilate(own.astype(np.uint8), np.ones((1, 7), np.uint8)) > 0) & ~own
+    right = np.abs(result[rows] * truth[rows] - 1) < 0.02
+    assert right[own].mean() > 0.95
+    assert right[beside].mean() > 0.9
+
+
+def _darker(view: StereoView, where: NDArray[np.bool_]) -> StereoView:
+    grey = np.where(where, view.grey_u8 // 3, view.grey_u8 // 3 + 120)
+    return replace(view, grey_u8=grey.astype(np.uint8))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import cv2
 import numpy as np
 import pytest
 
@@ -15,6 +16,7 @@ SIZE, OUTLINE, RIM_PX = (320, 240), 160, 5
 K = np.array([[400.0, 0, 160], [0, 400, 120], [0, 0, 1]])
 DEPTH, SHIFTS_PX = 4.0, (-20, 20)
 INSIDE = np.s_[20:-20]  # rows
+CABLE = np.s_[10:13, OUTLINE:]
 
 
 def _view(columns: int, grain: float, seed: int) -> StereoView:
@@ -28,6 +30,13 @@ def _view(columns: int, grain: float, seed: int) -> StereoView:
     noise = np.random.default_rng(seed).normal(size=seen.shape)
     pose = np.column_stack([np.eye(3), [-columns * DEPTH / K[0, 0], 0, 0]])
     return StereoView(K, pose, SIZE, np.clip(np.round(seen + noise), 0, 255).astype(np.uint8))
+
+
+def _blurred_with_a_cable(view: StereoView) -> StereoView:
+    """Return `view` with a dark cable along `CABLE` before the plain area, as a lens blurs it."""
+    grey = view.grey_u8.copy()
+    grey[CABLE] = 90
+    return replace(view, grey_u8=np.asarray(cv2.GaussianBlur(grey, (0, 0), 0.7), np.uint8))
 
 
 def _views(grain: float) -> tuple[StereoView, list[StereoView]]:
@@ -51,6 +60,24 @@ def test_the_rim_of_the_sky_is_dropped_and_nothing_of_the_stone(inverse: Float32
 def test_the_rim_of_a_wall_whose_grain_is_at_that_depth_stays(inverse: Float32) -> None:
     result = without_rims(*_views(grain=1.0), inverse)
     assert (result == inverse).all()
+
+
+def test_a_sky_whose_noise_matched_is_dropped_as_a_whole_and_a_wall_stays(inverse: Float32) -> None:
+    everywhere = np.full_like(inverse, 1 / DEPTH)
+    sky = without_rims(*_views(grain=0), everywhere)
+    assert (sky[INSIDE, OUTLINE:] == 0).mean() > 0.9
+    assert (sky[:, :OUTLINE] > 0).mean() > 0.999
+    assert (without_rims(*_views(grain=1.0), everywhere) > 0).all()
+
+
+def test_the_blur_of_an_outline_goes_with_the_sky_and_a_cable_of_three_pixels_stays(inverse: Float32) -> None:
+    reference, sources = _views(grain=0)
+    blurred = [_blurred_with_a_cable(view) for view in (reference, *sources)]
+    result = without_rims(blurred[0], blurred[1:], inverse)
+    assert (result[INSIDE, OUTLINE + 1 : OUTLINE + RIM_PX] == 0).mean() > 0.95
+    assert (result[INSIDE, : OUTLINE - 1] > 0).all()
+    inverse[CABLE] = 1 / DEPTH
+    assert (without_rims(blurred[0], blurred[1:], inverse)[CABLE][:, :-RIM_PX] > 0).all()
 
 
 def test_a_wall_farther_away_is_no_other_than_the_sky(inverse: Float32) -> None:
