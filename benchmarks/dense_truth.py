@@ -24,6 +24,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
+from edge_errors import EdgeErrors, edge_errors, pooled_edges
 from numpy.typing import NDArray
 from surface_errors import before_sky, moved, surface_errors, true_points
 
@@ -37,7 +38,6 @@ from colmap_ihe.dense.undistort import undistort
 from colmap_ihe.evaluation.demo.scene import portico
 from colmap_ihe.evaluation.demo.shapes import Rect
 from colmap_ihe.evaluation.depth_errors import depth_errors, pooled, true_pixels
-from colmap_ihe.evaluation.edge_errors import EdgeErrors, edge_errors, pooled_edges
 from colmap_ihe.evaluation.truth import Truth, key_of, pose_errors, read_truth
 from colmap_ihe.project.folder import Project
 from colmap_ihe.project.options import FitOptions

@@ -14,19 +14,16 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from colmap_ihe.colmap.native import pycolmap
+from colmap_ihe.dense.ply import COLOURS, columns, read_ply
 
 WIDTH = 720
-_POINT = np.dtype([("xyz", "<f4", 3), ("normal", "<f4", 3), ("rgb", "u1", 3)])
 Picture = NDArray[np.uint8]
 
 
 def read_cloud(path: Path) -> tuple[NDArray[np.float64], Picture]:
     """Return points (N, 3) in the model's frame and their colours (N, 3) uint8, of COLMAP's fused.ply."""
-    content = path.read_bytes()
-    header, _, body = content.partition(b"end_header\n")
-    count = next(int(line.split()[2]) for line in header.splitlines() if line.startswith(b"element vertex"))
-    points = np.frombuffer(body, _POINT, count)
-    return points["xyz"].astype(np.float64), points["rgb"]
+    points = read_ply(path)["vertex"]
+    return columns(points, "xyz").astype(np.float64), columns(points, COLOURS)
 
 
 def cloud_from(dense: Path, number: int, turn_deg: float) -> Picture:

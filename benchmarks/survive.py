@@ -33,6 +33,7 @@ from PIL import Image
 from colmap_ihe.colmap.measures import poses_of
 from colmap_ihe.colmap.native import pycolmap
 from colmap_ihe.commandline.bars import print_table
+from colmap_ihe.dense.ply import read_ply
 from colmap_ihe.evaluation.demo.render import render_demo
 from colmap_ihe.evaluation.truth import Truth, pose_errors, read_truth
 from colmap_ihe.pipeline.stages import STAGE_NAMES
@@ -106,7 +107,7 @@ def _read(file: Path) -> None:
     elif file.suffix == ".json":
         json.loads(file.read_text(encoding="utf-8"))
     elif file.suffix == ".ply":
-        _read_ply(file)
+        read_ply(file)
     elif file.name == "index.html":
         assert file.read_text(encoding="utf-8").rstrip().endswith("</html>"), "no end"
     elif file.suffix == ".glb":
@@ -117,34 +118,6 @@ def _read(file: Path) -> None:
         width, height, planes = (int(n) for n in file.read_bytes().split(b"&", 3)[:3])
         head = len(f"{width}&{height}&{planes}&")
         assert file.stat().st_size == head + 4 * width * height * planes, "another length"
-
-
-def _read_ply(file: Path) -> None:
-    sizes = {
-        "char": 1,
-        "uchar": 1,
-        "uint8": 1,
-        "short": 2,
-        "ushort": 2,
-        "int": 4,
-        "uint": 4,
-        "float": 4,
-        "double": 8,
-    }
-    head, _, body = file.read_bytes().partition(b"end_header\n")
-    count = stride = 0
-    for line in head.decode("ascii").splitlines():
-        words = line.split()
-        if words[:2] == ["element", "vertex"]:
-            count = int(words[2])
-        elif words[:2] == ["element", "face"]:
-            count, stride = (count * stride, 0) if stride else (count, 0)
-            faces = int(words[2])
-            assert len(body) == count + 13 * faces, "another length"
-            return
-        elif words[:1] == ["property"]:
-            stride += sizes[words[1]]
-    assert len(body) == count * stride, "another length"
 
 
 def disturb(project: Path, kind: str, stage: str, after_s: float) -> str:

@@ -27,12 +27,3 @@ def packed(values: NDArray[np.integer[Any]]) -> dict[str, Any]:
     planes = [((unsigned >> (8 * n)) & 255).astype(np.uint8).tobytes() for n in range(size)]
     data = base64.b64encode(zlib.compress(b"".join(planes), _LEVEL)).decode("ascii")
     return {"data": data, "width": columns.shape[1], "bytes": size}
-
-
-def unpacked(stored: dict[str, Any]) -> NDArray[np.int64]:
-    """Return (N, K) int64: what `packed` was given."""
-    content = zlib.decompress(base64.b64decode(stored["data"]))
-    planes = np.frombuffer(content, np.uint8).reshape(stored["bytes"], stored["width"], -1).astype(np.int64)
-    unsigned = sum(plane << (8 * n) for n, plane in enumerate(planes))
-    differences = np.where(unsigned & 1, -(unsigned + 1) // 2, unsigned // 2)
-    return np.asarray(np.cumsum(differences.T, axis=0))

@@ -2,11 +2,24 @@
 
 from __future__ import annotations
 
+import base64
+import zlib
+from typing import Any
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from colmap_ihe.report.packed import packed, unpacked
+from colmap_ihe.report.packed import packed
+
+
+def unpacked(stored: dict[str, Any]) -> NDArray[np.int64]:
+    """Return (N, K) int64: what `packed` was given."""
+    content = zlib.decompress(base64.b64decode(stored["data"]))
+    planes = np.frombuffer(content, np.uint8).reshape(stored["bytes"], stored["width"], -1).astype(np.int64)
+    unsigned = sum(plane << (8 * n) for n, plane in enumerate(planes))
+    differences = np.where(unsigned & 1, -(unsigned + 1) // 2, unsigned // 2)
+    return np.asarray(np.cumsum(differences.T, axis=0))
 
 
 @pytest.mark.parametrize(

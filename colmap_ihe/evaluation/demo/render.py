@@ -35,6 +35,7 @@ from colmap_ihe.evaluation.demo.targets import LEAST_WIDTH, TARGETS, control_fil
 from colmap_ihe.evaluation.demo.views import DemoView, arc_of_views
 from colmap_ihe.machine.files import write_bytes, write_json
 from colmap_ihe.machine.progress import SILENT, Progress
+from colmap_ihe.machine.threads import one_blas_thread
 
 _SCENE_VERSION = 1  # raise it whenever the same parameters give other pictures
 _TEXEL_M = 0.0075  # for pictures 1504 wide: about what a pixel sees of the facade
@@ -69,7 +70,7 @@ def render_demo(
         progress.advance(views + 1)
         return
     cameras_file.unlink(missing_ok=True)
-    with ThreadPoolExecutor(min(_THREADS, os.cpu_count() or 1)) as pool:
+    with one_blas_thread(), ThreadPoolExecutor(min(_THREADS, os.cpu_count() or 1)) as pool:
         scene = portico() + (target_patches() if has_targets else ())
         surfaces = bake(scene, _TEXEL_M * 1504 / max(size), seed, pool)
         progress.advance()

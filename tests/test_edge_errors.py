@@ -6,9 +6,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from edge_errors import edge_errors, pooled_edges
 from PIL import Image
 
-from colmap_ihe.evaluation.edge_errors import edge_errors, pooled_edges
 from colmap_ihe.evaluation.truth import F32, TrueImage
 
 K = np.array(((200.0, 0, 40), (0, 200, 40), (0, 0, 1)))
