@@ -4,8 +4,9 @@ A window beside an outline shows the outline, which matches at the depth of what
 window shows nothing. So its rim gets the depth of the outline, be it a white wall of the same building, where that is
 right, or the sky. By one window the two look the same. But a wall has a grain, fainter than the noise of a pixel, that
 some hundred pixels together show: with the rim's depth continued into the area, the photographs of a wall correlate
-there, those of the sky and of a wall farther away do not. So it is with a whole plain area whose noise was taken for
-texture: it has the depth of what is around it, and goes where no grain agrees.
+there, those of the sky and of a wall farther away do not. So it is with a whole bright plain area whose noise was taken
+for texture: it has the depth of what is around it, and goes where no grain agrees. A dark one, as a slate roof in the
+shade, keeps its depth: compressed photographs leave it no grain.
 """
 
 from __future__ import annotations
@@ -25,8 +26,6 @@ from colmap_ihe.dense.stereo.views import StereoView
 _REACH_PX = 6  # of a rim
 _AREA_PX = 1000  # smaller plain areas are gaps of a surface
 _PLAIN_PX, _PLAIN_LEVELS = 5, 3.0  # standard deviation in windows of so many pixels
-_BLUR_PX = 2  # of an outline
-_MOSTLY_AREA = 0.35  # of the difference of what stands before the area: less is blur of its outline
 _ALIKE_LEVELS, _ALIKE_NOISE = 3.0, 3.0  # difference from the area beside: in levels, and in its deviation
 _GRAIN_PX = 7  # grain is what differs from the mean of a window of so many pixels
 _MOST_GRAIN = 4.0  # levels; more counts as this
@@ -41,11 +40,13 @@ _BEST_SOURCES = 2
 
 
 def without_rims(reference: StereoView, sources: Sequence[StereoView], inverse_depth: Float32) -> Float32:
-    """Return `inverse_depth` (H, W) float32, 0 for none, of `reference` without large plain areas, and the rims of
-    those, whose grain does not correlate in `sources` at that depth. What no source sees stays."""
+    """Return `inverse_depth` (H, W) float32, 0 for none, of `reference` without large plain areas, those with depth
+    only if brighter than the photograph's mean, and their rims, whose grain does not correlate in `sources` at that
+    depth. What no source sees stays."""
     grey = reference.grey_u8.astype(np.float32)
     deviation = _deviation(grey)
-    area = _large(deviation <= _PLAIN_LEVELS)
+    sky_like = (inverse_depth == 0) | (grey > grey.mean())  # a sky is where the light is from
+    area = _large((deviation <= _PLAIN_LEVELS) & sky_like)
     if reference.mask_u8 is not None:
         area &= reference.mask_u8 > 0
     if not area.any() or not inverse_depth.any():
@@ -75,22 +76,15 @@ def _large(plain: Bool) -> Bool:
 
 
 def _rim(grey: Float32, deviation: Float32, area: Bool) -> Bool:
-    """Return the pixels near an area that look like it and are connected with it by others that do, and those beside
-    them that show mostly the area, blurred with what stands before it."""
+    """Return the pixels near an area that look like it and are connected with it by others that do."""
     side = 4 * _REACH_PX + 1
     weight = np.maximum(_mean(area.astype(np.float32), side), np.float32(1e-6))
     usual, noise = _mean(grey * area, side) / weight, _mean(deviation * area, side) / weight
-    apart = np.abs(grey - usual)
-    alike = apart <= np.maximum(np.float32(_ALIKE_LEVELS), _ALIKE_NOISE * noise)
-    rim = _near(area, _REACH_PX) & alike & ~area
+    alike = np.abs(grey - usual) <= np.maximum(np.float32(_ALIKE_LEVELS), _ALIKE_NOISE * noise)
+    near = cv2.dilate(area.astype(np.uint8), np.ones((2 * _REACH_PX + 1,) * 2, np.uint8)) > 0
+    rim = near & alike & ~area
     _, labels = cv2.connectedComponents((rim | area).astype(np.uint8), connectivity=8)
-    rim &= np.isin(labels, np.unique(labels[area]))
-    beside = cv2.dilate(apart, np.ones((2 * _BLUR_PX + 1,) * 2, np.uint8))
-    return np.asarray(rim | (_near(rim | area, _BLUR_PX) & (apart < _MOSTLY_AREA * beside) & ~area))
-
-
-def _near(pixels: Bool, reach_px: int) -> Bool:
-    return cv2.dilate(pixels.astype(np.uint8), np.ones((2 * reach_px + 1,) * 2, np.uint8)) > 0
+    return np.asarray(rim & np.isin(labels, np.unique(labels[area])))
 
 
 def _grain_correlation(
