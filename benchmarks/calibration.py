@@ -1,6 +1,6 @@
 """Compare COLMAP's cameras with calibrated ones: position errors, models chosen, deviations, time; side by side.
 
-    python benchmarks/calibration.py [sets] [photographs] [--images 4 10 20] [--seeds 1] [--no-prior]
+    python benchmarks/calibration.py [sets] [photographs] [--images 4 10 20] [--seeds 1] [--first 0] [--no-prior]
 
 `sets` simulates lenses (lens_sets.py) before a facade, a courtyard and an object, and maps each set once with
 `sparse.calibration: colmap` and once with `auto`: mean position error after a similarity, the camera model, and whether
@@ -122,14 +122,14 @@ def within_two(
     return tuple(abs(error) < 2 * deviations[i] for i, error in pairs if deviations and deviations[i])
 
 
-def sets(images: list[int], seeds: int, prior: bool, folder: Path) -> list[Outcome]:
+def sets(images: list[int], seeds: int, first: int, prior: bool, folder: Path) -> list[Outcome]:
     found = []
     for number, (count, scene, lens, seed) in enumerate(
         (c, s, one, k) for c in images for s in _SCENES for one in LENSES for k in range(seeds)
     ):
         place = folder / f"set-{number}"
         place.mkdir()
-        made = simulate(place, scene, lens, count, 1000 * seed + number, prior_focal=prior)
+        made = simulate(place, scene, lens, count, first + 1000 * seed + number, prior_focal=prior)
         result = outcome(made, place)
         shutil.rmtree(place)
         if result is None:
@@ -246,11 +246,14 @@ def main() -> None:
     parser.add_argument("parts", nargs="*", default=["photographs", "sets"])
     parser.add_argument("--images", type=int, nargs="+", default=[4, 6, 10, 20])
     parser.add_argument("--seeds", type=int, default=1)
+    parser.add_argument("--first", type=int, default=0, help="seed of the first set")
     parser.add_argument("--no-prior", action="store_true")
     parsed = parser.parse_args()
     parts: dict[str, Callable[[Path], None]] = {
         "photographs": photographs,
-        "sets": lambda folder: summed_up(sets(parsed.images, parsed.seeds, not parsed.no_prior, folder)),
+        "sets": lambda folder: summed_up(
+            sets(parsed.images, parsed.seeds, parsed.first, not parsed.no_prior, folder)
+        ),
     }
     for part in parsed.parts:
         with tempfile.TemporaryDirectory() as temporary:

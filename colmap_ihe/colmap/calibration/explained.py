@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from itertools import combinations
-
 import numpy as np
 
 from colmap_ihe.colmap.native import pycolmap
@@ -17,27 +15,25 @@ def least_explained(
     focal length). Pairs were verified without a model: where an image was misplaced, its matches with most others lie
     elsewhere. 1 without matches."""
     image_ids = sorted(model.reg_image_ids())
-    images = [model.images[i] for i in image_ids]
-    rays = [
-        np.asarray(
-            model.cameras[image.camera_id].cam_from_img(
-                np.array([p.xy for p in image.points2D]).reshape(-1, 2)
-            )
-        )
-        for image in images
-    ]
-    right, matched = np.zeros(len(images)), np.zeros(len(images))
-    for first, second in combinations(range(len(images)), 2):
-        pairs = graph.extract_matches_between_images(image_ids[first], image_ids[second])
-        if len(pairs) == 0:
+    images = {i: model.images[i] for i in image_ids}
+    cameras = {i: model.cameras[image.camera_id] for i, image in images.items()}
+    rays = {
+        i: np.asarray(cameras[i].cam_from_img(np.array([p.xy for p in image.points2D]).reshape(-1, 2)))
+        for i, image in images.items()
+    }
+    right, matched = dict.fromkeys(image_ids, 0), dict.fromkeys(image_ids, 0)
+    for pair in graph.image_pairs():
+        first, second = pycolmap.pair_id_to_image_pair(pair)
+        if first not in images or second not in images:
             continue
+        rows = graph.extract_matches_between_images(first, second)
         moved = images[second].cam_from_world() * images[first].cam_from_world().inverse()
         squared = pycolmap.compute_squared_sampson_error(
-            rays[first][pairs[:, 0]], rays[second][pairs[:, 1]], pycolmap.essential_matrix_from_pose(moved)
+            rays[first][rows[:, 0]], rays[second][rows[:, 1]], pycolmap.essential_matrix_from_pose(moved)
         )
-        focal = min(model.cameras[images[k].camera_id].mean_focal_length() for k in (first, second))
-        fit = np.count_nonzero(np.asarray(squared) < (most_px / focal) ** 2)
-        right[[first, second]] += fit
-        matched[[first, second]] += len(pairs)
-    seen = matched > 0
-    return float((right[seen] / matched[seen]).min(initial=1.0))
+        focal = min(cameras[i].mean_focal_length() for i in (first, second))
+        fit = int(np.count_nonzero(np.asarray(squared) < (most_px / focal) ** 2))
+        for i in (first, second):
+            right[i] += fit
+            matched[i] += len(rows)
+    return min((right[i] / matched[i] for i in image_ids if matched[i]), default=1.0)

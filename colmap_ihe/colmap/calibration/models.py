@@ -91,8 +91,9 @@ def calibrate_models(models: Models, given: Setting) -> Calibrated:
             _calibrated(model, given) if isinstance(one, Apart) else one
             for model, one in zip(models, found, strict=True)
         ]
-    if isinstance(found[0], Calibration) and found[0].other_lens:
-        models, found = _by_the_lens_found(models, found, found[0], given)
+    first = found[0]
+    if isinstance(first, Calibration) and (first.other_lens or _explained(models[0], given) <= _EXPLAINED):
+        models, found = _by_the_lens_found(models, found, first, given)
     return Calibrated(models, [one if isinstance(one, Calibration) else None for one in found], groups)
 
 
@@ -147,9 +148,13 @@ def _in_place(model: pycolmap.Reconstruction, given: Setting) -> float:
     the more are not."""
     with pycolmap.Database.open(given.database) as opened:
         registered = model.num_reg_images() / opened.num_images()
-    triangulation = _triangulation(model, given)
-    share = least_explained(model, triangulation.graph, triangulation.most_error_px)
+    share = _explained(model, given)
     return registered * (1 if share > _EXPLAINED else share)
+
+
+def _explained(model: pycolmap.Reconstruction, given: Setting) -> float:
+    triangulation = _triangulation(model, given)
+    return least_explained(model, triangulation.graph, triangulation.most_error_px)
 
 
 def _start_from(database: Path, model: pycolmap.Reconstruction, found: Calibration) -> None:
