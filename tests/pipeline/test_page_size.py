@@ -18,7 +18,7 @@ def test_with_room_all_is_shown() -> None:
     assert '"picture":"data:' in page
 
 
-@pytest.mark.parametrize("max_mb", [3.75, 3.0, 2.6])
+@pytest.mark.parametrize("max_mb", [3.5, 3.0, 2.6])
 def test_with_less_room_less_is_shown_and_the_page_says_how_much(max_mb: float) -> None:
     whole = page_within(CONTENTS, 25, pytest.fail)
     page = page_within(CONTENTS, max_mb, pytest.fail)
