@@ -29,7 +29,7 @@ _LITTLE = 0.25
 """Share of matched features in a model below which mapping failed: 0.02 to 0.24 where it did, of simulated fisheyes,
 0.3 to 0.9 elsewhere (0.45 of strangers' photographs)."""
 _EXPLAINED = 0.9
-"""Least share of any image's matches that agree with its place where all are in place: .995 or more on simulated
+"""Least share of an image's matches that agree with its place where all are in place: .995 or more on simulated
 lenses, .99 of sceaux, .95 of strangers' photographs; .56 to .81 where mapping had misplaced images by decimetres."""
 _MORE = 1.5  # times the observations, for a model that began otherwise
 
@@ -161,9 +161,7 @@ def _start_from(database: Path, model: pycolmap.Reconstruction, found: Calibrati
     with pycolmap.Database.open(database) as opened:
         for camera_id in found.freedoms:
             camera, lens = opened.read_camera(camera_id), model.cameras[camera_id]
-            if (
-                lens.model_name == PERSPECTIVE[-1][0]
-            ):  # the mapper frees its denominator, and loses images by it
+            if lens.model_name == PERSPECTIVE[-1][0]:  # whose denominator the mapper frees, and loses images
                 lens = fitted(lens, *PERSPECTIVE[-2])
             camera.model, camera.params = lens.model, lens.params.tolist()
             opened.update_camera(camera)
