@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import hashlib
+import signal
+import threading
 import zlib  # noqa: F401  before pycolmap, whose own zlib symbols would else be bound to the system's
 from functools import cache, lru_cache
 from importlib import import_module, metadata
@@ -39,6 +41,7 @@ def _pycolmap() -> Any:
     """Import pycolmap, after the libraries that it must not come before (docs/decisions/0003-import-order.md)."""
     for name in ("cv2", "PIL.Image"):
         import_module(name)
+    stopping = signal.getsignal(signal.SIGTERM)
     try:
         module = import_module("pycolmap")
     except ModuleNotFoundError as error:
@@ -47,6 +50,9 @@ def _pycolmap() -> Any:
             hint="pip install pycolmap, where there is a wheel of it; on other machines see docs/systems.md",
         ) from error
     module.logging.alsologtostderr = False
+    # COLMAP's log takes SIGTERM for a crash, and may wait for ever as it writes of it. Only a main thread may say so.
+    if stopping is not None and threading.current_thread() is threading.main_thread():
+        signal.signal(signal.SIGTERM, stopping)
     return module
 
 

@@ -93,3 +93,15 @@ def test_the_stand_in_is_pycolmap(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_the_threshold_is_still_colmaps() -> None:
     assert pycolmap.SiftExtractionOptions().peak_threshold == COLMAPS_THRESHOLD
+
+
+def test_a_handler_of_sigterm_outlives_the_import_of_pycolmap() -> None:
+    code = (
+        "import os, signal\n"
+        "from colmap_ihe.machine.libraries import pycolmap\n"
+        "signal.signal(signal.SIGTERM, lambda *_: print('heard', flush=True))\n"
+        "pycolmap.Camera\n"
+        "os.kill(os.getpid(), signal.SIGTERM)\n"
+    )
+    ran = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert (ran.returncode, ran.stdout) == (0, "heard\n"), ran.stderr
