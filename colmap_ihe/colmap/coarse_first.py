@@ -28,7 +28,7 @@ PIXELS_A_PLACE = 350
 _THRESHOLD, _CAP = 0.97, 1.03
 """Shares of COLMAP's peak threshold and of its cap, of images without the doubled one, so that they have no features
 fewer for the rounding, and a few more do not cost a whole level of them (benchmarks/coarse_first.md)."""
-_AT_ONCE = 4  # images for each thread, of which copies lie on the disk
+_AT_ONCE = 8  # images at most for each thread, of which copies lie on the disk
 _FINEST_SIZE = 1.59  # pixels of a feature: those of the image's own resolution are of 1.6 and more
 
 
@@ -107,16 +107,22 @@ def extract_coarse_first(
             **given,
         )
 
-    largest, at_once = extraction.eff_max_image_size(), _AT_ONCE * threads
     left = _without_features(database, coarse)
+    at_once = _evenly(len(left), threads)
     for begin in range(0, len(left), at_once):
         with task_folder() as folder:
-            written = write_as_doubled(grey, left[begin : begin + at_once], folder, largest, threads)
-            if written:
+            some = left[begin : begin + at_once]
+            if written := write_as_doubled(grey, some, folder, extraction.eff_max_image_size(), threads):
                 extract(folder, written, _without_finest(extraction))
     if coarse:
         _remove_features(database, _short_of_the_cap(database, coarse, extraction))
     extract(grey, names, extraction)
+
+
+def _evenly(images: int, threads: int) -> int:
+    """Return how many images to take at a time, so that few threads wait for others at the ends."""
+    times = -(-images // (_AT_ONCE * threads))
+    return max(1, -(-images // max(1, times * threads))) * threads
 
 
 def _without_features(database: Path, names: Sequence[str]) -> list[str]:

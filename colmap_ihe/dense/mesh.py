@@ -16,6 +16,7 @@ from typing import Any
 
 import cv2
 import numpy as np
+from fast_simplification import simplify
 
 from colmap_ihe.colmap.native import apply_options, called, pycolmap
 from colmap_ihe.colmap.process import ColmapProcesses
@@ -43,7 +44,7 @@ _SCALE = 1.1  # of Poisson's cube over the box of the points
 _FINER = 4  # times as many faces as expected: simplification removes them where the surface is flat
 _FACES_PER_CELL = 2.1
 _LEVELS_TRIMMED = 2.0  # below the octree's depth; the surface then reaches three cells beyond the points
-_CELLS_BEYOND = 2.5  # that it may reach at most, which the density alone does not bound
+_CELLS_BEYOND = 2.1  # that it may reach at most, which the density alone does not bound
 _SMALL_PART = 0.002  # of the area of the largest part
 _SMALL_CELLS = 200  # the area of a small part in any case
 _CUT_OFF_CELLS = 50  # that of one which only the cut parts from the rest, as the ball on a thin neck
@@ -76,7 +77,7 @@ def reconstruct_surface(
     workspace `dense_dir` see through is cut out. Raises `MappingError` where the points give no surface, `NativeError`.
     """
     progress.start(4, "parts of the surface")
-    parts = [mesh.with_name(f".{mesh.stem}.{word}.part.ply") for word in ("cloud", "poisson", "simple")]
+    parts = [mesh.with_name(f".{mesh.stem}.{word}.part.ply") for word in ("cloud", "poisson")]
     try:
         with ColmapProcesses() as processes, ThreadPoolExecutor(1) as beside:
             processes.start(1, _meshed)  # which imports COLMAP while the cloud is read and thinned
@@ -89,18 +90,11 @@ def reconstruct_surface(
         cell = 1 / _cells_per_unit(columns(thin, "xyz"), native.depth)
         surface = _trimmed(parts[1], near.result(), cell, dense_dir, progress)
         before = len(surface.faces)
-        kept = round(simplified * faces)
-        if before > kept:
-            write_mesh(parts[1], surface)
-            ratio = pycolmap.MeshSimplificationOptions(target_face_ratio=kept / before)
-            apply_options(ratio, {}, "the simplification")
-            called(pycolmap.simplify_mesh, parts[1], parts[2], ratio, progress=progress, cancellable=False)
-            simple = read_mesh(parts[2])
-            # pycolmap 4.2.1 reads no colours and writes none, whatever interpolate_colors says.
-            surface = replace(simple, colours=_nearest_colours(simple.vertices, near.result(), thin))
+        surface = _simplified(surface, round(simplified * faces), cell)
+        surface = replace(surface, colours=_nearest_colours(surface.vertices, near.result(), thin))
         progress.advance()
-        write_mesh(parts[2], surface)
-        replace_file(parts[2], mesh)
+        write_mesh(parts[1], surface)
+        replace_file(parts[1], mesh)
     finally:
         for part in parts:
             part.unlink(missing_ok=True)
@@ -120,7 +114,8 @@ def _prepared(
         points = points[sound]
     _require_points(len(points))
     depth = _depth(columns(points, "xyz"), faces)
-    native = poisson_options({"depth": depth, "trim": depth - _LEVELS_TRIMMED, **options})
+    chosen = {"depth": depth, "trim": depth - _LEVELS_TRIMMED, "color": False}
+    native = poisson_options({**chosen, **options})
     thin = thinned(points, 2 * _cells_per_unit(columns(points, "xyz"), native.depth))
     _require_points(len(thin))
     return thin, native
@@ -251,6 +246,17 @@ def _trimmed(
             hint="try a lower trim, as --set mesh.colmap.trim=0, or leave the mesh out with --no-mesh",
         )
     return mesh
+
+
+def _simplified(mesh: Mesh, faces: int, cell: float) -> Mesh:
+    """Return `mesh` with about `faces` faces, fewer where it bends less, and without colours; `cell` is the size of a
+    face, since the library's thresholds are in the units of the vertices."""
+    if len(mesh.faces) <= faces:
+        return mesh
+    origin = mesh.vertices.mean(axis=0, dtype=np.float64)
+    vertices, rows = simplify((mesh.vertices - origin) / cell, mesh.faces, target_count=faces)
+    vertices = (vertices * cell + origin).astype(np.float32)
+    return Mesh(vertices, rows.astype(np.int32), np.zeros((len(vertices), 3), np.uint8))
 
 
 def _tree(points: Rows) -> cv2.flann.Index:

@@ -24,7 +24,7 @@ from colmap_ihe.machine.files import replace_file
 from colmap_ihe.machine.progress import SILENT, Progress
 from colmap_ihe.machine.threads import local_workers
 
-SIMPLIFIED = 0.6
+SIMPLIFIED = 0.5
 """Of the faces of a mesh: those that simplification leaves. The others are made where it bends."""
 
 _REACH = 4.0  # pixels of a photograph on the surface, beyond which a depth is of another surface
