@@ -61,10 +61,11 @@ class _Pool:
             for decoder in self.idle:
                 decoder.window.empty()
 
-    def end_idle(self) -> None:
-        """End those that nobody uses, some 50 MB each; the next read starts one again."""
+    def end_idle(self, kept: int = 0) -> None:
+        """End those that nobody uses, some 50 MB each, but for `kept` of them; the next read starts one again, in half a
+        second."""
         with self.lock:
-            idle, self.idle = self.idle, []
+            idle, self.idle = self.idle[kept:], self.idle[:kept]
         for decoder in idle:
             decoder.end()
 

@@ -117,8 +117,9 @@ def lost_colour(
     grey, colour = read_grey(project.grey / worst), read_colour(project.colour / worst)
     noise = Noise(**record["noise"])
     names = {grey: name for name, grey in records["convert"]["grey"].items()}
+    small = pictures.shrunk(colour, _PICTURE)
     marked = [
-        pictures.picture(pictures.marked(colour, places), f"{names[worst]}, {which} marked", _PICTURE)
+        pictures.picture(pictures.marked(small, places), f"{names[worst]}, {which} marked", _PICTURE)
         for places, which in zip(
             lost_places(grey, colour, noise), ("what the grey loses", "what Rec.709 loses"), strict=True
         )

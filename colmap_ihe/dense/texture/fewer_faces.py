@@ -24,10 +24,14 @@ _LEAST_GAIN = 0.005  # of the triangles; a round that takes fewer is the last
 
 def fewer_faces(vertices: npt.NDArray[np.floating], faces: Int64, most: int) -> Int64:
     """Return about `most` triangles (F, 3) on the same `vertices` (V, 3), or more where not enough of them may go."""
-    places = np.asarray(vertices, np.float64)
-    places, point = (
-        np.unique(places, axis=0, return_inverse=True) if len(places) else (places, np.zeros(0, int))
-    )
+    if len(faces) <= most:
+        return faces
+    used, rows = np.unique(faces, return_inverse=True)
+    return np.asarray(used[_fewer(vertices[used], rows.reshape(-1, 3), most)])
+
+
+def _fewer(vertices: npt.NDArray[np.floating], faces: Int64, most: int) -> Int64:
+    places, point = np.unique(np.asarray(vertices, np.float64), axis=0, return_inverse=True)
     places, point = places - places[:1], point.ravel()
     quadrics = _quadrics(places, point[faces])
     locked = _at_borders(len(places), point[faces])

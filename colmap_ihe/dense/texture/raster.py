@@ -73,7 +73,7 @@ def barycentric(a: Float64, b: Float64, c: Float64, point: Float64) -> Float64:
     with np.errstate(divide="ignore", invalid="ignore"):
         second = _cross(point - a, c - a) / _cross(b - a, c - a)
         third = _cross(b - a, point - a) / _cross(b - a, c - a)
-    return np.stack((1 - second - third, second, third), axis=1)
+        return np.stack((1 - second - third, second, third), axis=1)
 
 
 def areas(corners: Float64) -> Float64:
