@@ -3,9 +3,9 @@
     python benchmarks/overhead.py [PHOTOGRAPHS] [--rounds 2] [--dense] [--no-calibration]
 
 Both run in turn, each from nothing, as often as `--rounds` says: the least times and the medians, each with its ratio
-to that of bare pycolmap, which is features, exhaustive matching and incremental mapping. `--dense` goes on to the cloud,
-the mesh and its texture. `--no-calibration` leaves out our own calibration after mapping, which bare pycolmap has not
-either. The photographs are those of ../shared/data/sceaux if none are named.
+to that of bare pycolmap, which is features, exhaustive matching and incremental mapping. `--dense` goes on to the
+cloud, the mesh and its texture. `--no-calibration` leaves out our own calibration after mapping, which bare pycolmap
+has not either. The photographs are those of ../shared/data/sceaux if none are named.
 """
 
 from __future__ import annotations
@@ -69,8 +69,8 @@ def main() -> None:
             seconds["reconstruct"].append(whole)
             seconds["all but its page"].append(sum(stages.values()))
             seconds["features, matches and sparse"].append(sum(stages[name] for name in COLMAP_STAGES))
-            for name, took in stages.items():
-                seconds[name].append(took)
+            for name, one in stages.items():
+                seconds[name].append(one)
             print(
                 f"round {number + 1}: " + ", ".join(f"{k} {v[-1]:.1f}" for k, v in seconds.items()),
                 flush=True,

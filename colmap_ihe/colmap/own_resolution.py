@@ -68,8 +68,8 @@ def taps_of(variance: float) -> F32:
 
 
 def rounded(levels: F32) -> U8:
-    """Return (H, W) uint8 of grey levels (H, W), the error of each pixel added to the next of its row: sums along a row,
-    rounded, differ from one to the next by these."""
+    """Return (H, W) uint8 of grey levels (H, W), the error of each pixel added to the next of its row: rounded sums
+    along a row differ from one to the next by these."""
     whole = np.empty(levels.shape, np.uint8)
     for start in range(0, len(levels), _ROWS):
         sums = np.rint(np.cumsum(levels[start : start + _ROWS], axis=1, dtype=np.float64))

@@ -62,8 +62,7 @@ class _Pool:
                 decoder.window.empty()
 
     def end_idle(self, kept: int = 0) -> None:
-        """End those that nobody uses, some 50 MB each, but for `kept` of them; the next read starts one again, in half a
-        second."""
+        """End those that nobody uses, some 50 MB each, but for `kept` of them. To start one takes half a second."""
         with self.lock:
             idle, self.idle = self.idle[kept:], self.idle[:kept]
         for decoder in idle:
