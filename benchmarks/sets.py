@@ -30,6 +30,7 @@ from colmap_ihe.evaluation.demo.run import demo
 from colmap_ihe.evaluation.truth import pose_errors, read_truth
 from colmap_ihe.pipeline.reconstruct import Reconstruction, reconstruct
 from colmap_ihe.project.options_file import load_options
+from colmap_ihe.report.truth_words import truth_rows
 
 DATA = Path(__file__).resolve().parents[2] / "shared" / "data"
 HALF = ("features.max_image_size=1536", "dense.max_image_size=1536")
@@ -55,8 +56,7 @@ def run_set(name: str, work: Path, assignments: list[str]) -> tuple[str, ...]:
     began = time.monotonic()
     if name == "demo":
         done = demo(project, assignments, Display(Terminal()))
-        truth = done.summary["truth"]
-        error = ", ".join(f"{key} {value:.4g}" for key, value in truth.items())
+        error = "; ".join(words for _, words in truth_rows(done.summary["truth"])[:2])  # of cameras and depth
     else:
         options = load_options(None, [*SETS[name], *assignments])
         done = reconstruct(project, options, images=DATA / name, progress=Display(Terminal()))

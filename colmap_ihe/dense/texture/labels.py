@@ -23,6 +23,7 @@ _PATCH_ROUNDS = 60
 _SMALL = 22  # faces: patches below go to a neighbour that can take them, whatever that costs
 _STRANGE = 1.0  # cost of a picture that does not show a face, for one that has no colours of photographs
 _LEAST_GAIN = 1e-6
+_NO_LABEL = -2  # beside a face that has fewer neighbours than others
 
 
 @dataclass(frozen=True)
@@ -42,24 +43,25 @@ def label_faces(choices: Choices, pairs: Int64) -> Int32:
     """Return (F,) int32, the label of each face; `pairs` (E, 2) are neighbouring faces. Each needs a finite cost."""
     rows = np.arange(len(choices.label))
     labels = choices.label[rows, np.argmin(choices.cost, axis=1)]
-    labels = _change_faces(choices, labels, pairs, _FIRST_EDGE)
+    beside = _beside(len(labels), pairs)
+    labels = _change_faces(choices, labels, beside, _FIRST_EDGE)
     labels = _change_patches(choices, labels, pairs, small=0)
-    labels = _change_faces(choices, labels, pairs, _EDGE)
+    labels = _change_faces(choices, labels, beside, _EDGE)
     return _change_patches(choices, labels, pairs, small=_SMALL)
 
 
-def _change_faces(choices: Choices, labels: Int32, pairs: Int64, edge: float) -> Int32:
+def _change_faces(choices: Choices, labels: Int32, beside: Int64, edge: float) -> Int32:
     """Give each face the label of least energy, half of those that would change at a time: all at once would swap for
-    ever. Only faces beside another label can gain."""
+    ever. Only faces beside another label can gain; `beside` (F, N) are the neighbours, as `_beside` gives them."""
     draw = np.random.default_rng(0)
     for _ in range(_FACE_ROUNDS):
-        border = pairs[labels[pairs[:, 0]] != labels[pairs[:, 1]]]
-        active = np.zeros(len(labels), bool)
-        active[border] = True
-        faces = np.flatnonzero(active)
-        energy = choices.cost[faces] - edge * _agreeing(choices.label, labels, pairs, active)
-        best = choices.label[faces, np.argmin(energy, axis=1)]
-        now = np.where(choices.label[faces] == labels[faces, None], energy, np.inf).min(axis=1)
+        around = np.append(labels, _NO_LABEL)[beside]
+        faces = np.flatnonzero(((around != labels[:, None]) & (around != _NO_LABEL)).any(axis=1))
+        choice, cost = choices.label[faces], choices.cost[faces]
+        agreeing = sum(choice == around[faces, k, None] for k in range(beside.shape[1]))
+        energy = cost - edge * agreeing
+        best = choice[np.arange(len(faces)), np.argmin(energy, axis=1)]
+        now = np.where(choice == labels[faces, None], energy, np.inf).min(axis=1)
         gains = energy.min(axis=1) < now - _LEAST_GAIN
         if not gains.any():
             break
@@ -69,16 +71,16 @@ def _change_faces(choices: Choices, labels: Int32, pairs: Int64, edge: float) ->
     return labels
 
 
-def _agreeing(choice: Int32, labels: Int32, pairs: Int64, active: Bool) -> Float64:
-    """Return (N, K), how many neighbours of each of the `active` faces have each of its possible labels."""
-    number = np.cumsum(active) - 1
+def _beside(count: int, pairs: Int64) -> Int64:
+    """Return (F, N), the neighbours of each of `count` faces, and `count` where it has fewer than others."""
     face, neighbour = np.concatenate((pairs, pairs[:, ::-1])).T
-    of_active = active[face]
-    face, neighbour = face[of_active], neighbour[of_active]
-    same = choice[face] == labels[neighbour, None]
-    row = number[face]
-    votes = [np.bincount(row, column, int(active.sum())) for column in same.T]
-    return np.stack(votes, axis=1)
+    order = np.argsort(face, kind="stable")
+    face, neighbour = face[order], neighbour[order]
+    number = np.bincount(face, minlength=count)
+    place = np.arange(len(face)) - (np.cumsum(number) - number)[face]
+    table = np.full((count, int(number.max(initial=0))), count)
+    table[face, place] = neighbour
+    return table
 
 
 def _change_patches(choices: Choices, labels: Int32, pairs: Int64, small: int) -> Int32:
