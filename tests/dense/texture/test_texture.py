@@ -11,7 +11,7 @@ import pytest
 from colmap_ihe.dense.camera import PinholeCamera, UInt8
 from colmap_ihe.dense.texture.atlas import Patches, cut, pack
 from colmap_ihe.dense.texture.bake import bake, corner_colours, paint, sample, texels_of
-from colmap_ihe.dense.texture.labels import Choices, _change_faces, label_faces
+from colmap_ihe.dense.texture.labels import Choices, _beside, _change_faces, label_faces
 from colmap_ihe.dense.texture.level import seam_offsets
 from colmap_ihe.dense.texture.mesh import (
     Mesh,
@@ -263,7 +263,7 @@ def test_a_patch_goes_to_its_neighbour_where_its_faces_one_by_one_do_not() -> No
     def labels(gain: float) -> Any:
         cost = np.where(square[:, None], (gain, 0), (0, 5)).astype(np.float32)
         choices = Choices(label, cost, 2, np.zeros(len(label), bool), 2)
-        one_by_one = _change_faces(choices, square.astype(np.int32), pairs, 0.4)
+        one_by_one = _change_faces(choices, square.astype(np.int32), _beside(len(label), pairs), 0.4)
         return one_by_one, label_faces(choices, pairs)
 
     stays, goes = labels(0.42)
