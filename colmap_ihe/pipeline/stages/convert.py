@@ -123,9 +123,8 @@ def run(run: RunContext, progress: Progress) -> ConvertRecord:
     grey, left_out = convert_captures(usable, writer, run.executor, progress, run.strict)
     warnings = set_warnings.fit_warnings(captures, fit.weights.values())
     warnings += set_warnings.wallis_warnings(run.options.convert.wallis)
-    decoder_pool.end_idle(
-        kept=1
-    )  # COLMAP, which comes next, has a use for their memory, and features read EXIF
+    # COLMAP, which comes next, has a use for their memory; one reads the EXIF of its cameras.
+    decoder_pool.end_idle(kept=1)
     second = fit_second_grey(run, sorted(grey.values()), progress)
     return ConvertRecord(grey=grey, left_out=left_out, warnings=warnings, second=second)
 
